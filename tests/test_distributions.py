@@ -46,10 +46,8 @@ DATA = """
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
     simulator/native/allocation.h simulator/native/bounded.h simulator/native/geometric.h
-    simulator/native/kinematics.h
-    simulator/native/laws.h
-    simulator/native/loop.h simulator/native/plant.h simulator/native/ranges.h
-    simulator/native/reference.h
+    simulator/native/kinematics.h simulator/native/laws.h simulator/native/loop.h
+    simulator/native/plant.h simulator/native/ranges.h simulator/native/reference.h
     simulator/native/rk4.c simulator/native/vectors.h
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
