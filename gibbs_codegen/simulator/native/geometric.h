@@ -80,7 +80,7 @@ static Need need_of(const Loop *f, const Moment *now, const double *jacobian, co
 }
 
 /* A vector of the frame of a base with quaternion r in that of one with quaternion p. */
-static void carry(const double *p, const double *r, const double *x, double *out)
+static void between_bases(const double *p, const double *r, const double *x, double *out)
 {
     double world[3];
     turn(r, 1.0, x, world);
@@ -93,7 +93,7 @@ static void attitude_error(const double *p, const double *r, const double *axis,
                            double *error)
 {
     double there[3], swing[3], swept[3], lean[4], back[4], whole[4];
-    carry(p, r, unit, there);
+    between_bases(p, r, unit, there);
     cross(axis, there, swing);
     const double sine = sqrt(dot(3, swing, swing));
     const double share = sine > 0.0 ? atan2(sine, dot(3, axis, there)) / sine : 1.0;
@@ -149,12 +149,12 @@ static void lean_to(const Loop *f, const Moment *now, const double *axis, const 
         turning[i] = about[i] - twist * unit[i];
         sum[i] = wanted[i] + turning[i];
     }
-    carry(p, r, sum, ahead);
+    between_bases(p, r, sum, ahead);
     cross(wanted, turning, swept);
     for (int i = 0; i < 3; ++i) {
         sum[i] = wanted[m + i] + swept[i];
     }
-    carry(p, r, sum, out);
+    between_bases(p, r, sum, out);
     cross(spin, ahead, swept);
     for (int i = 0; i < 3; ++i) {
         out[i] -= swept[i];
