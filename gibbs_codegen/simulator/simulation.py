@@ -155,7 +155,7 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: 
     controller = control_law(law, control, vehicle, reference, allocation)
     plant = _plant(vehicle, scenario)
     environment = Environment.of(plant, scenario, actuators.spins)
-    return ClosedLoop(plant, controller, actuators, environment)
+    return ClosedLoop(plant, controller, actuators, environment, scenario.motors.compensation)
 
 
 def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
