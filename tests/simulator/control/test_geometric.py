@@ -274,3 +274,13 @@ def hover(turn: tuple[float, float, float], duration: float) -> Scenario:
     changes = {"start": {"turn_deg": list(turn)}, "duration": duration}
     rk4 = Settings(method="rk4", step=4e-3, rate=50.0)
     return replace(read_scenario("hover", changes), integration=rk4)
+
+
+@pytest.mark.parametrize("name", ["quadrotor", "quadrotor_arm_2link"])
+def test_a_circle_is_flown_as_planned(name: str, fast: Load) -> None:
+    """With an exact model and no lag."""
+    changes = {"duration": 3, "motors": {"time_constant": 0}}
+    rk4 = Settings(method="rk4", step=4e-3)
+    flight = simulate(fast(name), replace(read_scenario("circle", changes), integration=rk4))
+    assert (flight.stopped, flight.law) == ("", "geometric")
+    assert np.sqrt(np.mean(flight.centre_error**2)) < 1e-4
