@@ -78,7 +78,11 @@ def _with_posture(
     else:
         posture = _joint_values(vehicle, task.posture)
         _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
-    joints_at = partial(joint_motion, vehicle, posture)
+    for name, moves in task.moves.items():
+        for move in moves:
+            held = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
+            _check_limits(vehicle, "moves", held, limits, [name])
+    joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         return feasible_motion(vehicle, time, joints_at, *wanted, shown)
@@ -193,7 +197,7 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
         raise UsageError(
             f"arm: at t = {motion.time[instant]:.6g} s {name} has to move at "
             f"{rates[instant, joint]:.3g} {unit}, faster than its limit of {most[joint]:g} {unit}; "
-            f"slow the paths down, or give another limit as arm.velocity.{name}"
+            f"slow the paths or moves down, or give another limit as arm.velocity.{name}"
         )
 
 
