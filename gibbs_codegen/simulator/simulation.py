@@ -7,7 +7,9 @@
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
         arm_motion     knots               → joints, knot by knot
-    Controller         reference           → inputs of a state                (control/laws)
+    law_of             rotors              → which law a robot is flown by    (control/choice)
+    Controller         reference           → inputs of a state: computed torque (control/laws)
+    GeometricLaw       reference           → or the geometric law             (control/geometric)
       law_in_time      law, rate, sensors  → inputs held between samples      (control/sampled)
     ClosedLoop         controller, limits  → derivative of a state            (integration)
     integrate          loop, start         → StateHistory: samples            (integration)
@@ -27,11 +29,10 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
-from gibbs_codegen.simulator.control.laws import Controller, Gains
+from gibbs_codegen.simulator.control.choice import control_law, law_of
 from gibbs_codegen.simulator.control.sampled import OwnController, law_in_time
 from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion, starting_state
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
@@ -142,17 +143,13 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: 
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
-    law: Law = "computed_torque" if control.law == "tracking" else control.law
-    if law == "computed_torque":
-        allocation.require_all_directions(
-            f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
-            "fully actuated"
-        )
+    if not vehicle.rotors_move:  # What they command is known before there is a motion.
+        law_of(control.law, vehicle, vehicle.neutral, scenario.name)
     reference = desired_motion(vehicle, scenario, progress)
+    law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
-    gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
-    controller = Controller(vehicle, reference, allocation, gains, law)
+    controller = control_law(law, control, vehicle, reference, allocation)
     return ClosedLoop(vehicle, controller, actuators, scenario.push)
 
 
@@ -186,7 +183,7 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     Raises:
         AllocationError: With the first time, of those of the knots.
     """
-    time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
+    time = reference.knots
     q, v, a = reference(time)
     wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
     impossible = np.flatnonzero(allocation.residual_at(q, wrenches))

@@ -18,6 +18,9 @@ from gibbs_codegen.simulator.plant.allocation import Allocation
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Reference
 
+# Laws that correct errors by gains.
+CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
+
 
 @dataclass(frozen=True)
 class Gains:

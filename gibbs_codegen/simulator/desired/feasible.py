@@ -24,11 +24,10 @@ from gibbs_codegen.simulator.desired.knots import (
     refined,
 )
 from gibbs_codegen.simulator.desired.leaning import Leaning
+from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion
 
-# Share of the largest singular value that rounding may make of zero.
-_RANK = 1e-9
 # Knots that are solved for at once, and those beyond that are found again.
 _SPAN, _OVERLAP = 4096, 1024
 # Fewest pieces, so that there are differences of third order.
@@ -37,31 +36,6 @@ _FEWEST = 8
 # path, m.
 _LATERAL, _FARTHEST = 1e-3, 0.1
 _TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
-
-
-def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
-    """The axis along which rotors push, if they command a force along it and three moments.
-
-    Args:
-        vehicle: The robot.
-        q: Configurations (s, nq).
-
-    Returns:
-        Unit vectors (s, 3) in the base's frame; None if the rotors command other wrenches.
-    """
-    if not vehicle.rotors:
-        return None
-    wrenches = vehicle.thrust_wrenches(q)
-    forces = wrenches[..., :3, :]
-    ranks = [
-        np.sum(values > _RANK * values.max(axis=-1, keepdims=True), axis=-1)
-        for values in (np.linalg.svd(each, compute_uv=False) for each in (wrenches, forces))
-    ]
-    if np.any(ranks[0] != 4) or np.any(ranks[1] != 1):
-        return None
-    total = np.sum(forces, axis=-1)
-    axis: Array = total / np.linalg.norm(total, axis=-1, keepdims=True)
-    return axis
 
 
 def feasible_motion(

@@ -16,13 +16,14 @@ from gibbs_codegen.scenario.attitude import (
 from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
-from gibbs_codegen.simulator.desired.feasible import feasible_motion, thrust_axis
+from gibbs_codegen.simulator.desired.feasible import feasible_motion
 from gibbs_codegen.simulator.desired.hanging import hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
 from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import knots
 from gibbs_codegen.simulator.desired.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 

@@ -49,8 +49,7 @@ class Allocation:
     def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
-        left, values, _ = np.linalg.svd(wrenches)
-        rank = int(np.sum(values > RANK * values.max(initial=0.0)))
+        left, rank = np.linalg.svd(wrenches)[0], int(ranks(wrenches))
         self.missing = directions(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
@@ -59,23 +58,6 @@ class Allocation:
         weighted = self._weights[:, np.newaxis] * wrenches
         preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
-
-    def require_all_directions(self, purpose: str) -> None:
-        """Raise an error unless the rotors can produce every wrench.
-
-        Args:
-            purpose: What requires that, as a clause.
-
-        Raises:
-            AllocationError: With the directions that the rotors cannot command.
-        """
-        if self.missing:
-            raise AllocationError(
-                f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(in the base's frame, about the base centre); tilt some thrusts in the robot "
-                'file, add rotors, or set control.law to "open_loop"',
-                self.missing,
-            )
 
     def thrusts(self, wrenches: Array) -> Array:
         """Thrusts that produce wrenches, or within limits come nearest to them.
@@ -141,11 +123,26 @@ class Allocation:
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
-                f"the motion needs {_listed(self.missing)} (in the base's frame, about the base "
+                f"the motion needs {listed(self.missing)} (in the base's frame, about the base "
                 f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
                 "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
+
+
+def ranks(matrices: Array) -> NDArray[np.int64]:
+    """How many directions rotors command.
+
+    Args:
+        matrices: Wrenches of unit thrusts (…, m, N), or some components of them.
+
+    Returns:
+        The ranks (…).
+    """
+    values = np.linalg.svd(matrices, compute_uv=False)
+    largest = values.max(axis=-1, initial=0.0, keepdims=True)
+    found: NDArray[np.int64] = np.sum(values > RANK * largest, axis=-1)
+    return found
 
 
 def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
@@ -166,5 +163,13 @@ def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> A
     return residual
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Names as a clause lists them.
+
+    Args:
+        names: The names, one at least.
+
+    Returns:
+        The names with commas, and "and" before the last.
+    """
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -84,6 +84,8 @@ class Vehicle:
         self.input_matrix = self.function("input_matrix")
         self.constraint_torques = self.function("constraint_torques")
         self.positions = self.function("positions")
+        self.centre_of_mass = self.function("centre_of_mass")
+        self.centre_of_mass_jacobian = self.function("centre_of_mass_jacobian")
         self.integrate = self.function("integrate")
         self.frame_poses = self.function("frame_poses")
         if self.has_tip:
