@@ -42,7 +42,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         input_names=vehicle.inputs,
         points=vehicle.points,
         constraint_names=vehicle.constraint_names,
-        tangent_arm=_tangent_arm(scenario),
+        tangent_arm=_tangent_arm(vehicle, scenario),
         stopped=history.stopped,
         time=time,
         q=q,
@@ -92,9 +92,10 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     return directions
 
 
-def _tangent_arm(scenario: Scenario) -> int:
+def _tangent_arm(vehicle: Vehicle, scenario: Scenario) -> int:
     """The base arm that points along the path, from 1, or 0 for none."""
-    return scenario.attitude.arm if isinstance(scenario.attitude, Tangent) else 0
+    attitude = scenario.attitude
+    return attitude.arm if isinstance(attitude, Tangent) and len(vehicle.arm_angles()) else 0
 
 
 def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
@@ -129,7 +130,7 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array)
     Returns:
         Angles (s), rad; 0 where no arm follows the path.
     """
-    if not (arm := _tangent_arm(scenario)):
+    if not (arm := _tangent_arm(vehicle, scenario)):
         return np.zeros(len(time))
     angle = vehicle.arm_angles()[arm - 1]
     direction = vehicle.base_rotation(q) @ np.array([np.cos(angle), np.sin(angle), 0.0])
