@@ -23,7 +23,15 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         Their values. The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
-    later = {"law": np.array(""), "control_rate": np.array(0.0)}
+    endless = np.full(len(stored["input_names"]), np.inf)
+    later = {
+        "law": np.array(""),
+        "control_rate": np.array(0.0),
+        "weight": np.array(np.nan),
+        "input_limits": np.stack([-endless, endless]),
+        "frames": np.array([], dtype=str),
+        "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
+    }
     found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
         if name not in stored:
