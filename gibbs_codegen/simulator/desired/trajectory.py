@@ -107,6 +107,13 @@ def _with_tip(
         The motion at knots.
     """
     task, time = scenario.arm, knots(scenario.duration)
+    leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
+    if leans and scenario.control.law != "off":
+        raise UsageError(
+            f"{vehicle.name}: its base leans, since its rotors push along one axis, and no path of "
+            "the tip can be led from there; leave out the tip path, and give a posture or "
+            "arm.moves_deg"
+        )
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess)
