@@ -105,6 +105,9 @@ def _with_tip(
 
     Returns:
         The motion at knots.
+
+    Raises:
+        UsageError: For a base that leans, and as `desired_with_tip` says.
     """
     task, time = scenario.arm, knots(scenario.duration)
     leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
