@@ -13,6 +13,7 @@ from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 from gibbs_codegen.scenario.sensors import Sensors
+from gibbs_codegen.scenario.timing import Timing
 
 Method = Literal["adaptive", "rk4"]
 
@@ -112,6 +113,7 @@ class Scenario:
     push: Push | None = None
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    timing: Timing = field(default_factory=Timing)
     description: str = ""
 
     def __post_init__(self) -> None:

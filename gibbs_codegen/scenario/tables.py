@@ -1,8 +1,8 @@
 """The tables of a scenario file: what each key may hold, and the scenario that they make.
 
 A key is one field with its description; those of the arm are in `arm_table`, those of control and
-motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`.
-Lengths in m, times in s, angles in degrees where a key ends in `_deg`.
+motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`, those
+of timing in `timing_table`. Lengths in m, times in s, angles in degrees where a key ends in `_deg`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from gibbs_codegen.scenario.scenario import (
     StartOffset,
 )
 from gibbs_codegen.scenario.sensors_table import SensorsTable
+from gibbs_codegen.scenario.timing_table import TimingTable
 
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
@@ -181,6 +182,9 @@ class ScenarioTable(Table):
     tip_force: TipForceTable | None = Field(
         default=None, description="a force on the tip, as a push of the frame tip; default: none"
     )
+    timing: TimingTable = Field(
+        default_factory=TimingTable, description="how fast the paths are flown"
+    )
     integration: IntegrationTable = Field(
         default_factory=IntegrationTable, description="method, tolerances and samples"
     )
@@ -235,6 +239,7 @@ class ScenarioTable(Table):
             motors=self.motors.motors(),
             sensors=self.sensors.sensors() if self.sensors else None,
             push=push.push() if push else None,
+            timing=self.timing.timing(),
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,
             description=self.description,

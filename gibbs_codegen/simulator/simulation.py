@@ -34,7 +34,8 @@ from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.control.choice import control_law, law_of
 from gibbs_codegen.simulator.control.sampled import OwnController, law_in_time
-from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion, starting_state
+from gibbs_codegen.simulator.desired.timed_motion import TimedMotion, timed_motion
+from gibbs_codegen.simulator.desired.trajectory import Progress, starting_state
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.plant.actuators import actuators_of
@@ -42,7 +43,7 @@ from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.flight import Flight
-from gibbs_codegen.simulator.record.recording import flight_of
+from gibbs_codegen.simulator.record.recording import flight_of, told_timing
 from gibbs_codegen.simulator.reference import Reference
 
 # What rounding may make of an eigenvalue that is zero, as a share of the largest.
@@ -82,17 +83,22 @@ def simulate(
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
     )
-    return flight_of(loop, scenario, history)
+    return told_timing(flight_of(loop, scenario, history), start.motion)
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a flight begins with: scenario, closed loop, and coordinates (nq), velocities (nv)."""
+    """What a flight begins with: motion, closed loop, and coordinates (nq), velocities (nv)."""
 
-    scenario: Scenario
+    motion: TimedMotion
     loop: ClosedLoop
     q: Array
     v: Array
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is flown, at the times at which it is flown."""
+        return self.motion.scenario
 
 
 def prepared(
@@ -122,13 +128,15 @@ def prepared(
     if scenario.arm.tip is not None:
         check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
     vehicle = Vehicle(module, scenario.parameters)
-    loop = _closed_loop(vehicle, scenario, progress, own)
+    loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
     _check_mass_matrix(vehicle, q)
-    return Prepared(scenario, loop, q, v)
+    return Prepared(motion, loop, q, v)
 
 
-def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool) -> ClosedLoop:
+def _closed_loop(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
+) -> tuple[ClosedLoop, TimedMotion]:
     """Vehicle, controller and motors of a scenario.
 
     Args:
@@ -138,19 +146,20 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: 
         own: Whether the inputs come from elsewhere than the scenario's law.
 
     Returns:
-        The closed loop.
+        The closed loop, and the motion that it is to follow.
     """
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
     if not vehicle.rotors_move:  # What they command is known before there is a motion.
         law_of(control.law, vehicle, vehicle.neutral, scenario.name)
-    reference = desired_motion(vehicle, scenario, progress)
+    motion = timed_motion(vehicle, scenario, progress)
+    reference = motion.reference
     law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
-    return ClosedLoop(vehicle, controller, actuators, scenario.push)
+    return ClosedLoop(vehicle, controller, actuators, scenario.push), motion
 
 
 def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

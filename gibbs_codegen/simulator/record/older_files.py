@@ -24,6 +24,8 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
     """
     found = {} if "parents" in stored else _before_trees(stored)
     later = {"law": np.array(""), "control_rate": np.array(0.0)}
+    later |= {"timing": np.array(""), "binding": np.zeros(0, dtype=str)}
+    later["binding_times"] = np.zeros((0, 2))
     found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
         if name not in stored:

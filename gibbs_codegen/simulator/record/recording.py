@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.desired.timed_motion import TimedMotion
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -48,7 +52,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         q=q,
         v=v,
         a=a,
-        **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
+        q_desired=reference[0],
+        v_desired=reference[1],
+        a_desired=reference[2],
         **_inputs(history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
@@ -66,7 +72,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
+def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Any]:
     """Inputs, with their ranges between samples.
 
     Args:
@@ -79,6 +85,25 @@ def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
     known = {"commanded": commanded, "applied": applied}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
+
+
+def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
+    """The flight with what is to be said of its timing.
+
+    Args:
+        flight: The flight.
+        motion: What was flown.
+
+    Returns:
+        The flight.
+    """
+    times = [(each.begin, each.end) for each in motion.binding]
+    return replace(
+        flight,
+        timing=motion.said,
+        binding=tuple(each.what for each in motion.binding),
+        binding_times=np.reshape(times, (-1, 2)),
+    )
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
