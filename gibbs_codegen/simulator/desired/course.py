@@ -62,6 +62,15 @@ class Course:
         self.stretches = [self._stretch(*ends, speed) for ends in _moving(v, speed)]
 
     def _stretch(self, first: int, last: int, speed: Array) -> Stretch:
+        """The stretch between two instants.
+
+        Args:
+            first, last: Their numbers.
+            speed: Speeds at all instants (s).
+
+        Returns:
+            The stretch.
+        """
         # At rest is where a stretch meets another or standstill: all but the ends of the motion.
         ends = (0, len(speed) - 1)
         speeds = [

@@ -102,7 +102,14 @@ class Clock:
         return out.reshape(*np.shape(time), 4)
 
     def motion(self, time: Array) -> tuple[Array, Array, Array]:
-        """Coordinates (s, nq), velocities and accelerations (s, nv) at times (s), s."""
+        """The motion as a function of time.
+
+        Args:
+            time: Times (s), s.
+
+        Returns:
+            Coordinates (s, nq), velocities and accelerations (s, nv).
+        """
         length, speed, growth, _ = np.moveaxis(self(time)[..., np.newaxis], 1, 0)
         q, direction, bend = self.course.at(self.course.times(length[:, 0]))
         return q, direction * speed, direction * growth + bend * speed**2

@@ -110,29 +110,12 @@ def _stretched_motion(
     Raises:
         UsageError: If none of the factors that are tried keeps the limits.
     """
-    found: dict[float, tuple[Reference, Demand]] = {}
-    failed: dict[float, str] = {}
-
-    def kept(factor: float) -> bool:
-        progress("fastest timing", min(len(found) / _MOST, 1.0))
-        try:
-            reference = desired_motion(vehicle, stretched(scenario, factor))
-        except UsageError as error:  # Too fast for the attitude or the arm to follow.
-            failed[factor] = f"; any faster, {error}"
-            return False
-        time = check_times(reference.knots)
-        demand = demand_of(vehicle, reference(time), time)
-        if keeps(demand, limits):
-            found[factor] = reference, demand
-        else:
-            failed[factor] = ""
-        return factor in found
-
-    ratio = 1.0 / _RATIO if kept(1.0) else _RATIO
+    tried = _Tried(vehicle, scenario, limits, progress)
+    ratio = 1.0 / _RATIO if tried.kept(1.0) else _RATIO
     factors = ratio ** np.arange(1, _MOST)
     # Faster until limits are exceeded, or slower until they are kept.
-    last = next((f for f in factors if kept(f) == (ratio > 1.0)), factors[-1])
-    if not found:
+    last = next((f for f in factors if tried.kept(f) == (ratio > 1.0)), factors[-1])
+    if not tried.found:
         raise UsageError(
             f"timing: {vehicle.name} does not keep its limits, even if all of {scenario.name!r} "
             f"takes {last:.0f} times as long; widen the limits, or give a gentler motion"
@@ -140,9 +123,9 @@ def _stretched_motion(
     fast, slow = sorted((last, last / ratio))
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(fast * slow))
-        fast, slow = (fast, middle) if kept(middle) else (middle, slow)
-    factor = min(found)
-    reference, demand = found[factor]
+        fast, slow = (fast, middle) if tried.kept(middle) else (middle, slow)
+    factor = min(tried.found)
+    reference, demand = tried.found[factor]
     if _rests(reference):
         return TimedMotion(scenario, desired_motion(vehicle, scenario, progress), _NOTHING)
     return TimedMotion(
@@ -150,6 +133,46 @@ def _stretched_motion(
         reference,
         f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: all of the motion is "
         f"stretched by one factor, {factor:.3g}, since the attitude of {vehicle.name} follows from "
-        f"the timing{failed[max(failed)] if failed else ''}",
+        f"the timing{tried.why_not_faster}",
         binding(vehicle, demand, limits),
     )
+
+
+class _Tried:
+    """Factors of time that were tried: the motions that keep limits, and why others do not.
+
+    Args:
+        vehicle: the robot.
+        scenario: what is flown.
+        limits: what the motion is to keep to.
+        progress: is told what is being done, and the share of it that is done.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, scenario: Scenario, limits: Limits, progress: Progress
+    ) -> None:
+        self.vehicle, self.scenario, self.limits = vehicle, scenario, limits
+        self.found: dict[float, tuple[Reference, Demand]] = {}
+        self._failed: dict[float, str] = {}
+        self._progress = progress
+
+    @property
+    def why_not_faster(self) -> str:
+        """What makes the least of slower factors fail, other than limits: a clause, or ""."""
+        return self._failed[max(self._failed)] if self._failed else ""
+
+    def kept(self, factor: float) -> bool:
+        """Whether there is a motion by a factor of time, and it keeps the limits."""
+        self._progress("fastest timing", min(len(self.found) / _MOST, 1.0))
+        try:
+            reference = desired_motion(self.vehicle, stretched(self.scenario, factor))
+        except UsageError as error:  # Too fast for the attitude or the arm to follow.
+            self._failed[factor] = f"; any faster, {error}"
+            return False
+        time = check_times(reference.knots)
+        demand = demand_of(self.vehicle, reference(time), time)
+        if not keeps(demand, self.limits):
+            self._failed[factor] = ""
+            return False
+        self.found[factor] = reference, demand
+        return True

@@ -52,9 +52,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         q=q,
         v=v,
         a=a,
-        q_desired=reference[0],
-        v_desired=reference[1],
-        a_desired=reference[2],
+        **_desired(reference),
         **_inputs(history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
@@ -85,6 +83,11 @@ def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
     known = {"commanded": commanded, "applied": applied}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
+
+
+def _desired(reference: tuple[Array, Array, Array]) -> dict[str, Any]:
+    """Desired coordinates (s, nq), velocities and accelerations (s, nv) by names of fields."""
+    return dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True))
 
 
 def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
