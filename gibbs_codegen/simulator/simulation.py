@@ -3,6 +3,7 @@
     Vehicle            module, parameters  → functions and layout of a robot  (plant/vehicle)
       kinematics       layout              → errors and rates of angles or quaternion
     actuators_of       scenario, robot file → limits and lag                  (plant/actuators)
+    Environment        scenario            → wrenches on frames               (plant/environment)
     desired_motion     scenario            → Reference: q, v, a in time       (desired/trajectory)
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
@@ -40,6 +41,7 @@ from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.plant.actuators import actuators_of
 from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.flight import Flight
@@ -130,17 +132,18 @@ def prepared(
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
-    _check_mass_matrix(vehicle, q)
+    for machine in {vehicle, loop.vehicle}:
+        _check_mass_matrix(machine, q)
     return Prepared(motion, loop, q, v)
 
 
 def _closed_loop(
     vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
 ) -> tuple[ClosedLoop, TimedMotion]:
-    """Vehicle, controller and motors of a scenario.
+    """Plant, controller, motors and environment of a scenario.
 
     Args:
-        vehicle: The robot.
+        vehicle: The robot as the controller knows it.
         scenario: What is flown.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
         own: Whether the inputs come from elsewhere than the scenario's law.
@@ -159,7 +162,16 @@ def _closed_loop(
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
-    return ClosedLoop(vehicle, controller, actuators, scenario.push), motion
+    plant = _plant(vehicle, scenario)
+    environment = Environment.of(plant, scenario, actuators.spins)
+    return ClosedLoop(plant, controller, actuators, environment), motion
+
+
+def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
+    """The robot that flies, which is the one that the controller knows but for some parameters."""
+    if not scenario.plant:
+        return vehicle
+    return Vehicle(vehicle.module, {**scenario.parameters, **scenario.plant}, "plant")
 
 
 def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.files.changes import changes_of
 from gibbs_codegen.scenario.control import Control, Motors
+from gibbs_codegen.scenario.environment import Gust, Payload, Wall, Wind
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
@@ -86,6 +87,23 @@ FULL: dict[str, Any] = {
         "divergence": 3,
     },
     "parameters": {"gravity": 3.7, "link_2_mass": 1.5},
+    "plant": {"link_2_mass": 1.7},
+    "payload": [{"frame": "tip", "mass": 0.3, "begin": 1, "end": 3}],
+    "wind": {
+        "velocity": [3, -1, 2],
+        "gusts": [{"amplitude": [1, 2, 4], "begin": 2, "duration": 1.5}],
+        "drag": {"base": 0.4},
+        "rotational_drag": {"base": 0.02},
+    },
+    "wall": [
+        {
+            "frame": "tip",
+            "point": [5, 1, 2],
+            "normal": [-1, 3, 2],
+            "stiffness": 400,
+            "damping": 30,
+        }
+    ],
 }
 
 
@@ -161,6 +179,10 @@ def test_all_keys() -> None:
         push=Push((5, 0, -2), 2, 4, (0, 3, 1), "base"),
         integration=Settings("rk4", 0.002, 1e-8, 1e-9, 50, 3),
         parameters={"gravity": 3.7, "link_2_mass": 1.5},
+        plant={"link_2_mass": 1.7},
+        payloads=(Payload("tip", 0.3, 1, 3),),
+        wind=Wind({"base": 0.4}, (3, -1, 2), (Gust((1, 2, 4), 1.5, 2),), {"base": 0.02}),
+        walls=(Wall("tip", (5, 1, 2), (-1, 3, 2), 400, 30),),
         description="all that can be said",
     )
 
@@ -200,6 +222,7 @@ OTHERS: dict[object, object] = {
     "open_loop": "off",
     "rk4": "adaptive",
     "base": "tip",
+    "tip": "base",
     12345: 54321,
 }
 
@@ -243,7 +266,7 @@ def test_postures_in_degrees_and_metres() -> None:
 
 
 def test_scenarios_that_ship() -> None:
-    assert shipped_scenarios() == ("circle", "hover", "line", "paper")
+    assert shipped_scenarios() == ("circle", "hover", "inspection", "line", "paper")
     for name in shipped_scenarios():
         scenario = read_scenario(name)
         assert scenario.name == name
@@ -353,7 +376,11 @@ def tables(value: object, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
             yield from tables(entry, (*path, key))
 
 
-@pytest.mark.parametrize("path", [p for p in tables(FULL) if p != ("parameters",)], ids=".".join)
+# Tables of which only the robot tells what keys they may have.
+ROBOTS_OWN = {("parameters",), ("plant",), ("wind", "drag"), ("wind", "rotational_drag")}
+
+
+@pytest.mark.parametrize("path", [p for p in tables(FULL) if p not in ROBOTS_OWN], ids=".".join)
 def test_unknown_keys_of_any_table(path: tuple[str, ...]) -> None:
     key = "the colour"
     found = "\n".join(faults(document(with_change((*path, key), 1))))
@@ -432,6 +459,26 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("parameters.gravity", {"a": 1}, "gravity: must be a number, not a table"),
         ("parameters", {"\x1b": "x"}, r"parameters.'\x1b': must be a number, not a string"),
         ("parameters", {"x[1].y": "x"}, "parameters.'x[1].y': must be a number, not a string"),
+        ("plant.gravity", "x", "plant.gravity: must be a number, not a string"),
+        ("payload", {"frame": "tip"}, "must be an array of tables, [[payload]], not a table"),
+        ("payload", [{"mass": 1}], "payload 1: frame: missing: the frame at whose origin it is"),
+        ("payload", [{"frame": "tip", "mass": 0}], "mass: must be at least 1e-09, not 0"),
+        (
+            "payload",
+            [{"frame": "tip", "mass": 1, "begin": 2, "end": 2}],
+            "payload 1: end: must be after begin, 2 s",
+        ),
+        ("payload", [{"frame": "tip", "mass": 1}] * 21, "21 payloads; give at most 20"),
+        ("wind", {"velocity": [1, 0, 0]}, "wind.drag: missing: coefficients of drag, N s/m, by"),
+        ("wind.drag", {}, "wind.drag: names no frame; give frames and their coefficients"),
+        ("wind.drag", {"base": -1}, "wind.drag.base: must be at least 0, not -1"),
+        ("wind.gusts", [{"amplitude": [1, 0, 0]}], "duration: missing: how long it lasts, s"),
+        (
+            "wind.gusts",
+            [{"amplitude": [1, 0, 0], "duration": 0}],
+            "duration: must be at least 1e-09, not 0",
+        ),
+        ("wall", [{"frame": "tip"}], "wall 1: point: missing: a point of the plane"),
         ("base.path.radius", -(10**13), "must be at most 1e+12 in size, not -10000000000000"),
     ],
 )

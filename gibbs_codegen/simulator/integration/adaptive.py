@@ -9,6 +9,7 @@ from scipy.integrate import DOP853
 
 from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import integration_burdens, stable_modes
 from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
@@ -48,6 +49,7 @@ class AdaptiveIntegrator:
 
     def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
         self.loop, self.settings, self.envelope = loop, settings, envelope
+        self.compiled = CompiledLoops(loop, envelope.bounds)
         # Evaluations that may still be spent; a smooth second saves up no more than this.
         self.budget: float = _EVALUATIONS_AHEAD
         # The step, s, that the interval before would have gone on with.
@@ -95,7 +97,7 @@ class AdaptiveIntegrator:
         """The solver of an interval, which begins with a state (size), and may take more steps."""
         self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
         return DOP853(
-            lambda time, state: self.loop.derivative(time, state, interval.acting),
+            self.compiled.derivative(interval.acting),
             interval.begin,
             start,
             interval.end,

@@ -118,10 +118,11 @@ class CompiledLoop:
         )
         first = number // every
         if seen:
-            # The last stretch may end before its sample.
+            # The first stretch may begin after its sample, and the last one end before it.
             stretches = -(-(number + taken) // every) - first
-            middle = (first + 0.5 + np.arange(stretches)) * every * step
-            seen(InputRanges(middle, ranges[:stretches]))
+            middle = time + ((first + 0.5 + np.arange(stretches)) * every - number) * step
+            inside = np.clip(middle, time + 0.25 * step, time + (taken - 0.25) * step)
+            seen(InputRanges(inside, ranges[:stretches]))
         return taken, samples[: (number + taken) // every - first], last
 
     def rate(self, time: float, state: Array) -> Array | None:
@@ -171,6 +172,23 @@ class CompiledLoops:
         if loop is not None and acting.held is not None:
             loop.held[:] = acting.held
         return loop
+
+    def derivative(self, acting: Acting) -> Callable[[float, Array], Array]:
+        """The time derivative of states while something acts: compiled, where there is a loop.
+
+        Args:
+            acting: What acts on the robot.
+
+        Returns:
+            The derivative (size) of a time, s, and a state (size).
+        """
+        loop = self.at(acting)
+
+        def derivative(time: float, state: Array) -> Array:
+            rate = None if loop is None else loop.rate(time, state)
+            return self.closed.derivative(time, state, acting) if rate is None else rate
+
+        return derivative
 
 
 @functools.cache

@@ -117,7 +117,7 @@ class Envelope:
             *(["a shorter motors.time_constant"] if loop.lags else []),
             *(["wider motors.limits"] if np.any(limited[0]) else []),
             *(["a greater arm.effort"] if np.any(limited[1]) else []),
-            *(["a weaker push"] if loop.push else []),
+            *(loop.environment.remedies if loop.environment else []),
             *(["a higher rate of control"] if loop.held is not None else []),
             _OTHER_CONTROL.get(loop.controller.law, "a lower control.frequency"),
         ]

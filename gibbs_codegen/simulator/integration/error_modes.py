@@ -17,6 +17,9 @@ import numpy as np
 from gibbs_codegen.simulator.control.laws import CORRECTING, ControlLaw
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 
+# Instants of the desired motion at which masses that walls feel are looked at.
+_INSTANTS = 33
+
 
 @dataclass(frozen=True, order=True)
 class Mode:
@@ -34,7 +37,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: those of lagging thrusts, and of errors that a law corrects at all times.
+    """Modes that decay: of lagging thrusts, of errors that a law corrects at all times, of walls.
 
     Args:
         loop: The closed loop.
@@ -55,7 +58,29 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    return sorted(found, reverse=True)
+    return sorted([*found, *_wall_modes(loop)], reverse=True)
+
+
+def _wall_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes of frames that lean on walls, with the least mass that each wall feels.
+
+    That is the least along the desired motion. A frame that moves by x along the normal obeys
+    ẍ + (c/m) ẋ + (s/m) x = 0 with the damping c and the stiffness s of the wall, next to which
+    those of control are small where a wall decides about steps.
+    """
+    if loop.environment is None or not loop.environment.wall:
+        return []
+    walls, reference = loop.environment.walls, loop.controller.reference
+    q = reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
+    masses = np.min(walls.effective_masses(loop.vehicle, q), axis=0)
+    found = []
+    for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
+        cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
+        found += [
+            Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
+            for root in np.roots([1.0, wall.damping / mass, wall.stiffness / mass])
+        ]
+    return found
 
 
 def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[np.ndarray]:

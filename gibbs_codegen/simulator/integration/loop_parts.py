@@ -15,6 +15,10 @@ import numpy as np
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.environment_part import (
+    EnvironmentPart,
+    environment_values,
+)
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 POINTER = ctypes.c_void_p
@@ -26,6 +30,10 @@ FUNCTIONS = (
     "input_matrix",
     "forward_dynamics_with_wrenches",
     "wrench_forces",
+    "frame_poses",
+    "frame_jacobians",
+    "frame_velocities",
+    "frame_bias_accelerations",
 )
 # As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
 LAWS = ("computed_torque", "open_loop", "off", "held")
@@ -140,15 +148,6 @@ def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
     }
 
 
-class _Surroundings(ctypes.Structure):
-    _fields_ = (("wrenches", POINTER), ("losses", POINTER))
-
-
-def _surroundings(closed: ClosedLoop, acting: Acting) -> Values:
-    wrenches = {"wrenches": closed.wrenches} if acting.push else {}
-    return {**wrenches, "losses": closed.vehicle.damping}
-
-
 class _Envelope(ctypes.Structure):
     _fields_ = (("bounds", POINTER), ("largest_theta_0", _NUMBER))
 
@@ -162,7 +161,7 @@ _PARTS: tuple[tuple[str, Any, Callable[[ClosedLoop, Acting], Values]], ...] = (
     ("known", _Rotors, lambda closed, acting: _rotors(closed.controller.vehicle)),
     ("sharing", _Sharing, _sharing),
     ("actuators", _Actuators, _actuators),
-    ("surroundings", _Surroundings, _surroundings),
+    ("environment", EnvironmentPart, environment_values),
 )
 
 
@@ -171,6 +170,7 @@ class Loop(ctypes.Structure):
 
     _fields_ = (
         *(("functions", _Functions), ("plant", ctypes.c_char_p), ("model", ctypes.c_char_p)),
+        ("losses", POINTER),
         *((name, kind) for name, kind, _ in _PARTS),
         *(("envelope", _Envelope), ("law", _FLAG), ("held", POINTER), ("scratch", POINTER)),
     )
@@ -200,6 +200,7 @@ def filled(
     loop.plant, loop.model = (each.constants or defaults for each in (vehicle, model))
     for name, _, values in _PARTS:
         owned += _put(getattr(loop, name), values(closed, acting))
+    owned += _put(loop, {"losses": vehicle.damping})
     limits = np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64)
     owned += _put(loop.envelope, {"bounds": limits, "largest_theta_0": LARGEST_THETA_0})
     return loop, owned

@@ -16,6 +16,8 @@ typedef void Matrix(const void *, const double *, double *);
 typedef void Pushed(const void *, const double *, const double *, const double *, const double *,
                     double *);
 typedef void Forces(const void *, const double *, const double *, double *);
+typedef void Places(const void *, const double *, double *);
+typedef void Moving(const void *, const double *, const double *, double *);
 
 /* Functions of an emitted module, by their addresses. */
 typedef struct {
@@ -24,6 +26,10 @@ typedef struct {
     Matrix *input_matrix;
     Pushed *forward_dynamics_with_wrenches;
     Forces *wrench_forces;
+    Places *frame_poses;
+    Places *frame_jacobians;
+    Moving *frame_velocities;
+    Moving *frame_bias_accelerations;
 } Functions;
 
 /* How many there are of what, and where. */
@@ -80,11 +86,23 @@ typedef struct {
     const double *lag; /* [rotors]: time constants of the motors, 0 for none */
 } Actuators;
 
-/* What takes energy from the robot or gives it, besides its inputs. */
+/* What acts on the robot besides its inputs: a push, wind, walls, rotors that spin, and payloads.
+ * Numbers of frames and rotors are from 0, and stand among the other numbers. */
 typedef struct {
-    const double *wrenches; /* [frames][6] of the push; NULL where it does not act */
-    const double *losses;   /* [velocities]: damping of the robot itself */
-} Surroundings;
+    ptrdiff_t frames;           /* 0 where nothing acts */
+    const double *push;         /* [frames][6]: its wrenches */
+    const double *coefficients; /* [frames][6]: of drag; NULL without wind */
+    const double *wind;         /* [3]: velocity of the steady wind */
+    ptrdiff_t gusts;
+    const double *gust; /* [gusts][5]: begin, duration, and half of the greatest velocity */
+    ptrdiff_t walls;
+    const double *wall; /* [walls][9]: frame, point, normal, stiffness, damping */
+    ptrdiff_t spins;
+    const double *spin; /* [spins][6]: rotor, frame, axis in the frame, angular momentum */
+    ptrdiff_t payloads;
+    const double *payload; /* [payloads][2]: frame, mass, of those that are there */
+    double gravity;        /* acceleration along z */
+} Environment;
 
 /* Where a flight cannot go on. */
 typedef struct {
@@ -96,6 +114,7 @@ typedef struct {
     Functions functions;
     const void *plant; /* constants of the robot that flies, */
     const void *model; /* and of the one that the law knows */
+    const double *losses; /* [velocities]: damping of the robot itself */
     Layout layout;
     Desired desired;
     Gains gains;
@@ -103,7 +122,7 @@ typedef struct {
     Rotors known;
     Sharing sharing;
     Actuators actuators;
-    Surroundings surroundings;
+    Environment environment;
     Envelope envelope;
     int law;
     const double *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */

@@ -5,6 +5,7 @@
 
 #include <stddef.h>
 
+#include "environment.h"
 #include "kinematics.h"
 #include "loop.h"
 #include "vectors.h"
@@ -35,7 +36,7 @@ static double losses(const Loop *f, const double *v)
 {
     double sum = 0.0;
     for (ptrdiff_t i = 0; i < f->layout.velocities; ++i) {
-        sum += f->surroundings.losses[i] * v[i] * v[i];
+        sum += f->losses[i] * v[i] * v[i];
     }
     return sum;
 }
@@ -66,16 +67,17 @@ static double move(const Loop *f, const Moment *now, const double *inputs, doubl
                    Room room)
 {
     const Functions *const of = &f->functions;
-    const double *const q = now->q, *const v = now->v, *const pushed = f->surroundings.wrenches;
+    const double *const q = now->q, *const v = now->v;
     const ptrdiff_t m = f->layout.velocities;
     const double given = power(f, now, inputs, room) - losses(f, v);
-    if (!pushed) {
+    if (!f->environment.frames) {
         of->forward_dynamics(f->plant, q, v, inputs, acceleration);
         return given;
     }
-    double *const force = take(&room, m);
-    of->forward_dynamics_with_wrenches(f->plant, q, v, inputs, pushed, acceleration);
-    of->wrench_forces(f->plant, q, pushed, force);
+    double *const force = take(&room, m), *const wrenches = take(&room, 6 * f->environment.frames);
+    surround(f, now, inputs, wrenches, room);
+    of->forward_dynamics_with_wrenches(f->plant, q, v, inputs, wrenches, acceleration);
+    of->wrench_forces(f->plant, q, wrenches, force);
     return given + dot(m, force, v);
 }
 
@@ -83,7 +85,9 @@ static double move(const Loop *f, const Moment *now, const double *inputs, doubl
 static ptrdiff_t room_of_plant(const Loop *f)
 {
     const ptrdiff_t m = f->layout.velocities;
-    return f->flown.move ? m * inputs_of(f) : m;
+    const ptrdiff_t power = f->flown.move ? m * inputs_of(f) : 0;
+    const ptrdiff_t around = f->environment.frames ? m + room_of_environment(f) : 0;
+    return power > around ? power : around;
 }
 
 #endif

@@ -3,14 +3,15 @@
  * many steps a call.
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
- * every robot. The state is q, v, the work of the inputs and of the push less what damping takes,
- * the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
+ * every robot. The state is q, v, the work of the inputs and of the wrenches on frames less what
+ * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
  */
 
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
+#include "environment.h"
 #include "kinematics.h"
 #include "laws.h"
 #include "loop.h"

@@ -43,4 +43,22 @@ static void between(const double *p, const double *r, double *out)
     out[3] = dot(4, p, r);
 }
 
+
+/* Solve A x = b in place of b, A positive definite, row by row, and changed. */
+static void solve_positive(ptrdiff_t n, double *a, double *b)
+{
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        for (ptrdiff_t i = k + 1; i < n; ++i) {
+            const double share = a[n * i + k] / a[n * k + k];
+            for (ptrdiff_t j = k + 1; j < n; ++j) {
+                a[n * i + j] -= share * a[n * k + j];
+            }
+            b[i] -= share * b[k];
+        }
+    }
+    for (ptrdiff_t k = n; k-- > 0;) {
+        b[k] = (b[k] - dot(n - k - 1, a + n * k + k + 1, b + k + 1)) / a[n * k + k];
+    }
+}
+
 #endif

@@ -23,7 +23,9 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         Their values. The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
+    nothing = np.zeros((len(stored["time"]), 0, 6))
     later = {"law": np.array(""), "control_rate": np.array(0.0)}
+    later |= {"frames": np.array([], dtype=str), "frame_wrenches": nothing}
     later |= {"timing": np.array(""), "binding": np.zeros(0, dtype=str)}
     later["binding_times"] = np.zeros((0, 2))
     found |= {name: value for name, value in later.items() if name not in stored}

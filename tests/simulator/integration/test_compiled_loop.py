@@ -28,6 +28,7 @@ from gibbs_codegen.simulator.integration.compiled_loop import NATIVE, CompiledLo
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.allocation import Allocation
+from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 
@@ -133,7 +134,9 @@ def test_every_step_is_that_of_python(
 ) -> None:
     """From each state that the loop comes to, Python takes the next step to the same state."""
     limits = None if law == "off" else (-1e6, 1e6)
-    closed = replace(restricted(closed_loop_of(modules(name), law), limits, lag), push=push)
+    closed = restricted(closed_loop_of(modules(name), law), limits, lag)
+    environment = Environment(closed.vehicle, push) if push else None
+    closed = replace(closed, environment=environment)
     state = start_of(closed)
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
@@ -155,7 +158,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     state = start_of(closed)
     _, free, _ = loop_of(closed)(0.0, state, STEP, 10, 1)
-    pushed = replace(closed, push=PUSH)
+    pushed = replace(closed, environment=Environment(closed.vehicle, PUSH))
     _, waiting, _ = loop_of(pushed)(0.0, state, STEP, 10, 1)
     assert np.array_equal(waiting, free)
     loop = loop_of(pushed, acting=Acting(push=True))
@@ -346,6 +349,57 @@ static void pushed(const void *k, const double *q, const double *v, const double
     out[n - 1] += wrenches[FRAMES * BASE - 1];
 }
 
+static void filled_with(double *out, ptrdiff_t size, const double *q)
+{
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        out[i] = q[i % n] + 0.01 * (double)i;
+    }
+}
+
+static void poses(const void *k, const double *q, double *out)
+{
+    (void)k;
+    filled_with(out, 16 * FRAMES, q);
+}
+
+static void jacobians(const void *k, const double *q, double *out)
+{
+    (void)k;
+    filled_with(out, 6 * n * FRAMES, q);
+}
+
+static void moving(const void *k, const double *q, const double *v, double *out)
+{
+    (void)k;
+    (void)v;
+    filled_with(out, 6 * FRAMES, q);
+}
+
+/* Of each kind up to three, which begin with the numbers of frames and rotors. */
+static void surroundings(Environment *e, double *push, double *rows)
+{
+    e->frames = draw(3) == 0 ? FRAMES : 0;
+    e->push = push;
+    e->coefficients = draw(2) ? push : NULL;
+    e->wind = push;
+    e->gusts = draw(4);
+    e->walls = draw(4);
+    e->spins = draw(4);
+    e->payloads = draw(4);
+    e->gravity = -9.81;
+    e->gust = rows;
+    double *const wall = rows + 15, *const spin = wall + 27, *const payload = spin + 18;
+    for (int i = 0; i < 3; ++i) {
+        wall[9 * i] = (double)draw(FRAMES);
+        spin[6 * i] = (double)draw(rotors);
+        spin[6 * i + 1] = (double)draw(FRAMES);
+        payload[2 * i] = (double)draw(FRAMES);
+    }
+    e->wall = wall;
+    e->spin = spin;
+    e->payload = payload;
+}
+
 int main(void)
 {
     ptrdiff_t steps = 0, whole = 0;
@@ -355,7 +409,7 @@ int main(void)
         rotors = large ? 256 : BASE + draw(5);
         const int turning = draw(2) == 0; /* attitude by a quaternion */
         const ptrdiff_t coordinates = n + turning;
-        Loop f = {{forward, inverse, inputs, pushed, forces}};
+        Loop f = {{forward, inverse, inputs, pushed, forces, poses, jacobians, moving, moving}};
         f.layout.coordinates = coordinates;
         f.layout.velocities = n;
         f.layout.rotors = rotors;
@@ -371,8 +425,8 @@ int main(void)
         f.desired.pieces = 1 + draw(4);
         f.law = (int)draw(4);
         f.layout.memory = draw(3);
-        double *wrenches = filled(FRAMES * BASE);
-        f.surroundings.wrenches = draw(3) == 0 ? wrenches : NULL;
+        double *wrenches = filled(FRAMES * BASE), *rows = filled(15 + 27 + 18 + 6);
+        surroundings(&f.environment, wrenches, rows);
         const ptrdiff_t acting = rotors + n - BASE;
         double *least = room(acting), *most = room(acting), *lag = room(rotors);
         for (ptrdiff_t j = 0; j < acting; ++j) {
@@ -417,7 +471,7 @@ int main(void)
         f.sharing.distribution = distribution;
         f.gains.stiffness = stiffness;
         f.gains.damping = damping;
-        f.surroundings.losses = losses;
+        f.losses = losses;
         f.scratch = room(gibbs_codegen_loop_room(&f) - SHORT);
         memset(f.scratch, 0, (size_t)rotors * sizeof *f.scratch);
         const ptrdiff_t size = coordinates + n + 1 + (f.actuators.lags ? rotors : 0) +
@@ -446,6 +500,7 @@ int main(void)
         steps += taken;
         whole += taken == count;
         free(wrenches);
+        free(rows);
         free(least);
         free(most);
         free(lag);
@@ -501,7 +556,7 @@ def test_the_loop_neither_allocates_nor_keeps_anything(tmp_path: Path) -> None:
     symbols = [line.split() for line in run(["nm", compiled]).splitlines()]
     called = {words[-1] for words in symbols if words[-2] == "U"}
     assert called <= {
-        *("atan2", "cos", "sin", "sincos", "sqrt", "memcpy", "memmove", "memset"),
+        *("atan2", "cos", "sin", "sincos", "sqrt", "fmin", "fmax", "memcpy", "memmove", "memset"),
         *("_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"),
     }
     assert not [words for words in symbols if words[-2] in "bBdDC"]

@@ -34,8 +34,12 @@ attitude = "quaternion"
 [[rotor]]
 position = [0.3, 0, 0]
 limits = [-1, 12]
+drag = 0.02
+spin_inertia = 1e-4
+speed_per_sqrt_thrust = 300
 [[rotor]]
 position = [-0.3, 0, 0]
+drag = -0.02
 time_constant = 0.05
 [[link]]
 xyz = [0, 0, -0.1]
@@ -89,6 +93,8 @@ def test_the_robot_file_tells_what_the_scenario_does_not(
     assert found.joints[:, 1].tolist() == [0, inf]
     assert found.efforts.tolist() == [inf, 3]
     assert found.velocities.tolist() == [2.5, inf]
+    # A rotor with a positive drag spins clockwise, seen from the tip of its thrust.
+    assert found.spins.tolist() == [-0.03, 0]
     assert found.inputs.tolist() == [[-1, -inf, -inf, -3], [12, inf, inf, 3]]
 
 
