@@ -164,7 +164,8 @@ def _closed_loop(
     controller = control_law(law, control, vehicle, reference, allocation)
     plant = _plant(vehicle, scenario)
     environment = Environment.of(plant, scenario, actuators.spins)
-    return ClosedLoop(plant, controller, actuators, environment), motion
+    loop = ClosedLoop(plant, controller, actuators, environment, scenario.motors.compensation)
+    return loop, motion
 
 
 def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:

@@ -52,7 +52,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
     # Held inputs do not follow the errors within a step.
-    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, lags)
+    felt = [] if loop.compensates else lags
+    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, felt)
     found += [
         Mode(abs(root), "the gains of control", "lower gains", complex(root))
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))

@@ -132,7 +132,7 @@ def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
 
 class _Actuators(ctypes.Structure):
     _fields_ = (
-        *(("limited", _FLAG), ("lags", _FLAG)),
+        *(("limited", _FLAG), ("lags", _FLAG), ("compensates", _FLAG)),
         *(("least", POINTER), ("most", POINTER), ("lag", POINTER)),
     )
 
@@ -142,6 +142,7 @@ def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
     return {
         "limited": closed.limited,
         "lags": closed.lags,
+        "compensates": closed.compensates,
         "least": least,
         "most": most,
         "lag": closed.actuators.lag,

@@ -81,6 +81,7 @@ typedef struct {
 typedef struct {
     int limited;
     int lags;
+    int compensates; /* whether commands make up for the lag */
     const double *least; /* [rotors + joints]: limits of the inputs */
     const double *most;
     const double *lag; /* [rotors]: time constants of the motors, 0 for none */

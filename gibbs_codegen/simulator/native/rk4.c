@@ -13,6 +13,7 @@
 
 #include "environment.h"
 #include "kinematics.h"
+#include "lag.h"
 #include "laws.h"
 #include "loop.h"
 #include "plant.h"
@@ -38,6 +39,9 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
     }
     now.attitude = attitude_of(at, q);
     if (command(f, &now, inputs, room) == REFUSED) {
+        return REFUSED;
+    }
+    if (f->actuators.compensates && compensate(f, &now, inputs, room) == REFUSED) {
         return REFUSED;
     }
     widen(inputs_of(f), inputs, range);
@@ -89,7 +93,7 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop);
 ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
 {
     const ptrdiff_t n = loop->layout.coordinates;
-    const ptrdiff_t law = room_of_law(loop), plant = room_of_plant(loop);
+    const ptrdiff_t law = room_of_law(loop) + room_of_lag(loop), plant = room_of_plant(loop);
     const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
     return loop->layout.rotors + 3 * size_of(loop) + 3 * (3 * n) + stage;
 }

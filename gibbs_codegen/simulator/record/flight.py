@@ -99,6 +99,7 @@ def read_flight(path: StrPath) -> Flight:
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["control_rate"] = float(values["control_rate"])
     values["tangent_arm"] = int(values["tangent_arm"])
+    values["weight"] = float(values["weight"])
     return Flight(**values)
 
 

@@ -30,10 +30,10 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         The flight, with a row per sample.
     """
     vehicle, time = loop.vehicle, history.time
-    q, v, work, thrusts, memory = loop.parts(history.states)
+    parts = loop.parts(history.states)
+    q, v = parts.q, parts.v
     reference = loop.controller.reference(time)
-    commanded = loop.controller(time, q, v, memory)
-    applied = loop.applied(commanded, thrusts)
+    applied = loop.applied(commanded := loop.commanded(time, parts), parts.thrusts)
     loads = loop.wrenches(time, q, v, applied, loop.acting(time))
     a = loop.acceleration(q, v, applied, loads)
     return Flight(
@@ -54,20 +54,34 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         v=v,
         a=a,
         **_desired(reference),
-        **_inputs(history, commanded, applied),
+        **_inputs(loop, history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         frames=vehicle.frames,
         frame_wrenches=loads,
-        **_base_arms(vehicle, q),
+        **_base(vehicle, q),
         positions=vehicle.positions(q),
         parents=point_parents(vehicle),
-        base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        **_energies(vehicle, q, v, work),
+        weight=_weight(vehicle),
+        **_energies(vehicle, q, v, parts.work),
     )
+
+
+def _base(vehicle: Vehicle, q: Array) -> dict[str, Any]:
+    """Rotation of the base, and angles of its arms, rad, by the names of the fields."""
+    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
+    arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
+    return {**arms, "base_rotation": vehicle.base_rotation(q)}
+
+
+def _weight(vehicle: Vehicle) -> float:
+    """Weight of a robot, N: what its potential energy grows by for each metre of height."""
+    lifted = vehicle.neutral
+    lifted[vehicle.layout.q.position][2] += 1.0
+    return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
 
 
 def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Any]:
@@ -85,24 +99,22 @@ def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, An
     return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
 
 
-def _base_arms(vehicle: Vehicle, q: Array) -> dict[str, Any]:
-    """Measured and desired angles of base arms, rad, by the names of the fields."""
-    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
-    return {"base_arm_angles": measured, "base_arm_angles_desired": desired}
-
-
-def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Any]:
-    """Inputs, with their ranges between samples.
+def _inputs(
+    loop: ClosedLoop, history: StateHistory, commanded: Array, applied: Array
+) -> dict[str, Any]:
+    """Inputs, with their limits and their ranges between samples.
 
     Args:
+        loop: The closed loop that was integrated.
         history: Samples of the state.
         commanded, applied: Inputs (s, nu) at the samples.
 
     Returns:
-        Series (s, nu) by the names of their fields.
+        Series (s, nu) and limits (2, nu) by the names of their fields.
     """
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
-    known = {"commanded": commanded, "applied": applied}
+    limits = np.array(loop.actuators.inputs)
+    known = {"commanded": commanded, "applied": applied, "input_limits": limits}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
 
 

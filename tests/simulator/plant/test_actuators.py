@@ -169,7 +169,8 @@ def test_only_motors_with_a_time_constant_lag(folders: dict[str, Path]) -> None:
     """In open loop, along a path on which the thrusts change."""
     path = {"kind": "line", "start": [0, 0, 2], "end": [0, 0, 2.5], "duration": 0.5}
     finely = {"rate": 1000}
-    scenario = hover(control={"law": "open_loop"}, base={"path": path}, integration=finely)
+    control = {"control": {"law": "open_loop"}, "motors": {"compensation": False}}
+    scenario = hover(**control, base={"path": path}, integration=finely)
     arm = {"limits_deg": {Vehicle(load(folders["mixed"])).joint_names[0]: [-90, 90]}}
     scenario = replace(scenario, arm=hover(arm=arm).arm)
     flight = simulate(load(folders["mixed"], "c"), scenario)

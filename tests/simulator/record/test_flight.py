@@ -76,6 +76,12 @@ def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_p
     assert np.array_equal(column["work [J]"], flight.work)
 
 
+def test_the_weight_is_that_of_the_masses(flight: Flight) -> None:
+    """9 kg: a base of six arms of 0.5 m with 1 kg/m, and two links of 3 m with 1 kg/m."""
+    assert flight.weight == pytest.approx(9.0 * 9.81)
+    assert np.all(np.isinf(flight.input_limits))
+
+
 def test_errors_are_distances(flight: Flight) -> None:
     assert flight.centre_error[0] == pytest.approx(0.1, abs=1e-12)
     assert flight.energy_error[0] == 0
