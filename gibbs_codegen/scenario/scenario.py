@@ -15,6 +15,7 @@ from gibbs_codegen.scenario.environment import Payload, Wall, Wind
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 from gibbs_codegen.scenario.sensors import Sensors
+from gibbs_codegen.scenario.timing import Timing
 
 Method = Literal["adaptive", "rk4"]
 
@@ -141,6 +142,7 @@ class Scenario:
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
     plant: Mapping[str, float] = field(default_factory=dict)
+    timing: Timing = field(default_factory=Timing)
     description: str = ""
 
     def __post_init__(self) -> None:
