@@ -90,12 +90,13 @@ def _desired(closed: ClosedLoop, acting: Acting) -> Values:
 
 
 class _Gains(ctypes.Structure):
-    _fields_ = (("stiffness", POINTER), ("damping", POINTER))
+    _fields_ = (("stiffness", POINTER), ("damping", POINTER), ("integral", _NUMBER))
 
 
 def _gains(closed: ClosedLoop, acting: Acting) -> Values:
     gains = closed.controller.gains
-    return {"stiffness": gains.stiffness, "damping": gains.damping}
+    names = ("stiffness", "damping", "integral")
+    return {name: getattr(gains, name) for name in names}
 
 
 class _Rotors(ctypes.Structure):
