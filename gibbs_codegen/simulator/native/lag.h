@@ -83,10 +83,12 @@ static int compensate(const Loop *f, const Moment *now, double *inputs, Room roo
     return DONE;
 }
 
-/* Room that `compensate` takes besides that of the law. */
-static ptrdiff_t room_of_lag(const Loop *f)
+/* Room that a command takes, of which the law itself takes `law`. */
+static ptrdiff_t room_of_command(const Loop *f, ptrdiff_t law)
 {
-    return 2 * size_of(f) + 2 * inputs_of(f) + 3 * f->layout.coordinates;
+    const Layout *const at = &f->layout;
+    const ptrdiff_t motion = at->coordinates + at->velocities + at->memory;
+    return f->actuators.compensates ? 2 * motion + inputs_of(f) + 3 * at->coordinates + law : law;
 }
 
 #endif

@@ -4,7 +4,8 @@
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
  * every robot. The state is q, v, the work of the inputs and of the wrenches on frames less what
- * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
+ * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may
+ * have any length.
  */
 
 #include <math.h>
@@ -98,7 +99,7 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop);
 ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
 {
     const ptrdiff_t n = loop->layout.coordinates;
-    const ptrdiff_t law = room_of_law(loop) + room_of_lag(loop), plant = room_of_plant(loop);
+    const ptrdiff_t law = room_of_command(loop, room_of_law(loop)), plant = room_of_plant(loop);
     const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
     return loop->layout.rotors + 3 * size_of(loop) + 3 * (3 * n) + stage;
 }

@@ -376,7 +376,7 @@ static void jacobians(const void *k, const double *q, double *out)
     filled_with(out, 6 * n * FRAMES, q);
 }
 
-static void moving(const void *k, const double *q, const double *v, double *out)
+static void of_frames(const void *k, const double *q, const double *v, double *out)
 {
     (void)k;
     (void)v;
@@ -417,7 +417,7 @@ int main(void)
         rotors = large ? 256 : BASE + draw(5);
         const int turning = draw(2) == 0; /* attitude by a quaternion */
         const ptrdiff_t coordinates = n + turning;
-        Loop f = {{forward, inverse, inputs, pushed, forces, poses, jacobians, moving, moving}};
+        Loop f = {{forward, inverse, inputs, pushed, forces, poses, jacobians, of_frames, of_frames}};
         f.layout.coordinates = coordinates;
         f.layout.velocities = n;
         f.layout.rotors = rotors;
@@ -448,6 +448,7 @@ int main(void)
         f.actuators.least = least;
         f.actuators.most = most;
         f.actuators.lags = draw(2) == 0;
+        f.actuators.compensates = f.actuators.lags && draw(2) == 0;
         f.actuators.lag = lag;
         double *held = filled(acting);
         f.held = held;
