@@ -24,7 +24,7 @@ from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.environment import Environment
-from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 
 
 class Parts(NamedTuple):
