@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
+from gibbs_codegen.simulator.control.geometric import GeometricLaw
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.environment_part import (
@@ -34,9 +35,11 @@ FUNCTIONS = (
     "frame_jacobians",
     "frame_velocities",
     "frame_bias_accelerations",
+    "centre_of_mass",
+    "centre_of_mass_jacobian",
 )
 # As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
-LAWS = ("computed_torque", "open_loop", "off", "held")
+LAWS = ("computed_torque", "open_loop", "off", "held", "geometric")
 
 Values = Mapping[str, Any]
 
@@ -87,6 +90,17 @@ def _desired(closed: ClosedLoop, acting: Acting) -> Values:
         "piece": reference.step,
         "coefficients": reference.coefficients,
     }
+
+
+class _Centre(ctypes.Structure):
+    _fields_ = (("mass", _NUMBER), ("weight", POINTER), ("coefficients", POINTER))
+
+
+def _centre(closed: ClosedLoop, acting: Acting) -> Values:
+    law = closed.controller
+    if not isinstance(law, GeometricLaw):
+        return {}
+    return {"mass": law.mass, "weight": law.weight, "coefficients": law.centre.coefficients}
 
 
 class _Gains(ctypes.Structure):
@@ -158,6 +172,7 @@ class _Envelope(ctypes.Structure):
 _PARTS: tuple[tuple[str, Any, Callable[[ClosedLoop, Acting], Values]], ...] = (
     ("layout", _Layout, _layout),
     ("desired", _Desired, _desired),
+    ("centre", _Centre, _centre),
     ("gains", _Gains, _gains),
     ("flown", _Rotors, lambda closed, acting: _rotors(closed.vehicle)),
     ("known", _Rotors, lambda closed, acting: _rotors(closed.controller.vehicle)),

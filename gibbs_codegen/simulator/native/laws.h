@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "allocation.h"
+#include "geometric.h"
 #include "kinematics.h"
 #include "loop.h"
 
@@ -57,6 +58,8 @@ static int command(const Loop *f, const Moment *now, double *inputs, Room room)
         return computed_torque(f, now, inputs, room);
     case OPEN_LOOP:
         return open_loop(f, now, inputs, room);
+    case GEOMETRIC:
+        return geometric(f, now, inputs, room);
     case HELD:
         memcpy(inputs, f->held, size);
         return DONE;
@@ -70,7 +73,8 @@ static int command(const Loop *f, const Moment *now, double *inputs, Room room)
 static ptrdiff_t room_of_law(const Loop *f)
 {
     const ptrdiff_t m = f->layout.velocities, allocating = room_of_allocation(f);
-    return 2 * m + (allocating > 2 * m ? allocating : 2 * m);
+    /* Of errors and a Jacobian, accelerations and forces. */
+    return 5 * m + (allocating > 2 * m ? allocating : 2 * m);
 }
 
 /* How what a law remembers grows: the integrals of the errors, if there are any. */

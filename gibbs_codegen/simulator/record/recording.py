@@ -164,7 +164,8 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array)
     """
     if not (arm := _tangent_arm(scenario)):
         return np.zeros(len(time))
-    angle = vehicle.arm_angles()[arm - 1]
+    angles = vehicle.arm_angles()
+    angle = angles[arm - 1] if len(angles) else 0.0  # A base without arms follows with its x axis.
     direction = vehicle.base_rotation(q) @ np.array([np.cos(angle), np.sin(angle), 0.0])
     return heading_error(scenario.base, time, direction)
 

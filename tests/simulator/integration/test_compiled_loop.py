@@ -408,6 +408,20 @@ static void surroundings(Environment *e, double *push, double *rows)
     e->payload = payload;
 }
 
+static void centre_of_mass(const void *k, const double *q, double *out)
+{
+    (void)k;
+    memcpy(out, q + n - 3, 3 * sizeof *out);
+}
+
+static void jacobian(const void *k, const double *q, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < 3 * n; ++i) {
+        out[i] = q[i % n];
+    }
+}
+
 int main(void)
 {
     ptrdiff_t steps = 0, whole = 0;
@@ -417,7 +431,8 @@ int main(void)
         rotors = large ? 256 : BASE + draw(5);
         const int turning = draw(2) == 0; /* attitude by a quaternion */
         const ptrdiff_t coordinates = n + turning;
-        Loop f = {{forward, inverse, inputs, pushed, forces, poses, jacobians, of_frames, of_frames}};
+        Loop f = {{forward, inverse, inputs, pushed, forces, poses, jacobians, of_frames, of_frames,
+                   centre_of_mass, jacobian}};
         f.layout.coordinates = coordinates;
         f.layout.velocities = n;
         f.layout.rotors = rotors;
@@ -431,7 +446,7 @@ int main(void)
         f.layout.quaternion = f.layout.attitude;
         f.layout.placed = f.layout.position;
         f.desired.pieces = 1 + draw(4);
-        f.law = (int)draw(4);
+        f.law = (int)draw(turning ? 5 : 4);
         f.layout.memory = draw(3);
         double *wrenches = filled(FRAMES * BASE), *rows = filled(15 + 27 + 18 + 6);
         surroundings(&f.environment, wrenches, rows);
@@ -476,6 +491,10 @@ int main(void)
         f.sharing.least = lowest;
         f.sharing.most = highest;
         double *stiffness = filled(n), *damping = filled(n), *losses = filled(n);
+        double *weight = filled(3), *path = filled(f.desired.pieces * POWERS * 3);
+        f.centre.mass = 1.5;
+        f.centre.weight = weight;
+        f.centre.coefficients = path;
         f.desired.coefficients = coefficients;
         f.sharing.distribution = distribution;
         f.gains.stiffness = stiffness;
@@ -516,6 +535,8 @@ int main(void)
         free(held);
         free(bounds);
         free(coefficients);
+        free(weight);
+        free(path);
         free(distribution);
         free(columns);
         free(centre);
