@@ -55,7 +55,7 @@ DATA = """
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
-    scenarios/circle.toml scenarios/hover.toml scenarios/inspection.toml
+    scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml
     templates/acados_script.py.jinja templates/acados_source.c.jinja
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja

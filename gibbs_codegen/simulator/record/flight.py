@@ -64,8 +64,10 @@ class Flight(Series):
             OutputError: If it cannot be written.
         """
         fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        # Without names there is nothing to tell that they are text.
+        texts = {k: np.array(v, dtype=str) for k, v in fields.items() if isinstance(v, tuple)}
         try:
-            np.savez_compressed(path, **fields)
+            np.savez_compressed(path, **(fields | texts))
         except OSError as error:
             raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 

@@ -29,6 +29,9 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "control_rate": np.array(0.0),
         "weight": np.array(np.nan),
         "input_limits": np.stack([-endless, endless]),
+        "timing": np.array(""),
+        "binding": np.array([], dtype=str),
+        "binding_times": np.zeros((0, 2)),
         "frames": np.array([], dtype=str),
         "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.desired.timed_motion import TimedMotion
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -43,13 +47,13 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         input_names=vehicle.inputs,
         points=vehicle.points,
         constraint_names=vehicle.constraint_names,
-        tangent_arm=_tangent_arm(scenario),
+        tangent_arm=_tangent_arm(vehicle, scenario),
         stopped=history.stopped,
         time=time,
         q=q,
         v=v,
         a=a,
-        **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
+        **_desired(reference),
         **_inputs(loop, history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         frames=vehicle.frames,
@@ -66,7 +70,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _base(vehicle: Vehicle, q: Array) -> dict[str, Array]:
+def _base(vehicle: Vehicle, q: Array) -> dict[str, Any]:
     """Rotation of the base, and angles of its arms, rad, by the names of the fields."""
     measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
     arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
@@ -80,7 +84,7 @@ def _weight(vehicle: Vehicle) -> float:
     return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
 
 
-def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Array]:
+def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Any]:
     """Energies and work, by the names of the fields.
 
     Args:
@@ -97,7 +101,7 @@ def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Ar
 
 def _inputs(
     loop: ClosedLoop, history: StateHistory, commanded: Array, applied: Array
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Inputs, with their limits and their ranges between samples.
 
     Args:
@@ -114,6 +118,30 @@ def _inputs(
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
 
 
+def _desired(reference: tuple[Array, Array, Array]) -> dict[str, Any]:
+    """Desired coordinates (s, nq), velocities and accelerations (s, nv) by names of fields."""
+    return dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True))
+
+
+def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
+    """The flight with what is to be said of its timing.
+
+    Args:
+        flight: The flight.
+        motion: What was flown.
+
+    Returns:
+        The flight.
+    """
+    times = [(each.begin, each.end) for each in motion.binding]
+    return replace(
+        flight,
+        timing=motion.said,
+        binding=tuple(each.what for each in motion.binding),
+        binding_times=np.reshape(times, (-1, 2)),
+    )
+
+
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     """Unit vectors of the thrusts in the base's frame, at coordinates (s, nq).
 
@@ -125,9 +153,10 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     return directions
 
 
-def _tangent_arm(scenario: Scenario) -> int:
+def _tangent_arm(vehicle: Vehicle, scenario: Scenario) -> int:
     """The base arm that points along the path, from 1, or 0 for none."""
-    return scenario.attitude.arm if isinstance(scenario.attitude, Tangent) else 0
+    attitude = scenario.attitude
+    return attitude.arm if isinstance(attitude, Tangent) and len(vehicle.arm_angles()) else 0
 
 
 def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
@@ -162,7 +191,7 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array)
     Returns:
         Angles (s), rad; 0 where no arm follows the path.
     """
-    if not (arm := _tangent_arm(scenario)):
+    if not (arm := _tangent_arm(vehicle, scenario)):
         return np.zeros(len(time))
     angles = vehicle.arm_angles()
     angle = angles[arm - 1] if len(angles) else 0.0  # A base without arms follows with its x axis.
