@@ -2,8 +2,8 @@
 
 A law remembers the integral z of each error e, and corrects as if the error were e + i z, with
 a rate i that is given. So ë + d ė + k (e + i z) = 0 where the model is exact, and under a constant
-disturbance e⃛ + d ë + k ė + i k e = 0, which comes to rest at no error. By Routh that is stable where
-i is less than d. While an input is at a limit, what is remembered may shrink but not grow.
+disturbance e⃛ + d ë + k ė + i k e = 0, which comes to rest at no error. By Routh that is stable
+where i is less than d. While an input is at a limit, what is remembered may shrink but not grow.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ def check_integral(integral: float, damping: Array) -> None:
     if integral and integral >= bound:
         raise UsageError(
             f"control.integral: {integral:g} 1/s makes errors grow; must be below {bound:g} 1/s"
-            ", 2 × damping_ratio × the least frequency, and errors do not swing from a seventh of the "
-            "frequency downwards"
+            ", 2 × damping_ratio × the least frequency"
         )
 
 
