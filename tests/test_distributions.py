@@ -46,8 +46,8 @@ DATA = """
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
     simulator/native/allocation.h simulator/native/bounded.h simulator/native/environment.h
-    simulator/native/geometric.h simulator/native/kinematics.h simulator/native/lag.h
-    simulator/native/laws.h
+    simulator/native/geometric.h simulator/native/integral.h simulator/native/kinematics.h
+    simulator/native/lag.h simulator/native/laws.h
     simulator/native/loop.h simulator/native/plant.h simulator/native/ranges.h
     simulator/native/reference.h
     simulator/native/rk4.c simulator/native/vectors.h

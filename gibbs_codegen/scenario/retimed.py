@@ -85,4 +85,11 @@ def stretched(scenario: Scenario, factor: float) -> Scenario:
             attitude, duration=factor * attitude.duration, begin=factor * attitude.begin
         )
     slower = retimed(scenario, factor * scenario.duration, Stretched(factor))
-    return replace(slower, attitude=attitude)
+    moves = {
+        joint: [
+            replace(move, begin=factor * move.begin, duration=factor * move.duration)
+            for move in each
+        ]
+        for joint, each in scenario.arm.moves.items()
+    }
+    return replace(slower, attitude=attitude, arm=replace(slower.arm, moves=moves))

@@ -104,12 +104,13 @@ def _centre(closed: ClosedLoop, acting: Acting) -> Values:
 
 
 class _Gains(ctypes.Structure):
-    _fields_ = (("stiffness", POINTER), ("damping", POINTER))
+    _fields_ = (("stiffness", POINTER), ("damping", POINTER), ("integral", _NUMBER))
 
 
 def _gains(closed: ClosedLoop, acting: Acting) -> Values:
     gains = closed.controller.gains
-    return {"stiffness": gains.stiffness, "damping": gains.damping}
+    names = ("stiffness", "damping", "integral")
+    return {name: getattr(gains, name) for name in names}
 
 
 class _Rotors(ctypes.Structure):

@@ -31,7 +31,7 @@ static void moving(const Loop *f, const Moment *now, const double *inputs, doubl
     }
     rate += at->coordinates;
     f->functions.forward_dynamics(f->model, now->q, now->v, acting, rate);
-    remember(f, now, rate + at->velocities);
+    remember(f, now, rate + at->velocities, room);
 }
 
 /* Inputs that the law wants some time ahead, for which the motion goes on at a rate; or REFUSED. */

@@ -19,6 +19,7 @@ static void corrected(const Loop *f, const Moment *now, double *restrict out, Ro
     double *const off = take(&room, 2 * m);
     errors_of(at, wanted, now->q, now->v, off);
     for (ptrdiff_t i = 0; i < m; ++i) {
+        off[i] += at->memory ? f->gains.integral * now->memory[i] : 0.0;
         off[i] = f->gains.stiffness[i] * off[i] + f->gains.damping[i] * off[m + i];
         out[i] = wanted[n + m + i] + off[i];
     }
@@ -76,11 +77,14 @@ static ptrdiff_t room_of_law(const Loop *f)
     return 5 * m + (allocating > 2 * m ? allocating : 2 * m);
 }
 
-/* How what a law remembers grows. */
-static void remember(const Loop *f, const Moment *now, double *growth)
+/* How what a law remembers grows: the integrals of the errors, if there are any. */
+static void remember(const Loop *f, const Moment *now, double *growth, Room room)
 {
-    (void)now;
-    memset(growth, 0, (size_t)f->layout.memory * sizeof *growth);
+    if (f->layout.memory) {
+        double *const off = take(&room, 2 * f->layout.velocities);
+        errors_of(&f->layout, now->wanted, now->q, now->v, off);
+        memcpy(growth, off, (size_t)f->layout.memory * sizeof *growth);
+    }
 }
 
 #endif

@@ -68,6 +68,7 @@ typedef struct {
 typedef struct {
     const double *stiffness; /* [velocities] */
     const double *damping;   /* [velocities] */
+    double integral;         /* rate of integral action, 1/s */
 } Gains;
 
 /* Rotors of the robot that flies or of the one that the law knows. */

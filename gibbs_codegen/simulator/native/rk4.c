@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "environment.h"
+#include "integral.h"
 #include "kinematics.h"
 #include "lag.h"
 #include "laws.h"
@@ -45,12 +46,16 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
     if (f->actuators.compensates && compensate(f, &now, inputs, room) == REFUSED) {
         return REFUSED;
     }
+    const int wound = at->memory && at_limits(f, inputs);
     widen(inputs_of(f), inputs, range);
     limit(f, inputs);
     actuate(f, now.thrusts, inputs, rate + n + m + 1);
     widen(inputs_of(f), inputs, range ? range + 2 * inputs_of(f) : NULL);
     rate[n + m] = move(f, &now, inputs, rate + n, room);
-    remember(f, &now, rate + memory);
+    remember(f, &now, rate + memory, room);
+    if (wound) {
+        keep_from_winding(f, now.memory, rate + memory);
+    }
     return DONE;
 }
 
