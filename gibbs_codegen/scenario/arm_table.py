@@ -44,6 +44,8 @@ JointName = Annotated[
 ]
 
 _MOST_MOVES = 1000
+# Tables of travels in m, which with _deg have angles in degrees.
+_BOTH_UNITS = ("posture", "guess", "limits", "moves")
 _FILE = "default: as the robot file has them"
 
 
@@ -177,10 +179,8 @@ class ArmTable(Table):
             joint: (math.radians(low), math.radians(high))
             for joint, (low, high) in self.limits_deg.items()
         }
-        travels = (self.posture or {}, self.guess or {}, self.limits, self.moves)
-        angles = (self.posture_deg or {}, self.guess_deg or {}, self.limits_deg, self.moves_deg)
-        named = [(joint, "m") for table in travels for joint in table]
-        named += [(joint, "rad") for table in angles for joint in table]
+        tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
+        named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
         return ArmTask(
             tip,
             _joint_values(self.posture, self.posture_deg),

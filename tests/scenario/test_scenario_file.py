@@ -169,7 +169,15 @@ def test_all_keys() -> None:
             limits={"d_8": (0, 0.5), "theta_9": (np.radians(-120), 0)},
             effort={"theta_7": 20, "d_8": 30},
             velocity={"theta_9": 3},
-            units=frozenset({("d_8", "m"), ("theta_7", "rad"), ("theta_9", "rad")}),
+            named=frozenset(
+                {
+                    ("d_8", "guess"),
+                    ("d_8", "limits"),
+                    ("theta_7", "guess_deg"),
+                    ("theta_9", "guess_deg"),
+                    ("theta_9", "limits_deg"),
+                }
+            ),
         ),
         start=StartOffset(
             (0.1, -0.2, 0.3), (pytest.approx(5 * degree), 0, pytest.approx(-15 * degree))
@@ -778,7 +786,7 @@ def test_moves_of_joints() -> None:
     after = {"to": 0.0, "begin": 3, "duration": 1}
     arm = read_scenario("hover", {"arm": {"moves_deg": {"theta_7": [leg, after]}}}).arm
     assert arm.moves == {"theta_7": [Move(math.pi / 2, 1, 2), Move(0.0, 3, 1)]}
-    assert arm.units == {("theta_7", "rad")}
+    assert arm.named == {("theta_7", "moves_deg")}
     for moves, words in (
         ([leg, leg], r"begin: must not be before 3, when the move before it ends, not 1"),
         ([{"to": 90, "duration": 0}], r"arm\.moves_deg\.theta_7 1: duration"),

@@ -424,8 +424,13 @@ def test_every_compiled_step_is_that_of_python(name: str, fast: Load) -> None:
         ),
         (
             {"plant": {"gravty": 9}},
-            r"hexarotor_3link: plant: unknown parameter 'gravty': did you mean gravity\?; its "
-            r"parameters: gravity, ",
+            r"hexarotor_3link: plant: unknown parameter 'gravty': did you mean gravity\?; "
+            r"PARAMETERS of the module lists all \d+$",
+        ),
+        ({"plant": {"zzz": 9}}, r"'zzz': PARAMETERS has all names; its parameters: gravity, "),
+        (
+            {"plant": {"gravity": 9, "link2_mass_per_length": -100}},
+            r"acceleration undetermined: .*; given: gravity = 9, link2_mass_per_length = -100$",
         ),
         ({"plant": {"link2_mass_per_length": -100}}, "3link: plant: these parameters leave an"),
     ],
