@@ -117,6 +117,12 @@ class Leaning:
         time = self.joints.time
         needed = self.centre[:, 2] + np.array([0.0, 0.0, self.gravity])
         size = np.linalg.norm(needed, axis=-1)
+        falls = needed[:, 2] * self.gravity < -_LEAST_THRUST * self.gravity**2
+        check_none(
+            time,
+            falls & (self.upright[0][:, 2] * self.gravity > 0.0),
+            "the path of the base falls faster than freely, for which thrust has to push down",
+        )
         check_none(
             time,
             size < _LEAST_THRUST * self.gravity,

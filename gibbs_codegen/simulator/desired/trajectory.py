@@ -215,6 +215,16 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
 
 
 def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> Array:
+    """Coordinates of all joints, of which a table gives some.
+
+    Args:
+        vehicle: The robot.
+        values: Coordinates by name, rad or m; those left out are 0.
+        table: The table, for a message.
+
+    Returns:
+        The coordinates (n).
+    """
     found = np.zeros(vehicle.joints)
     for name, value in values.items():
         found[joint_place(vehicle, name, table)] = value
