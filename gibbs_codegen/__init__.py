@@ -51,18 +51,22 @@ if TYPE_CHECKING:
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
+    from gibbs_codegen.simulator.control.sensing import Observation as Observation
     from gibbs_codegen.simulator.record.flight import Flight as Flight
     from gibbs_codegen.simulator.record.flight import read_flight as read_flight
     from gibbs_codegen.simulator.simulation import simulate as simulate
+    from gibbs_codegen.simulator.stepping import Simulation as Simulation
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
 _LAZY = {
     "ChainEquation": "equations.chain_equation",
     "Flight": "simulator.record.flight",
+    "Observation": "simulator.control.sensing",
     "ReachableWrenches": "analysis.reach",
     "Regulator": "analysis.regulator",
     "Scenario": "scenario.scenario",
+    "Simulation": "simulator.stepping",
     "Trim": "analysis.trim",
     "Verification": "verification.verify",
     "as_latex": "equations.layout",

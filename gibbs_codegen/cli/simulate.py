@@ -72,7 +72,7 @@ def _simulate(options: argparse.Namespace) -> int:
     ):
         module = load(folder, options.backend)
         start = time.perf_counter()
-        flight = simulate(module, scenario, progress)
+        flight = simulate(module, scenario, progress=progress)
         seconds = time.perf_counter() - start
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
     tip = f"tip {max(flight.tip_error):.2g} m, " if flight.has_tip else ""

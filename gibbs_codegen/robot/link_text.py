@@ -90,6 +90,9 @@ def rotor_lines(robot: Robot, k: int) -> list[str]:
         lines.append(f"limits = [{numbers(rotor.limits)}]")
     if rotor.time_constant is not None:
         lines.append(f"time_constant = {rotor.time_constant!r}")
+    if rotor.spin_inertia is not None:
+        lines.append(f"spin_inertia = {rotor.spin_inertia!r}  # kg m^2")
+        lines.append(f"speed_per_sqrt_thrust = {rotor.speed_per_sqrt_thrust!r}  # (rad/s)/sqrt(N)")
     return lines
 
 

@@ -171,7 +171,8 @@ class Rotor:
 
     `drag` is the reaction torque about the direction per unit of thrust, in m: negative for a rotor
     that spins counter-clockwise, seen from the tip of its thrust. `limits` of the thrust in N and
-    `time_constant` in s are for simulators and controllers.
+    `time_constant` in s are for simulators and controllers. So are `spin_inertia` in kg m² of what
+    turns with the rotor, and its `speed_per_sqrt_thrust` in (rad/s)/√N, both or none.
     """
 
     position: Vector3 = (0.0, 0.0, 0.0)
@@ -181,6 +182,8 @@ class Rotor:
     name: str | None = None
     limits: tuple[float, float] | None = None
     time_constant: float | None = None
+    spin_inertia: float | None = None
+    speed_per_sqrt_thrust: float | None = None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from pydantic import Field
 
@@ -72,11 +74,37 @@ class RotorTable(Table):
     time_constant: NotNegative | None = Field(
         default=None, description="time constant of its thrust, for simulators, s; default: none"
     )
+    spin_inertia: NotNegative | None = Field(
+        default=None,
+        description="moment of inertia of what spins with it, about its axis, for gyroscopic "
+        "torques in simulators, kg m^2; default: none",
+    )
+    speed_per_sqrt_thrust: NotNegative | None = Field(
+        default=None,
+        description="its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); "
+        "default: none",
+    )
 
     @classmethod
     def synonyms(cls) -> Mapping[str, str]:
         """Links and frames have their place in xyz."""
         return {"xyz": "position"}
+
+    @classmethod
+    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of a rotor of which the angular momentum is not known.
+
+        Args:
+            values: The table as it stands in the file.
+
+        Yields:
+            Key and words.
+        """
+        for key, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
+            if key in values and other not in values:
+                yield key, f"needs {other} beside it: give both or none"
+        if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
+            yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
 
     def rotor(self, on: int) -> Rotor:
         """The rotor that the table describes.
@@ -95,6 +123,8 @@ class RotorTable(Table):
             self.name,
             self.limits,
             self.time_constant,
+            self.spin_inertia,
+            self.speed_per_sqrt_thrust,
         )
 
 

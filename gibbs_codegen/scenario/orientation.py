@@ -85,7 +85,7 @@ class Turn:
 class Tangent:
     """The paper's attitude (section 4): one base arm along the path, the normal nearest to Z.
 
-    `arm` is the number of that arm, from 1 to N.
+    `arm` is the number of that arm, from 1 to N. A base without arms has its x axis along the path.
     """
 
     arm: int = 2
@@ -96,24 +96,22 @@ class Tangent:
         Raises `UsageError` where there is no such arm, and where the path stands still or goes
         straight up or down.
         """
-        if not 1 <= self.arm <= len(arm_angles):
+        if len(arm_angles) and not 1 <= self.arm <= len(arm_angles):
             known = f"there are arms 1 to {len(arm_angles)}"
-            if not len(arm_angles):
-                known = "the base has no arms to follow a path; choose a level attitude"
             raise UsageError(f"base.attitude.arm: {self.arm}: {known}")
-        angle = arm_angles[self.arm - 1]
+        angle = arm_angles[self.arm - 1] if len(arm_angles) else 0.0
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)
-        along = _unit(*(derivatives[..., order, :] for order in (1, 2, 3)))
+        along = unit_derivatives(*(derivatives[..., order, :] for order in (1, 2, 3)))
         _check_direction(time, derivatives[..., 1, :], along[0])
         # Of the vertical, what is at right angles to the tangent.
         height, climb, turn = (t[..., 2:] for t in along)
-        up = _unit(
+        up = unit_derivatives(
             _VERTICAL - height * along[0],
             -climb * along[0] - height * along[1],
             -turn * along[0] - 2.0 * climb * along[1] - height * along[2],
         )
-        side = _cross_derivatives(up, along)
+        side = cross_derivatives(up, along)
         # Columns: the tangent, what lies left of it, the normal; then the base's x in their place.
         cosine, sine = np.cos(angle), np.sin(angle)
         frames = [
@@ -185,7 +183,7 @@ def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
         )
 
 
-def _unit(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
+def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
     """The unit vector along a vector, and its first two derivatives in time.
 
     Args:
@@ -210,10 +208,17 @@ def _unit(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Arra
     return unit, unit_rate, unit_second
 
 
-def _cross_derivatives(
+def cross_derivatives(
     a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Of a × b: the product and its first two derivatives."""
+    """A cross product and its first two derivatives in time.
+
+    Args:
+        a, b: The factors and their first two derivatives (…, 3).
+
+    Returns:
+        The product and its derivatives (…, 3).
+    """
     return (
         np.cross(a[0], b[0]),
         np.cross(a[1], b[0]) + np.cross(a[0], b[1]),

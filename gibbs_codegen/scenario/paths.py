@@ -131,7 +131,7 @@ class Circle:
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
-        first, second = _plane(self.normal)
+        first, second = plane(self.normal)
         rate = np.float64(2.0 * np.pi) / self.period
         out = np.empty((*t.shape, ORDERS, 3))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -191,8 +191,15 @@ def check_path(path: Path, duration: float, what: str) -> None:
             raise UsageError(f"{what}: its {name} is not the derivative of what comes before it")
 
 
-def _plane(normal: Vector) -> tuple[Array, Array]:
-    """Two unit vectors that with the direction of `normal` make a right-handed frame."""
+def plane(normal: Vector) -> tuple[Array, Array]:
+    """Two unit vectors that with the direction of a vector make a right-handed frame.
+
+    Args:
+        normal: The vector (3), of any length.
+
+    Returns:
+        The unit vectors (3).
+    """
     n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
     n /= np.linalg.norm(n)
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

@@ -10,8 +10,10 @@ from typing import Literal
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.checks import require
 from gibbs_codegen.scenario.control import Control, Motors
+from gibbs_codegen.scenario.environment import Payload, Wall, Wind
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
+from gibbs_codegen.scenario.sensors import Sensors
 
 Method = Literal["adaptive", "rk4"]
 
@@ -96,7 +98,8 @@ class Scenario:
 
     Like its parts it raises `UsageError` for values that mean nothing.
 
-    `parameters` are given to the module's `prepare`.
+    `parameters` are given to the module's `prepare`: the robot as the controller knows it. `plant`
+    holds those that are others in the robot that flies.
     """
 
     name: str
@@ -107,9 +110,14 @@ class Scenario:
     start: StartOffset = StartOffset()
     control: Control = field(default_factory=Control)
     motors: Motors = field(default_factory=Motors)
+    sensors: Sensors | None = None
     push: Push | None = None
+    payloads: tuple[Payload, ...] = ()
+    wind: Wind | None = None
+    walls: tuple[Wall, ...] = ()
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    plant: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
 
     def __post_init__(self) -> None:

@@ -1,8 +1,9 @@
 """The tables of a scenario file: what each key may hold, and the scenario that they make.
 
 A key is one field with its description; those of the arm are in `arm_table`, those of control and
-motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`.
-Lengths in m, times in s, angles in degrees where a key ends in `_deg`.
+motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`, those
+of payloads, wind and walls in `environment_tables`. Lengths in m, times in s, angles in degrees
+where a key ends in `_deg`.
 """
 
 from __future__ import annotations
@@ -20,11 +21,18 @@ from pydantic import (
 )
 
 from gibbs_codegen.files.faults import Place, refusal
-from gibbs_codegen.files.fields import Bounds, by_kind, needed
+from gibbs_codegen.files.fields import Bounds, Tables, by_kind, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.model import MAX_ROTORS
 from gibbs_codegen.scenario.arm_table import ArmTable
 from gibbs_codegen.scenario.control_table import ControlTable, MotorsTable
+from gibbs_codegen.scenario.environment_tables import (
+    MOST_PAYLOADS,
+    MOST_WALLS,
+    PayloadTable,
+    WallTable,
+    WindTable,
+)
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.path_tables import PathTable
@@ -36,6 +44,7 @@ from gibbs_codegen.scenario.scenario import (
     Settings,
     StartOffset,
 )
+from gibbs_codegen.scenario.sensors_table import SensorsTable
 
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
@@ -170,17 +179,35 @@ class ScenarioTable(Table):
     )
     control: ControlTable = Field(default_factory=ControlTable, description="the control law")
     motors: MotorsTable = Field(default_factory=MotorsTable, description="limits and lag of motors")
+    sensors: SensorsTable | None = Field(
+        default=None,
+        description="noise and delay of what a sampled law observes; default: the state as it is",
+    )
     push: PushTable | None = Field(
         default=None, description="a force and a torque at a frame; default: none"
     )
     tip_force: TipForceTable | None = Field(
         default=None, description="a force on the tip, as a push of the frame tip; default: none"
     )
+    payload: Annotated[list[PayloadTable], Tables("payload", MOST_PAYLOADS, "payloads")] = Field(
+        default_factory=list, description="point masses at frames, for a time; default: none"
+    )
+    wind: WindTable | None = Field(
+        default=None, description="wind, and the drag of frames; default: none"
+    )
+    wall: Annotated[list[WallTable], Tables("wall", MOST_WALLS, "walls")] = Field(
+        default_factory=list, description="planes that frames may lean on; default: none"
+    )
     integration: IntegrationTable = Field(
         default_factory=IntegrationTable, description="method, tolerances and samples"
     )
     parameters: dict[str, Number] = Field(
         default_factory=dict, description="parameters of the module that are changed, SI units"
+    )
+    plant: dict[str, Number] = Field(
+        default_factory=dict,
+        description="parameters of the robot that flies where they differ from those of "
+        "[parameters], which the controller knows, SI units",
     )
 
     @classmethod
@@ -228,8 +255,13 @@ class ScenarioTable(Table):
             start=self.start.start(),
             control=self.control.control(),
             motors=self.motors.motors(),
+            sensors=self.sensors.sensors() if self.sensors else None,
             push=push.push() if push else None,
+            payloads=tuple(table.payload() for table in self.payload),
+            wind=self.wind.wind() if self.wind else None,
+            walls=tuple(table.wall() for table in self.wall),
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,
+            plant=self.plant,
             description=self.description,
         )

@@ -50,6 +50,11 @@ class Reference:
         ]
         self.coefficients: Array = np.stack([p / h**k for k, p in enumerate(powers)], axis=1)
 
+    @property
+    def knots(self) -> Array:
+        """Times of the knots (pieces + 1), s."""
+        return np.linspace(self.begin, self.end, len(self.coefficients) + 1)
+
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
         """q, v and a (…, nq) at times (…); before the first and after the last knot, theirs."""
         t = np.clip(np.asarray(time, dtype=np.float64) - self.begin, 0.0, self.end - self.begin)

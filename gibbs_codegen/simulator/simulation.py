@@ -3,11 +3,15 @@
     Vehicle            module, parameters  → functions and layout of a robot  (plant/vehicle)
       kinematics       layout              → errors and rates of angles or quaternion
     actuators_of       scenario, robot file → limits and lag                  (plant/actuators)
+    Environment        scenario            → wrenches on frames               (plant/environment)
     desired_motion     scenario            → Reference: q, v, a in time       (desired/trajectory)
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
         arm_motion     knots               → joints, knot by knot
-    Controller         reference           → inputs of a state                (control/laws)
+    law_of             rotors              → which law a robot is flown by    (control/choice)
+    Controller         reference           → inputs of a state: computed torque (control/laws)
+    GeometricLaw       reference           → or the geometric law             (control/geometric)
+      law_in_time      law, rate, sensors  → inputs held between samples      (control/sampled)
     ClosedLoop         controller, limits  → derivative of a state            (integration)
     integrate          loop, start         → StateHistory: samples            (integration)
     flight_of          samples             → Flight: all time series          (record/recording)
@@ -19,22 +23,24 @@ The simulator knows a generated module and nothing of how it was derived.
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
-from gibbs_codegen.simulator.control.laws import Controller, Gains
+from gibbs_codegen.simulator.control.choice import control_law, law_of
+from gibbs_codegen.simulator.control.sampled import OwnController, law_in_time
 from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion, starting_state
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.plant.actuators import actuators_of
 from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.flight import Flight
@@ -48,6 +54,7 @@ _ROUNDING = 1e-13
 def simulate(
     robot: ModuleType | str | os.PathLike[str],
     scenario: Scenario | str,
+    controller: OwnController | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Flight:
     """Fly a scenario with the robot of a generated module.
@@ -56,6 +63,8 @@ def simulate(
         robot: A generated module with the back end "numpy" or "c", or the name or path of one,
             which is loaded with the C back end.
         scenario: A scenario, or the name or path of one, which is read.
+        controller: What commands the inputs instead of the scenario's law: a callable that takes an
+            `Observation` and returns inputs u (nu). See docs/controllers.md.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
@@ -65,19 +74,12 @@ def simulate(
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
-    if isinstance(scenario, str):
-        scenario = read_scenario(scenario)
-    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    check_path(scenario.base, scenario.duration, "the path of the base")
-    if scenario.arm.tip is not None:
-        check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
-    vehicle = Vehicle(module, scenario.parameters)
-    loop = _closed_loop(vehicle, scenario, progress)
-    q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
-    _check_mass_matrix(vehicle, q)
+    start = prepared(robot, scenario, progress, own=controller is not None)
+    loop, scenario = start.loop, start.scenario
+    loop = replace(loop, controller=law_in_time(loop.controller, scenario, controller))
     history = integrate(
         loop,
-        loop.start(q, v),
+        loop.start(start.q, start.v),
         scenario.duration,
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
@@ -85,13 +87,58 @@ def simulate(
     return flight_of(loop, scenario, history)
 
 
-def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> ClosedLoop:
-    """Vehicle, controller and motors of a scenario.
+@dataclass(frozen=True)
+class Prepared:
+    """What a flight begins with: scenario, closed loop, and coordinates (nq), velocities (nv)."""
+
+    scenario: Scenario
+    loop: ClosedLoop
+    q: Array
+    v: Array
+
+
+def prepared(
+    robot: ModuleType | str | os.PathLike[str],
+    scenario: Scenario | str,
+    progress: Progress,
+    own: bool,
+) -> Prepared:
+    """Everything up to the begin of a flight.
 
     Args:
-        vehicle: The robot.
+        robot, scenario, progress: As of `simulate`.
+        own: Whether the inputs come from elsewhere than the scenario's law.
+
+    Returns:
+        What the flight begins with; the law is one that is evaluated at all times.
+
+    Raises:
+        UsageError: For a flight that cannot begin.
+    """
+    if isinstance(scenario, str):
+        scenario = read_scenario(scenario)
+    if own:
+        scenario = replace(scenario, control=replace(scenario.control, law="open_loop"))
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    check_path(scenario.base, scenario.duration, "the path of the base")
+    if scenario.arm.tip is not None:
+        check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
+    vehicle = Vehicle(module, scenario.parameters)
+    loop = _closed_loop(vehicle, scenario, progress, own)
+    q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
+    for machine in {vehicle, loop.vehicle}:
+        _check_mass_matrix(machine, q)
+    return Prepared(scenario, loop, q, v)
+
+
+def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool) -> ClosedLoop:
+    """Plant, controller, motors and environment of a scenario.
+
+    Args:
+        vehicle: The robot as the controller knows it.
         scenario: What is flown.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        own: Whether the inputs come from elsewhere than the scenario's law.
 
     Returns:
         The closed loop.
@@ -99,18 +146,23 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
-    law: Law = "computed_torque" if control.law == "tracking" else control.law
-    if law == "computed_torque":
-        allocation.require_all_directions(
-            f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
-            "fully actuated"
-        )
+    if not vehicle.rotors_move:  # What they command is known before there is a motion.
+        law_of(control.law, vehicle, vehicle.neutral, scenario.name)
     reference = desired_motion(vehicle, scenario, progress)
-    if law == "open_loop":
+    law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
+    if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
-    gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
-    controller = Controller(vehicle, reference, allocation, gains, law)
-    return ClosedLoop(vehicle, controller, actuators, scenario.push)
+    controller = control_law(law, control, vehicle, reference, allocation)
+    plant = _plant(vehicle, scenario)
+    environment = Environment.of(plant, scenario, actuators.spins)
+    return ClosedLoop(plant, controller, actuators, environment)
+
+
+def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
+    """The robot that flies, which is the one that the controller knows but for some parameters."""
+    if not scenario.plant:
+        return vehicle
+    return Vehicle(vehicle.module, {**scenario.parameters, **scenario.plant}, "plant")
 
 
 def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
@@ -143,7 +195,7 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     Raises:
         AllocationError: With the first time, of those of the knots.
     """
-    time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
+    time = reference.knots
     q, v, a = reference(time)
     wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
     impossible = np.flatnonzero(allocation.residual_at(q, wrenches))

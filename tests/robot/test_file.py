@@ -57,6 +57,7 @@ def test_robots_that_ship() -> None:
         "hextilt_flying_arm_5",
         "hydrus",
         "quadrotor",
+        "quadrotor_arm_2link",
         "dual_arm",
     }
     for name in shipped_robots():

@@ -154,8 +154,11 @@ def test_level_with_a_heading(heading: float, turn: float) -> None:
 def test_an_arm_that_is_not_there(arm: int) -> None:
     with pytest.raises(UsageError, match=f"base.attitude.arm: {arm}: there are arms 1 to 6"):
         Tangent(arm)(PAPER, TIME, arm_angles(6))
-    with pytest.raises(UsageError, match="the base has no arms to follow a path; choose a level"):
-        Tangent(arm)(PAPER, TIME, arm_angles(6)[:0])
+
+
+def test_a_base_without_arms_has_its_x_axis_along_the_path() -> None:
+    turning = Tangent()(PAPER, TIME, arm_angles(6)[:0])
+    assert heading_error(PAPER, TIME, turning.rotation[:, :, 0]).max() < 1e-12
 
 
 def test_a_path_that_stands_still() -> None:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.files.changes import changes_of
 from gibbs_codegen.scenario.control import Control, Motors
+from gibbs_codegen.scenario.environment import Gust, Payload, Wall, Wind
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
@@ -28,6 +29,7 @@ from gibbs_codegen.scenario.scenario import (
     Settings,
     StartOffset,
 )
+from gibbs_codegen.scenario.sensors import Sensors
 
 LEAST = """
 name = "test"
@@ -65,6 +67,16 @@ FULL: dict[str, Any] = {
         "delay": 0.004,
     },
     "motors": {"limits": [-10, 25], "time_constant": 0.05, "compensation": False},
+    "sensors": {
+        "position": 0.002,
+        "attitude_deg": 0.1,
+        "joints": 0.003,
+        "velocity": 0.01,
+        "angular_velocity": 0.02,
+        "joint_rates": 0.05,
+        "delay": 0.004,
+        "seed": 12345,
+    },
     "push": {"frame": "base", "force": [5, 0, -2], "torque": [0, 3, 1], "begin": 2, "end": 4},
     "integration": {
         "method": "rk4",
@@ -75,6 +87,23 @@ FULL: dict[str, Any] = {
         "divergence": 3,
     },
     "parameters": {"gravity": 3.7, "link_2_mass": 1.5},
+    "plant": {"link_2_mass": 1.7},
+    "payload": [{"frame": "tip", "mass": 0.3, "begin": 1, "end": 3}],
+    "wind": {
+        "velocity": [3, -1, 2],
+        "gusts": [{"amplitude": [1, 2, 4], "begin": 2, "duration": 1.5}],
+        "drag": {"base": 0.4},
+        "rotational_drag": {"base": 0.02},
+    },
+    "wall": [
+        {
+            "frame": "tip",
+            "point": [5, 1, 2],
+            "normal": [-1, 3, 2],
+            "stiffness": 400,
+            "damping": 30,
+        }
+    ],
 }
 
 
@@ -146,9 +175,14 @@ def test_all_keys() -> None:
         ),
         control=Control("open_loop", 4, 0.7, 16, 0.5, 200, 0.004),
         motors=Motors((-10, 25), 0.05, compensation=False),
+        sensors=Sensors(0.002, 0.1 * degree, 0.003, 0.01, 0.02, 0.05, 0.004, 12345),
         push=Push((5, 0, -2), 2, 4, (0, 3, 1), "base"),
         integration=Settings("rk4", 0.002, 1e-8, 1e-9, 50, 3),
         parameters={"gravity": 3.7, "link_2_mass": 1.5},
+        plant={"link_2_mass": 1.7},
+        payloads=(Payload("tip", 0.3, 1, 3),),
+        wind=Wind({"base": 0.4}, (3, -1, 2), (Gust((1, 2, 4), 1.5, 2),), {"base": 0.02}),
+        walls=(Wall("tip", (5, 1, 2), (-1, 3, 2), 400, 30),),
         description="all that can be said",
     )
 
@@ -188,6 +222,8 @@ OTHERS: dict[object, object] = {
     "open_loop": "off",
     "rk4": "adaptive",
     "base": "tip",
+    "tip": "base",
+    12345: 54321,
 }
 
 
@@ -198,7 +234,7 @@ def test_no_key_is_read_in_vain(path: tuple[str | int, ...]) -> None:
     for key in path:
         value = value[key]
     other: object = OTHERS.get(value)
-    if isinstance(value, int | float):
+    if isinstance(value, int | float) and other is None:
         other = not value if isinstance(value, bool) else 0.9 * value + 0.003
     if path[-1] == "kind":
         # Another kind has other keys: those that are there are now unknown, so this one is read.
@@ -230,7 +266,7 @@ def test_postures_in_degrees_and_metres() -> None:
 
 
 def test_scenarios_that_ship() -> None:
-    assert shipped_scenarios() == ("circle", "hover", "line", "paper")
+    assert shipped_scenarios() == ("circle", "hover", "inspection", "line", "paper")
     for name in shipped_scenarios():
         scenario = read_scenario(name)
         assert scenario.name == name
@@ -340,7 +376,11 @@ def tables(value: object, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
             yield from tables(entry, (*path, key))
 
 
-@pytest.mark.parametrize("path", [p for p in tables(FULL) if p != ("parameters",)], ids=".".join)
+# Tables of which only the robot tells what keys they may have.
+ROBOTS_OWN = {("parameters",), ("plant",), ("wind", "drag"), ("wind", "rotational_drag")}
+
+
+@pytest.mark.parametrize("path", [p for p in tables(FULL) if p not in ROBOTS_OWN], ids=".".join)
 def test_unknown_keys_of_any_table(path: tuple[str, ...]) -> None:
     key = "the colour"
     found = "\n".join(faults(document(with_change((*path, key), 1))))
@@ -393,6 +433,10 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("control.law", "off ", "did you mean 'off'?"),
         ("motors.limits", [25, 10], "the least thrust must be below the greatest"),
         ("motors.time_constant", -1, "must be at least 0, not -1"),
+        ("sensors.position", -1, "must be at least 0, not -1"),
+        ("sensors.attitude_deg", 100, "must be at most 90°, not 100"),
+        ("sensors.delay", 11, "must be at most 10 s, not 11"),
+        ("sensors.seed", 1.5, "must be a whole number"),
         ("tip_force", {"begin": 1}, "tip_force.force: missing: [x, y, z] in N"),
         ("tip_force", {"force": [1, 2, 3], "torque": [1, 2, 3]}, "tip_force.torque: unknown key"),
         ("push", {"begin": 1}, "push.force: missing: give a force, a torque, or both"),
@@ -415,6 +459,26 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("parameters.gravity", {"a": 1}, "gravity: must be a number, not a table"),
         ("parameters", {"\x1b": "x"}, r"parameters.'\x1b': must be a number, not a string"),
         ("parameters", {"x[1].y": "x"}, "parameters.'x[1].y': must be a number, not a string"),
+        ("plant.gravity", "x", "plant.gravity: must be a number, not a string"),
+        ("payload", {"frame": "tip"}, "must be an array of tables, [[payload]], not a table"),
+        ("payload", [{"mass": 1}], "payload 1: frame: missing: the frame at whose origin it is"),
+        ("payload", [{"frame": "tip", "mass": 0}], "mass: must be at least 1e-09, not 0"),
+        (
+            "payload",
+            [{"frame": "tip", "mass": 1, "begin": 2, "end": 2}],
+            "payload 1: end: must be after begin, 2 s",
+        ),
+        ("payload", [{"frame": "tip", "mass": 1}] * 21, "21 payloads; give at most 20"),
+        ("wind", {"velocity": [1, 0, 0]}, "wind.drag: missing: coefficients of drag, N s/m, by"),
+        ("wind.drag", {}, "wind.drag: names no frame; give frames and their coefficients"),
+        ("wind.drag", {"base": -1}, "wind.drag.base: must be at least 0, not -1"),
+        ("wind.gusts", [{"amplitude": [1, 0, 0]}], "duration: missing: how long it lasts, s"),
+        (
+            "wind.gusts",
+            [{"amplitude": [1, 0, 0], "duration": 0}],
+            "duration: must be at least 1e-09, not 0",
+        ),
+        ("wall", [{"frame": "tip"}], "wall 1: point: missing: a point of the plane"),
         ("base.path.radius", -(10**13), "must be at most 1e+12 in size, not -10000000000000"),
     ],
 )

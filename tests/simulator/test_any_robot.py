@@ -38,6 +38,7 @@ from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.allocation import AllocationError
+from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.record.connections import point_parents
@@ -160,7 +161,8 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[1:] = lag  # The first motor does not lag.
-    closed = ClosedLoop(vehicle, controller, actuators, push)
+    environment = Environment(vehicle, push) if push else None
+    closed = ClosedLoop(vehicle, controller, actuators, environment)
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
@@ -217,11 +219,9 @@ def test_rotors_on_links_are_allocated_by_configuration(everything: ModuleType) 
     assert np.all(np.linalg.norm(thrusts[0], axis=1) <= np.linalg.norm(thrusts[1], axis=1) + 1e-9)
 
 
-def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
+def test_hydrus_hovers_in_open_loop(compiled: Load) -> None:
     changes = {"arm": {"posture_deg": {"joint1": 90, "joint2": 90, "joint3": 90}}}
     scenario = replace(read_scenario("hover", changes), integration=RK4, duration=0.1)
-    with pytest.raises(AllocationError, match="the base must be fully actuated"):
-        simulate(compiled("hydrus"), scenario)
     flight = simulate(
         compiled("hydrus"), replace(scenario, control=replace(scenario.control, law="open_loop"))
     )

@@ -28,8 +28,8 @@ from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Te
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
 from gibbs_codegen.simulator.desired.hanging import hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Array, Limits
+from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import KNOT_SPACING, knots
-from gibbs_codegen.simulator.desired.trajectory import desired_with_posture
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 
@@ -259,7 +259,7 @@ def test_a_jump_late_in_a_motion_is_told(hexa: Vehicle) -> None:
 def test_a_posture_is_held(hexa: Vehicle) -> None:
     base = desired_base(hexa, knots(0.1), Fixed((0, 0, 1)), LEVEL)
     posture = np.array([0.1, -1.0, 0.5])
-    motion = desired_with_posture(hexa, base, posture)
+    motion = with_joints(hexa, base, joint_motion(hexa, posture, base.time))
     assert_array_equal(motion.q[:, hexa.arm], [posture] * len(motion.q))
     assert not motion.v[:, hexa.arm].any()
     assert not motion.a[:, hexa.arm].any()

@@ -244,7 +244,7 @@ def test_progress_is_told(fast: Load) -> None:
     simulate(
         fast("hexarotor_3link"),
         read_scenario("paper", {"duration": 0.5}),
-        lambda what, share: told.append((what, share)),
+        progress=lambda what, share: told.append((what, share)),
     )
     for what in ("inverse kinematics", "flying"):
         shares = [share for name, share in told if name == what]

@@ -29,7 +29,24 @@ def required_inputs(
     Raises:
         AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
     """
-    force = vehicle.inverse_dynamics(q, v, a)
+    return inputs_of(vehicle, allocation, q, vehicle.inverse_dynamics(q, v, a))
+
+
+def inputs_of(vehicle: Vehicle, allocation: Allocation, q: Array, force: Array) -> Array:
+    """Inputs that produce a generalised force.
+
+    Args:
+        vehicle: The robot.
+        allocation: Control allocation of its rotors.
+        q: Coordinates (…, nq).
+        force: Generalised force M a − R (…, nv).
+
+    Returns:
+        Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
+
+    Raises:
+        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+    """
     thrusts = allocation.thrusts_at(q, vehicle.base_wrench(q, force))
     efforts = force[..., vehicle.arm_rates]
     if vehicle.rotors_move:

@@ -18,6 +18,9 @@ from gibbs_codegen.simulator.plant.allocation import Allocation
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Reference
 
+# Laws that correct errors by gains.
+CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
+
 
 @dataclass(frozen=True)
 class Gains:
@@ -66,7 +69,7 @@ class ControlLaw(Protocol):
         """Gains of the tracking errors."""
 
     @property
-    def law(self) -> Law:
+    def law(self) -> str:
         """Its name."""
 
     @property

@@ -13,13 +13,17 @@ from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
 )
+from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
+from gibbs_codegen.simulator.desired.feasible import feasible_motion
 from gibbs_codegen.simulator.desired.hanging import hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
+from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import knots
 from gibbs_codegen.simulator.desired.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 
@@ -44,56 +48,81 @@ def desired_motion(
         UsageError: Or one of its kinds, where there is no such motion, and for joints outside their
             limits.
     """
-    task = scenario.arm
-    _check_units(vehicle, task)
+    _check_units(vehicle, scenario.arm)
     actuators = actuators_of(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
-    time = knots(scenario.duration)
+    if scenario.arm.tip is None:
+        motion = _with_posture(vehicle, scenario, limits, progress)
+    else:
+        motion = _with_tip(vehicle, scenario, scenario.arm.tip, limits, progress)
+    _check_rates(vehicle, motion, actuators.velocities)
+    return vehicle.kinematics.reference(motion)
+
+
+def _with_posture(
+    vehicle: Vehicle, scenario: Scenario, limits: Limits, progress: Progress
+) -> Motion:
+    """The motion of a scenario without a path of the tip.
+
+    Args:
+        vehicle: The robot.
+        scenario: What is flown.
+        limits: Joint limits.
+        progress: Is told what is being done, and the share of it that is done.
+
+    Returns:
+        The motion at knots.
+    """
+    task, time = scenario.arm, knots(scenario.duration)
+    if task.posture is None:
+        posture = hanging_posture(vehicle, limits)
+    else:
+        posture = _joint_values(vehicle, task.posture)
+        _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
+    joints_at = partial(joint_motion, vehicle, posture)
+    wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
+    if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
+        return feasible_motion(vehicle, time, joints_at, *wanted, shown)
+    base = desired_base(vehicle, time, *wanted, shown)
+    return with_joints(vehicle, base, joints_at(base.time))
+
+
+def _with_tip(
+    vehicle: Vehicle, scenario: Scenario, tip: Path, limits: Limits, progress: Progress
+) -> Motion:
+    """The motion of a scenario with a path of the tip.
+
+    Args:
+        vehicle: The robot.
+        scenario: What is flown.
+        tip: Path of the tip.
+        limits: Joint limits.
+        progress: Is told what is being done, and the share of it that is done.
+
+    Returns:
+        The motion at knots.
+    """
+    task, time = scenario.arm, knots(scenario.duration)
+    guess = None
+    if task.guess is not None:
+        guess = _joint_values(vehicle, task.guess)
+        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
+        _check_limits(vehicle, "guess", guess, limits, task.guess)
 
     def base_at(knots: Array) -> Motion:
         # Progress is shown for the first time only: what follows is the arm's.
         shown = partial(progress, "desired motion") if knots is time else lambda share: None
         return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
 
-    if task.tip is None:
-        if task.posture is None:
-            posture = hanging_posture(vehicle, limits)
-        else:
-            posture = _joint_values(vehicle, task.posture)
-            _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
-        return vehicle.kinematics.reference(desired_with_posture(vehicle, base_at(time), posture))
-    guess = None
-    if task.guess is not None:
-        guess = _joint_values(vehicle, task.guess)
-        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
-        _check_limits(vehicle, "guess", guess, limits, task.guess)
-    motion = desired_with_tip(
+    return desired_with_tip(
         vehicle,
         time,
         base_at,
-        task.tip,
+        tip,
         limits,
         guess,
         lambda done, total: progress("inverse kinematics", done / total),
     )
-    _check_rates(vehicle, motion, actuators.velocities)
-    return vehicle.kinematics.reference(motion)
-
-
-def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
-    """Motion of base and arm, with the arm held in a posture.
-
-    Args:
-        vehicle: The robot.
-        base: Motion of the base at knots.
-        posture: Joint coordinates (n), rad or m.
-
-    Returns:
-        The motion at the knots of `base`.
-    """
-    q = base.q.copy()
-    q[:, vehicle.arm] = posture
-    return Motion(base.time, q, base.v, base.a)
 
 
 def starting_state(

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+Flags = NDArray[np.bool_]
+
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts: whether the push does, and inputs u (nu) that are commanded all through, if any.
+    """What acts: pushes, payloads, and inputs u (nu) that are commanded all through, if any.
 
+    `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all.
     Without inputs that are held, the law of control commands them at every instant.
     """
 
-    push: bool = False
+    push: bool | Flags = False
+    payloads: bool | tuple[bool, ...] | Flags = False
     held: tuple[float, ...] | None = None
 
 

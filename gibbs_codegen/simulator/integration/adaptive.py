@@ -9,6 +9,7 @@ from scipy.integrate import DOP853
 
 from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import integration_burdens, stable_modes
 from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
@@ -25,6 +26,8 @@ _WORK_SCALE = 100.0
 # flights take 500 a second, 2000 at the tightest tolerances.
 _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
+# How many the begin of an interval may take besides, which is with a step of its own.
+_EVALUATIONS_AN_INTERVAL = 40
 # Least tolerances while an input is saturated: rates have kinks there, and no order helps.
 _SATURATED = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
@@ -46,20 +49,18 @@ class AdaptiveIntegrator:
 
     def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
         self.loop, self.settings, self.envelope = loop, settings, envelope
+        self.compiled = CompiledLoops(loop, envelope.bounds)
         # Evaluations that may still be spent; a smooth second saves up no more than this.
         self.budget: float = _EVALUATIONS_AHEAD
+        # The step, s, that the interval before would have gone on with.
+        self.ahead: float | None = None
 
     def __call__(
         self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, envelope = self.loop, self.envelope
-        solver = DOP853(
-            lambda time, state: loop.derivative(time, state, interval.acting),
-            interval.begin,
-            start,
-            interval.end,
-        )
+        solver = self._solver(interval, start)
         samples, stopped = [np.zeros((0, len(start)))], ""
         inputs = SeenInputs(loop, interval.acting)
         sample_times = interval.sample_times(self.settings.rate)
@@ -87,15 +88,27 @@ class AdaptiveIntegrator:
             if not stopped and self.budget < 0.0:
                 stopped = self._too_slow(time, time - before, state)
             progress(solver.t)
+        self.ahead = solver.h_abs
         states = np.concatenate(samples)
         history = StateHistory(sample_times[: len(states)], states, stopped, inputs.found())
         return IntervalResult(history, time, state)
+
+    def _solver(self, interval: SmoothInterval, start: Array) -> DOP853:
+        """The solver of an interval, which begins with a state (size), and may take more steps."""
+        self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
+        return DOP853(
+            self.compiled.derivative(interval.acting),
+            interval.begin,
+            start,
+            interval.end,
+            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
+        )
 
     def _set_tolerances(self, solver: DOP853) -> None:
         """Set tolerances for the next step."""
         settings, loop = self.settings, self.loop
         relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.saturated(solver.t, solver.y):
+        if loop.held is None and loop.saturated(solver.t, solver.y):
             relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)

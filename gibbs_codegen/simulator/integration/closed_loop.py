@@ -9,19 +9,20 @@ takes a state apart gets it of length 1.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.control.held import HeldInputs
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
-from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.simulator.plant.environment import Environment
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
 class Parts(NamedTuple):
@@ -39,44 +40,31 @@ class Parts(NamedTuple):
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
+    """Vehicle, controller, limits and lag of its motors and joints, and what else acts on it.
 
-    `vehicle` is the plant. The controller has its own, with the parameters that it knows.
-
-    Raises `UsageError` for a push of a frame that the robot does not have.
+    `vehicle` is the plant. The controller has its own, with the parameters that it knows. Where
+    `environment` is None, nothing acts but inputs.
     """
 
     vehicle: Vehicle
     controller: ControlLaw
     actuators: Actuators
-    push: Push | None = None
-
-    def __post_init__(self) -> None:
-        frames = self.vehicle.frames
-        if self.push is not None and self.push.frame not in frames:
-            raise UsageError(
-                f"push.frame: {self.vehicle.name} has no frame {printable(self.push.frame)}; "
-                f"its frames: {', '.join(frames)}"
-            )
+    environment: Environment | None = None
 
     @cached_property
     def limited(self) -> bool:
         """Whether a thrust, torque or force has a limit."""
         return bool(np.any(np.isfinite(self.actuators.inputs)))
 
+    @property
+    def held(self) -> HeldInputs | None:
+        """The law that holds its inputs from one command to the next, if it is one."""
+        return self.controller if isinstance(self.controller, HeldInputs) else None
+
     @cached_property
     def lags(self) -> bool:
         """Whether a motor lags."""
         return bool(np.any(self.actuators.lag))
-
-    @cached_property
-    def wrenches(self) -> Array:
-        """Wrenches (f, 6) on the frames while the push acts: force and torque, world axes."""
-        wrenches = np.zeros((len(self.vehicle.frames), 6))
-        if self.push is not None:
-            place = self.vehicle.frames.index(self.push.frame)
-            wrenches[place] = [*self.push.force, *self.push.torque]
-        return wrenches
 
     @property
     def size(self) -> int:
@@ -102,6 +90,8 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
+        if self.held is not None:
+            self.held.start(q, v)
         memory = np.zeros(self.controller.memory)
         setpoints = self._setpoints(self.controller(0.0, q, v, memory))
         thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
@@ -165,38 +155,51 @@ class ClosedLoop:
         reached = (commanded <= least + margin) | (commanded >= most - margin)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
-    def acceleration(self, q: Array, v: Array, inputs: Array, pushed: bool | Flags) -> Array:
+    def wrenches(
+        self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
+    ) -> Array:
+        """Wrenches on the frames by all that acts but the inputs.
+
+        Args:
+            time: Times (…), s.
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            inputs: Inputs u (…, nu) that act.
+            acting: What acts at those times.
+
+        Returns:
+            Wrenches (…, f, 6): force, N, and torque about the origin, N m, world axes.
+        """
+        if self.environment is None:
+            return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
+        return self.environment.wrenches(time, q, v, inputs, acting.push, acting.payloads)
+
+    def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
         """Accelerations of states and inputs, by the forward dynamics.
 
         Args:
             q, v: Coordinates (…, nq) and velocities (…, nv).
             inputs: Inputs u (…, nu) that act.
-            pushed: Whether the push acts (…).
+            wrenches: Wrenches (…, f, 6) on the frames.
 
         Returns:
             Accelerations (…, nv).
         """
-        vehicle, acts = self.vehicle, np.asarray(pushed)[..., np.newaxis]
-        if not np.any(acts):
-            return vehicle.forward_dynamics(q, v, inputs)
-        under_push = vehicle.forward_dynamics_with_wrenches(q, v, inputs, self.wrenches)
-        if np.all(acts):
-            return under_push
-        return np.where(acts, under_push, vehicle.forward_dynamics(q, v, inputs))
+        if self.environment is None:
+            return self.vehicle.forward_dynamics(q, v, inputs)
+        return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
-    def push_acts(self, time: float | Array) -> Flags:
-        """Whether the push acts.
+    def acting(self, time: float | Array) -> Acting:
+        """What acts.
 
         Args:
             time: Times (…), s.
 
         Returns:
-            Whether it acts at those times (…).
+            What acts at those times.
         """
-        push = self.push
-        if push is None:
-            return np.zeros(np.shape(time), dtype=bool)
-        return (np.asarray(time) >= push.begin) & (np.asarray(time) < push.end)
+        if self.environment is None:
+            return NOTHING
+        return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))
 
     def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
         """Time derivative of a state.
@@ -217,10 +220,11 @@ class ClosedLoop:
         commanded = self.controller(time, q, v, memory) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        if acting.push:
-            power += self.vehicle.wrench_forces(q, self.wrenches) @ v
+        wrenches = self.wrenches(time, q, v, inputs, acting)
+        if self.environment is not None:
+            power += self.vehicle.wrench_forces(q, wrenches) @ v
         moving = self.vehicle.kinematics.rates(state[: len(q)], v)
-        rates: list[Any] = [moving, self.acceleration(q, v, inputs, acting.push), [power]]
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, wrenches), [power]]
         if self.lags:
             setpoints = self._setpoints(commanded)[: len(thrusts)]
             lag = self.actuators.lag
@@ -229,18 +233,42 @@ class ClosedLoop:
         rates.append(self.controller.growth(time, q, v, memory))
         return np.concatenate(rates)
 
-    def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
-        """The intervals of a flight between which the push begins or ends.
+    def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
+        """An interval with the inputs that are held through it, after samples that are due.
 
         Args:
-            duration: Duration of the flight, s.
+            interval: The interval.
+            state: State (size) at its begin.
 
         Returns:
-            Intervals from 0 to `duration`, each beginning where the one before ends.
+            The interval, and why the flight cannot go on, "" if it can.
         """
-        jumps = [self.push.begin, self.push.end] if self.push else []
-        times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
-        return [
-            SmoothInterval(begin, end, Acting(push=bool(self.push_acts(begin))))
-            for begin, end in itertools.pairwise(times)
-        ]
+        if self.held is None:
+            return interval, ""
+        q, v, *_ = self.parts(state)
+        stopped = self.held.begin(interval.begin, q, v)
+        acting = replace(interval.acting, held=tuple(self.held.held.tolist()))
+        return replace(interval, acting=acting), stopped
+
+    def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
+        """The intervals of a flight between which the push or held inputs may change.
+
+        Args:
+            begin, end: The time that they cover, s.
+
+        Yields:
+            Intervals, each beginning where the one before ends, without the inputs that are held.
+        """
+        jumps = self.environment.jumps if self.environment else ()
+        times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
+        if self.held is not None:
+            instants = self.held.instants(begin, end)
+            near = np.abs(instants[:, np.newaxis] - times) <= self.held.same
+            times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
+        for first, last in itertools.pairwise(times.tolist()):
+            yield SmoothInterval(first, last, self._acting_from(first))
+
+    def _acting_from(self, begin: float) -> Acting:
+        """What acts all through the interval that begins at a time, s."""
+        acting = self.acting(begin)
+        return Acting(bool(acting.push), tuple(np.atleast_1d(acting.payloads).tolist()))

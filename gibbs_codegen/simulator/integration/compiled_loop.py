@@ -34,8 +34,7 @@ NATIVE = Path(__file__).parent.parent / "native"
 class CompiledLoop:
     """One closed loop in compiled code, while the same acts on the robot.
 
-    Steps in which an input is saturated are not among those that it takes: the nearest wrench
-    within limits is a search, which Python does.
+    Where a wrench is asked for that the rotors cannot produce, Python says so.
     """
 
     library: ctypes.CDLL
@@ -59,18 +58,12 @@ class CompiledLoop:
             acting: What acts on the robot.
 
         Returns:
-            The loop; None where the module, the law or the loop is not compiled, and under control
-            by rotors that do not command all directions, since Python checks every wrench of those,
-            or by rotors that joints move, for which Python finds another allocation every time.
+            The loop; None where the module, the law or the loop is not compiled.
         """
         vehicle = closed.vehicle
         law = closed.controller.law if acting.held is None else "held"
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so" or law not in LAWS:
-            return None
-        if law not in ("off", "held") and (
-            closed.controller.allocation.missing or vehicle.rotors_move
-        ):
             return None
         try:
             rk4 = _rk4(find_compiler(os.environ.get("CC") or None))
@@ -94,7 +87,7 @@ class CompiledLoop:
         number: int = 0,
         seen: Callable[[InputRanges], None] | None = None,
     ) -> tuple[int, Array, Array]:
-        """Take steps, fewer where an input would be saturated or the flight cannot go on.
+        """Take steps, fewer where rotors cannot produce a wrench or the flight cannot go on.
 
         Args:
             time: Time before the first step, s.
@@ -125,11 +118,29 @@ class CompiledLoop:
         )
         first = number // every
         if seen:
-            # The last stretch may end before its sample.
+            # The first stretch may begin after its sample, and the last one end before it.
             stretches = -(-(number + taken) // every) - first
-            middle = (first + 0.5 + np.arange(stretches)) * every * step
-            seen(InputRanges(middle, ranges[:stretches]))
+            middle = time + ((first + 0.5 + np.arange(stretches)) * every - number) * step
+            inside = np.clip(middle, time + 0.25 * step, time + (taken - 0.25) * step)
+            seen(InputRanges(inside, ranges[:stretches]))
         return taken, samples[: (number + taken) // every - first], last
+
+    def rate(self, time: float, state: Array) -> Array | None:
+        """Time derivative of a state.
+
+        Args:
+            time: Time, s.
+            state: State (size).
+
+        Returns:
+            The derivative (size); None where the rotors cannot produce a wrench, of which
+            `ClosedLoop.derivative` says more.
+        """
+        rate, state = np.empty(self.size), np.ascontiguousarray(state, dtype=np.float64)
+        refused = self.library.gibbs_codegen_rate(
+            ctypes.byref(self.structure), time, state.ctypes.data, rate.ctypes.data
+        )
+        return None if refused else rate
 
 
 class CompiledLoops:
@@ -161,6 +172,23 @@ class CompiledLoops:
         if loop is not None and acting.held is not None:
             loop.held[:] = acting.held
         return loop
+
+    def derivative(self, acting: Acting) -> Callable[[float, Array], Array]:
+        """The time derivative of states while something acts: compiled, where there is a loop.
+
+        Args:
+            acting: What acts on the robot.
+
+        Returns:
+            The derivative (size) of a time, s, and a state (size).
+        """
+        loop = self.at(acting)
+
+        def derivative(time: float, state: Array) -> Array:
+            rate = None if loop is None else loop.rate(time, state)
+            return self.closed.derivative(time, state, acting) if rate is None else rate
+
+        return derivative
 
 
 @functools.cache

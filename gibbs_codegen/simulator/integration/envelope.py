@@ -1,10 +1,10 @@
 """The envelope of a flight: the errors beyond which control is lost, and why a flight ends there.
 
-Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: under computed
-torque an error that begins at a rate ė peaks at g ė, where g is the peak of the impulse response of
-ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lost, even if it were perfect from
-then on. Without the bound, a loop that feeds its own velocities back through lagging motors escapes
-to infinity within a finite time, hardly off its path.
+Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: where a law
+corrects errors, one that begins at a rate ė peaks at g ė, where g is the peak of the impulse
+response of ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lost, even if it were
+perfect from then on. Without the bound, a loop that feeds its own velocities back through lagging
+motors escapes to infinity within a finite time, hardly off its path.
 """
 
 from __future__ import annotations
@@ -12,9 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
-from gibbs_codegen.simulator.control.laws import Gains
+from gibbs_codegen.simulator.control.laws import CORRECTING, Gains
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags
+
+# What to try instead of a law, where it is not lower gains.
+_OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
 
 
 class Envelope:
@@ -37,7 +40,7 @@ class Envelope:
         self.bounds: Array = np.full(2 * count, np.inf)
         if controller.law != "off":
             self.bounds[:count] = divergence
-        if controller.law == "computed_torque":
+        if controller.law in CORRECTING:
             self.bounds[count:] = divergence / np.minimum(
                 _peak_response(controller.gains), duration
             )
@@ -114,10 +117,9 @@ class Envelope:
             *(["a shorter motors.time_constant"] if loop.lags else []),
             *(["wider motors.limits"] if np.any(limited[0]) else []),
             *(["a greater arm.effort"] if np.any(limited[1]) else []),
-            *(["a weaker push"] if loop.push else []),
-            "a closed loop (control.law)"
-            if loop.controller.law == "open_loop"
-            else "a lower control.frequency",
+            *(loop.environment.remedies if loop.environment else []),
+            *(["a higher rate of control"] if loop.held is not None else []),
+            _OTHER_CONTROL.get(loop.controller.law, "a lower control.frequency"),
         ]
         return f"try {', '.join(remedies)} or a gentler motion"
 

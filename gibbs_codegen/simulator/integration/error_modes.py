@@ -1,18 +1,24 @@
 """Linear modes of a closed loop: how fast tracking errors and lagging thrusts decay.
 
 Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. With motors of time
-constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. These eigenvalues tell the steps that
-an integrator can take.
+constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. Under the geometric law that holds for
+joints, heading and height; sideways, what the position's error asks for is what the thrust axis
+follows by the gains of the attitude. These eigenvalues tell the steps that an integrator can take.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from gibbs_codegen.simulator.control.laws import CORRECTING, ControlLaw
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+
+# Instants of the desired motion at which masses that walls feel are looked at.
+_INSTANTS = 33
 
 
 @dataclass(frozen=True, order=True)
@@ -31,7 +37,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: those of lagging thrusts, and of errors under computed torque.
+    """Modes that decay: of lagging thrusts, of errors that a law corrects at all times, of walls.
 
     Args:
         loop: The closed loop.
@@ -45,19 +51,69 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     for lag in lags:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
-    if loop.controller.law == "computed_torque":
-        gains = loop.controller.gains
-        pairs = {*zip(gains.damping.tolist(), gains.stiffness.tolist(), strict=True)}
-        for damping, stiffness in sorted(pairs):
-            # Joint torques do not lag, so errors of joints are always of second order.
-            polynomials = [np.array([1.0, damping, stiffness])]
-            polynomials += [np.array([lag, 1.0, damping, stiffness]) / lag for lag in lags]
-            found += [
-                Mode(abs(root), "the gains of control", "lower gains", complex(root))
-                for root in itertools.chain.from_iterable(map(np.roots, polynomials))
-                if root.real < 0.0
-            ]
-    return sorted(found, reverse=True)
+    # Held inputs do not follow the errors within a step.
+    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, lags)
+    found += [
+        Mode(abs(root), "the gains of control", "lower gains", complex(root))
+        for root in itertools.chain.from_iterable(map(np.roots, polynomials))
+        if root.real < 0.0
+    ]
+    return sorted([*found, *_wall_modes(loop)], reverse=True)
+
+
+def _wall_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes of frames that lean on walls, with the least mass that each wall feels.
+
+    That is the least along the desired motion. A frame that moves by x along the normal obeys
+    ẍ + (c/m) ẋ + (s/m) x = 0 with the damping c and the stiffness s of the wall, next to which
+    those of control are small where a wall decides about steps.
+    """
+    if loop.environment is None or not loop.environment.wall:
+        return []
+    walls, reference = loop.environment.walls, loop.controller.reference
+    q = reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
+    masses = np.min(walls.effective_masses(loop.vehicle, q), axis=0)
+    found = []
+    for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
+        cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
+        found += [
+            Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
+            for root in np.roots([1.0, wall.damping / mass, wall.stiffness / mass])
+        ]
+    return found
+
+
+def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[np.ndarray]:
+    """Characteristic polynomials of the errors under a law.
+
+    Args:
+        controller: The law.
+        lags: Time constants of motors, s.
+
+    Returns:
+        Coefficients of each, highest power first; none if the law does not correct errors.
+    """
+    if controller.law not in CORRECTING:
+        return []
+    gains, places = controller.gains, controller.vehicle.layout.v
+    every = np.stack([gains.damping, gains.stiffness], axis=-1)
+    attitude = every[places.attitude]
+    if controller.law == "geometric":
+        every = np.delete(every, places.attitude, axis=0)
+    found = []
+    for pair in np.unique(every, axis=0):
+        # Joint torques do not lag, so errors of joints are always of second order.
+        found.append(np.array([1.0, *pair]))
+        found += [np.array([lag, 1.0, *pair]) / lag for lag in lags]
+    if controller.law == "geometric":
+        pairs = np.concatenate([every[places.position], attitude], axis=-1)
+        for *position, damping, stiffness in np.unique(pairs, axis=0):
+            asked = np.polymul([damping, stiffness], position)
+            for lag in (0.0, *lags):
+                lean = np.trim_zeros(np.array([lag, 1.0, damping, stiffness]), "f")
+                whole = np.polyadd(np.polymul(lean, np.array([1.0, 0.0, 0.0])), asked)
+                found.append(whole / whole[0])
+    return found
 
 
 def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:

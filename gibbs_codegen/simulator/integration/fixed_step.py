@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +31,7 @@ _STEPS_A_CALL = 20_000
 class FixedStepIntegrator:
     """Equal steps on one grid of time, of which a whole number makes a sample interval.
 
-    A push that begins or ends between instants of the grid ends a step early. Such short steps
-    are taken in Python, and so are those in which an input is saturated.
+    A push that begins or ends between instants of the grid ends a step early.
 
     Args:
         loop: the closed loop to integrate.
@@ -50,41 +51,87 @@ class FixedStepIntegrator:
         self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
-        loop, size, every = self.loop, self.size, self.every
-        compiled = self.compiled.at(interval.acting)
-        # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
-        number = int(np.floor(interval.begin / size + SAME_TIME))
-        last = int(np.ceil(interval.end / size - SAME_TIME))
-        whole = number + (interval.begin / size - number > SAME_TIME)
-        cut = last - (last - interval.end / size > SAME_TIME)
-        samples, inputs = [np.zeros((0, len(start)))], SeenInputs(loop, interval.acting)
-        times = np.arange(number // every + 1, cut // every + 1) / self.settings.rate
-        if cut == last and cut % every == 0 and len(times):
-            times[-1] = interval.end
+        samples, inputs = [np.zeros((0, len(start)))], SeenInputs(self.loop, interval.acting)
         time, state, stopped = interval.begin, start, ""
-        while number < last and not stopped:
-            taken = 0
-            if compiled is not None and whole <= number < cut:
-                count = min(_STEPS_A_CALL, cut - number)
-                taken, kept, state = compiled(
-                    time, state, size, count, every, number, inputs.ranges
-                )
+        for stretch in self._stretches(interval):
+            done = 0
+            while done < stretch.steps and not stopped:
+                taken, kept, state = self._advance(stretch, done, time, state, inputs)
                 samples.append(kept)
-            if taken == 0:
-                taken = 1
-                inputs.state(time, state)
-                ahead = (interval.end if number + 1 == last else (number + 1) * size) - time
-                with np.errstate(all="ignore"):
-                    state = rk4_step(loop, time, state, ahead, interval.acting)
-                if number < cut and (number + 1) % every == 0:
-                    samples.append(state[np.newaxis])
-            number += taken
-            time = interval.end if number == last else number * size
-            stopped = self.envelope.reason(time, state)
-            progress(time)
-        states = np.concatenate(samples)
+                done += taken
+                time = min((stretch.first + done) * self.size, interval.end)
+                stopped = self.envelope.reason(time, state)
+                progress(time)
+        states, times = np.concatenate(samples), self._sample_times(interval)
         history = StateHistory(times[: len(states)], states, stopped, inputs.found())
-        return IntervalResult(history, time, state)
+        return IntervalResult(history, time if stopped else interval.end, state)
+
+    def _stretches(self, interval: SmoothInterval) -> list[_Stretch]:
+        """Whole steps on the grid, after a step up to it and before one from it where need be."""
+        begin, end, size, every = interval.begin, interval.end, self.size, self.every
+        first, last = (_on_grid(time / size) for time in (begin, end))
+        whole, cut = math.ceil(first), math.floor(last)
+        never = cut + 2  # What ends off the grid is no sample.
+        if whole > cut:
+            return [_Stretch(cut, 1, end - begin, never)]
+        stretches = [
+            _Stretch(whole - 1, 1, whole * size - begin, every),
+            _Stretch(whole, cut - whole, size, every),
+            _Stretch(cut, 1, end - cut * size, never),
+        ]
+        return stretches[whole == first : 2 + (cut < last)]
+
+    def _sample_times(self, interval: SmoothInterval) -> Array:
+        """Times of the samples after the begin of an interval, s, the last of them its end."""
+        first, last = (_on_grid(t / self.size) for t in (interval.begin, interval.end))
+        count = self.every
+        times = np.arange(math.floor(first) // count + 1, math.floor(last) // count + 1)
+        sampled: Array = times / self.settings.rate
+        if len(times) and times[-1] * count == last:
+            sampled[-1] = interval.end
+        return sampled
+
+    def _advance(
+        self, stretch: _Stretch, done: int, time: float, state: Array, inputs: SeenInputs
+    ) -> tuple[int, Array, Array]:
+        """Take steps of a stretch: many in C, or else one in Python.
+
+        Args:
+            stretch: The stretch.
+            done: How many of its steps have been taken.
+            time: Time, s.
+            state: State (size).
+            inputs: Takes the inputs.
+
+        Returns:
+            The number of steps taken, samples (s, size), and the last state (size).
+        """
+        number, acting = stretch.first + done, inputs.acting
+        if (compiled := self.compiled.at(acting)) is not None:
+            count = min(_STEPS_A_CALL, stretch.steps - done)
+            taken, kept, last = compiled(
+                time, state, stretch.step, count, stretch.every, number, inputs.ranges
+            )
+            if taken:
+                return taken, kept, last
+        inputs.state(time, state)
+        with np.errstate(all="ignore"):
+            state = rk4_step(self.loop, time, state, stretch.step, acting)
+        return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state
+
+
+class _Stretch(NamedTuple):
+    """Steps of one size, s, after `first` steps of the grid; each `every`-th of all is a sample."""
+
+    first: int
+    steps: int
+    step: float
+    every: int
+
+
+def _on_grid(steps: float) -> float:
+    """A number of steps, whole if it is so but for rounding."""
+    return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
 
 
 def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: Acting) -> Array:

@@ -15,6 +15,72 @@ from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.state_history import Array, StateHistory
 
 
+class Integration:
+    """A flight that is integrated from interval to interval, as far as it is wanted.
+
+    Stops early at a singularity, where control is lost, where "adaptive" needs more evaluations
+    than can be waited for, and where a controller commands what inputs cannot be.
+
+    Args:
+        loop: the closed loop.
+        start: state (size) at the begin.
+        settings: method, tolerances or step, and rate of samples.
+        duration: time that errors may take to grow, s.
+        begin: time at which it begins, s.
+
+    Raises:
+        UsageError: for steps of "rk4" that are so long that errors under control, or of lagging
+            motors, would grow.
+    """
+
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        start: Array,
+        settings: Settings,
+        duration: float,
+        begin: float = 0.0,
+    ) -> None:
+        self._loop = loop
+        self._envelope = Envelope(loop, settings.divergence, duration)
+        method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
+        self._integrator = method(loop, settings, self._envelope)
+        self._times, self._states = [np.array([begin])], [start[np.newaxis]]
+        self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
+        self.time, self.state = begin, start
+        self.stopped = self._envelope.reason(begin, start)
+
+    def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
+        """Integrate up to a time, or until the flight cannot go on.
+
+        Args:
+            end: The time, s.
+            progress: Is told the time reached, s.
+        """
+        for interval in self._loop.smooth_intervals(self.time, end):
+            if not self.stopped:
+                begun, self.stopped = self._loop.begun(interval, self.state)
+            if self.stopped:
+                break
+            result = self._integrator(begun, self.state, progress)
+            self._times.append(result.samples.time)
+            self._states.append(result.samples.states)
+            self._inputs.append(result.samples.inputs)
+            self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
+
+    def history(self) -> StateHistory:
+        """Samples of the state at multiples of 1 / rate, and at the last instant."""
+        time, samples = np.concatenate(self._times), np.concatenate(self._states)
+        if self.time > time[-1]:
+            time = np.append(time, self.time)
+            samples = np.concatenate([samples, self.state[np.newaxis]])
+        # Samples in which control was lost would dwarf all others.
+        kept = self._envelope.holds(time, samples)
+        kept[0] = True
+        inputs = InputRanges.joined(self._inputs)
+        return StateHistory(time[kept], samples[kept], self.stopped, inputs)
+
+
 def integrate(
     loop: ClosedLoop,
     start: Array,
@@ -22,10 +88,7 @@ def integrate(
     settings: Settings,
     progress: Callable[[float, float], None] = lambda time, duration: None,
 ) -> StateHistory:
-    """Integrate the state of a closed loop from time 0 on.
-
-    Stops early at a singularity, where control is lost, and where "adaptive" needs more evaluations
-    than can be waited for.
+    """Integrate the state of a closed loop from time 0 on, as `Integration` does.
 
     Args:
         loop: The closed loop.
@@ -38,29 +101,8 @@ def integrate(
         Samples of the state at multiples of 1 / rate, and at the last instant.
 
     Raises:
-        UsageError: For steps of "rk4" that are so long that errors under control, or of lagging
-            motors, would grow.
+        UsageError: For steps of "rk4" that are so long that errors would grow.
     """
-    envelope = Envelope(loop, settings.divergence, duration)
-    method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
-    integrator = method(loop, settings, envelope)
-    times, states = [np.zeros(1)], [start[np.newaxis]]
-    inputs = [InputRanges.none(len(loop.vehicle.inputs))]
-    now, state = 0.0, start
-    stopped = envelope.reason(now, state)
-    for interval in loop.smooth_intervals(duration):
-        if stopped:
-            break
-        result = integrator(interval, state, lambda time: progress(time, duration))
-        times.append(result.samples.time)
-        states.append(result.samples.states)
-        inputs.append(result.samples.inputs)
-        now, state, stopped = result.end, result.state, result.samples.stopped
-    if now > next(time[-1] for time in reversed(times) if len(time)):
-        times.append(np.array([now]))
-        states.append(state[np.newaxis])
-    time, samples = np.concatenate(times), np.concatenate(states)
-    # Samples in which control was lost would dwarf all others.
-    kept = envelope.holds(time, samples)
-    kept[0] = True
-    return StateHistory(time[kept], samples[kept], stopped, InputRanges.joined(inputs))
+    integration = Integration(loop, start, settings, duration)
+    integration.advance(duration, lambda time: progress(time, duration))
+    return integration.history()

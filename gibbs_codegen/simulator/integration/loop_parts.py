@@ -15,7 +15,11 @@ import numpy as np
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
-from gibbs_codegen.simulator.plant.vehicle import Array
+from gibbs_codegen.simulator.integration.environment_part import (
+    EnvironmentPart,
+    environment_values,
+)
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 POINTER = ctypes.c_void_p
 _SIZE, _NUMBER, _FLAG = ctypes.c_ssize_t, ctypes.c_double, ctypes.c_int
@@ -26,6 +30,10 @@ FUNCTIONS = (
     "input_matrix",
     "forward_dynamics_with_wrenches",
     "wrench_forces",
+    "frame_poses",
+    "frame_jacobians",
+    "frame_velocities",
+    "frame_bias_accelerations",
 )
 # As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
 LAWS = ("computed_torque", "open_loop", "off", "held")
@@ -38,18 +46,17 @@ class _Functions(ctypes.Structure):
 
 
 class _Layout(ctypes.Structure):
-    _fields_ = tuple(
-        (name, _SIZE)
-        for name in (
-            *("coordinates", "velocities", "rotors", "memory"),
-            *("attitude", "joints", "position"),
-            *("middle_angle", "quaternion", "placed"),
-        )
+    _fields_ = (
+        *((name, _SIZE) for name in ("coordinates", "velocities", "rotors", "memory")),
+        *((name, _SIZE) for name in ("attitude", "joints", "position")),
+        ("axes", _SIZE * 3),
+        *((name, _SIZE) for name in ("middle_angle", "quaternion", "placed")),
     )
 
 
 def _layout(closed: ClosedLoop, acting: Acting) -> Values:
     layout = closed.vehicle.layout
+    turned = () if layout.is_quaternion else map("xyz".index, closed.vehicle.attitude)
     return {
         "coordinates": layout.q.size,
         "velocities": layout.v.size,
@@ -58,6 +65,7 @@ def _layout(closed: ClosedLoop, acting: Acting) -> Values:
         "attitude": layout.v.attitude.start,
         "joints": layout.v.joints.start,
         "position": layout.v.position.start,
+        "axes": (_SIZE * 3)(*turned),
         "middle_angle": -1 if layout.is_quaternion else layout.middle_angle,
         "quaternion": layout.q.attitude.start,
         "placed": layout.q.position.start,
@@ -90,12 +98,36 @@ def _gains(closed: ClosedLoop, acting: Acting) -> Values:
     return {"stiffness": gains.stiffness, "damping": gains.damping}
 
 
+class _Rotors(ctypes.Structure):
+    _fields_ = (("move", _FLAG), ("centre", POINTER), ("wrenches", POINTER))
+
+
+def _rotors(vehicle: Vehicle) -> Values:
+    return {
+        "move": vehicle.rotors_move,
+        "centre": vehicle.centre_offset(vehicle.neutral),
+        "wrenches": vehicle.thrust_wrenches().T,
+    }
+
+
 class _Sharing(ctypes.Structure):
-    _fields_ = (("distribution", POINTER),)
+    _fields_ = (
+        *(("limited", _FLAG), ("lacks", _FLAG), ("distribution", POINTER)),
+        *(("least", POINTER), ("most", POINTER)),
+    )
 
 
 def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
-    return {"distribution": closed.controller.allocation.inverse}
+    allocation, count = closed.controller.allocation, closed.vehicle.rotors
+    limits = (-np.inf, np.inf) if allocation.limits is None else allocation.limits
+    least, most = (np.broadcast_to(each, count) for each in limits)
+    return {
+        "limited": allocation.limits is not None,
+        "lacks": bool(allocation.missing),
+        "distribution": allocation.inverse,
+        "least": least,
+        "most": most,
+    }
 
 
 class _Actuators(ctypes.Structure):
@@ -116,15 +148,6 @@ def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
     }
 
 
-class _Surroundings(ctypes.Structure):
-    _fields_ = (("wrenches", POINTER), ("losses", POINTER))
-
-
-def _surroundings(closed: ClosedLoop, acting: Acting) -> Values:
-    wrenches = {"wrenches": closed.wrenches} if acting.push else {}
-    return {**wrenches, "losses": closed.vehicle.damping}
-
-
 class _Envelope(ctypes.Structure):
     _fields_ = (("bounds", POINTER), ("largest_theta_0", _NUMBER))
 
@@ -134,9 +157,11 @@ _PARTS: tuple[tuple[str, Any, Callable[[ClosedLoop, Acting], Values]], ...] = (
     ("layout", _Layout, _layout),
     ("desired", _Desired, _desired),
     ("gains", _Gains, _gains),
+    ("flown", _Rotors, lambda closed, acting: _rotors(closed.vehicle)),
+    ("known", _Rotors, lambda closed, acting: _rotors(closed.controller.vehicle)),
     ("sharing", _Sharing, _sharing),
     ("actuators", _Actuators, _actuators),
-    ("surroundings", _Surroundings, _surroundings),
+    ("environment", EnvironmentPart, environment_values),
 )
 
 
@@ -145,6 +170,7 @@ class Loop(ctypes.Structure):
 
     _fields_ = (
         *(("functions", _Functions), ("plant", ctypes.c_char_p), ("model", ctypes.c_char_p)),
+        ("losses", POINTER),
         *((name, kind) for name, kind, _ in _PARTS),
         *(("envelope", _Envelope), ("law", _FLAG), ("held", POINTER), ("scratch", POINTER)),
     )
@@ -174,6 +200,7 @@ def filled(
     loop.plant, loop.model = (each.constants or defaults for each in (vehicle, model))
     for name, _, values in _PARTS:
         owned += _put(getattr(loop, name), values(closed, acting))
+    owned += _put(loop, {"losses": vehicle.damping})
     limits = np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64)
     owned += _put(loop.envelope, {"bounds": limits, "largest_theta_0": LARGEST_THETA_0})
     return loop, owned

@@ -9,6 +9,85 @@
 #include "loop.h"
 #include "vectors.h"
 
+static Attitude attitude_of(const Layout *at, const double *q)
+{
+    Attitude found = {q + at->quaternion, {0.0}, {0.0}};
+    for (int i = 0; i < 3 && !has_quaternion(at); ++i) {
+        found.sine[i] = sin(q[at->attitude + i]);
+        found.cosine[i] = cos(q[at->attitude + i]);
+    }
+    return found;
+}
+
+/* Turn a vector back about the axis of the angle `i`. */
+static void turn_back(const Layout *at, const Attitude *a, int i, double *x)
+{
+    const ptrdiff_t one = (at->axes[i] + 1) % 3, two = (at->axes[i] + 2) % 3;
+    const double first = a->cosine[i] * x[one] + a->sine[i] * x[two];
+    x[two] = a->cosine[i] * x[two] - a->sine[i] * x[one];
+    x[one] = first;
+}
+
+/* A vector of the world in the axes of the base. */
+static void into_base(const Layout *at, const Attitude *a, const double *x, double *out)
+{
+    if (has_quaternion(at)) {
+        turn(a->quaternion, -1.0, x, out);
+        return;
+    }
+    memcpy(out, x, 3 * sizeof *out);
+    for (int i = 0; i < 3; ++i) {
+        turn_back(at, a, i, out);
+    }
+}
+
+/* Velocity of the base centre and angular velocity, in the axes of the base. */
+static void twist_of(const Layout *at, const Attitude *a, const double *centre, const double *v,
+                     double *twist)
+{
+    double *const spin = twist + 3, swept[3];
+    if (has_quaternion(at)) {
+        memcpy(twist, v + at->position, 3 * sizeof *twist);
+        memcpy(spin, v + at->attitude, 3 * sizeof *spin);
+    } else {
+        into_base(at, a, v + at->position, twist);
+        memset(spin, 0, 3 * sizeof *spin);
+        for (int i = 0; i < 3; ++i) { /* by each angle, carried round by those after it */
+            turn_back(at, a, i, spin);
+            spin[at->axes[i]] += v[at->attitude + i];
+        }
+    }
+    cross(spin, centre, swept);
+    for (int i = 0; i < 3; ++i) {
+        twist[i] += swept[i];
+    }
+}
+
+/* The wrench on the base that a generalised force amounts to: force, torque about its centre. */
+static void wrench_of(const Layout *at, const Attitude *a, const double *centre,
+                      const double *generalised, double *wrench)
+{
+    const double *const g = generalised + at->attitude;
+    double *const torque = wrench + 3, lever[3];
+    if (has_quaternion(at)) {
+        memcpy(wrench, generalised + at->position, 3 * sizeof *wrench);
+        memcpy(torque, g, 3 * sizeof *torque);
+    } else {
+        /* The axes of the three angles are not at right angles: the first leans by the second. */
+        const int cyclic = (at->axes[0] + 1) % 3 == at->axes[1];
+        const double lean = cyclic ? a->sine[1] : -a->sine[1];
+        into_base(at, a, generalised + at->position, wrench);
+        torque[at->axes[0]] = (g[0] - lean * g[2]) / a->cosine[1];
+        torque[at->axes[1]] = g[1];
+        torque[at->axes[2]] = g[2];
+        turn_back(at, a, 2, torque);
+    }
+    cross(centre, wrench, lever);
+    for (int i = 0; i < 3; ++i) {
+        torque[i] -= lever[i];
+    }
+}
+
 /* Make the quaternion of coordinates one of unit length. */
 static void normalise(const Layout *at, double *q)
 {

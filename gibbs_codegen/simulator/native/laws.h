@@ -27,45 +27,49 @@ static void corrected(const Loop *f, const Moment *now, double *restrict out, Ro
 }
 
 /* Inputs of the desired acceleration, corrected by the tracking errors. */
-static void computed_torque(const Loop *f, const Moment *now, double *inputs, Room room)
+static int computed_torque(const Loop *f, const Moment *now, double *inputs, Room room)
 {
     const ptrdiff_t m = f->layout.velocities;
     double *const acceleration = take(&room, m), *const force = take(&room, m);
-    double *const matrix = take(&room, m * inputs_of(f));
     corrected(f, now, acceleration, room);
     f->functions.inverse_dynamics(f->model, now->q, now->v, acceleration, force);
-    f->functions.input_matrix(f->model, now->q, matrix);
-    allocate(f, matrix, force, inputs);
+    return allocate(f, now->q, &now->attitude, force, inputs, room);
 }
 
 /* Inputs of the desired motion, whatever the state. */
-static void open_loop(const Loop *f, const Moment *now, double *inputs, Room room)
+static int open_loop(const Loop *f, const Moment *now, double *inputs, Room room)
 {
     const ptrdiff_t n = f->layout.coordinates, m = f->layout.velocities;
     const double *const wanted = now->wanted;
-    double *const force = take(&room, m), *const matrix = take(&room, m * inputs_of(f));
+    const Attitude attitude = attitude_of(&f->layout, wanted);
+    double *const force = take(&room, m);
     f->functions.inverse_dynamics(f->model, wanted, wanted + n, wanted + n + m, force);
-    f->functions.input_matrix(f->model, wanted, matrix);
-    allocate(f, matrix, force, inputs);
+    return allocate(f, wanted, &attitude, force, inputs, room);
 }
 
-/* Commanded inputs. */
-static void command(const Loop *f, const Moment *now, double *inputs, Room room)
+/* Commanded inputs; REFUSED where the rotors cannot produce them. */
+static int command(const Loop *f, const Moment *now, double *inputs, Room room)
 {
     const size_t size = (size_t)inputs_of(f) * sizeof *inputs;
     switch (f->law) {
     case COMPUTED_TORQUE:
-        computed_torque(f, now, inputs, room);
-        break;
+        return computed_torque(f, now, inputs, room);
     case OPEN_LOOP:
-        open_loop(f, now, inputs, room);
-        break;
+        return open_loop(f, now, inputs, room);
     case HELD:
         memcpy(inputs, f->held, size);
-        break;
+        return DONE;
     default: /* OFF */
         memset(inputs, 0, size);
+        return DONE;
     }
+}
+
+/* Room that `command` takes. */
+static ptrdiff_t room_of_law(const Loop *f)
+{
+    const ptrdiff_t m = f->layout.velocities, allocating = room_of_allocation(f);
+    return 2 * m + (allocating > 2 * m ? allocating : 2 * m);
 }
 
 /* How what a law remembers grows. */

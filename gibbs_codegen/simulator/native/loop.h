@@ -6,6 +6,8 @@
 #include <stddef.h>
 
 enum { BASE = 6, POWERS = 6 };
+/* Whether something could be found, or Python is to take over and say why not. */
+enum { DONE = 0, REFUSED = 1 };
 enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3 };
 
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
@@ -14,6 +16,8 @@ typedef void Matrix(const void *, const double *, double *);
 typedef void Pushed(const void *, const double *, const double *, const double *, const double *,
                     double *);
 typedef void Forces(const void *, const double *, const double *, double *);
+typedef void Places(const void *, const double *, double *);
+typedef void Moving(const void *, const double *, const double *, double *);
 
 /* Functions of an emitted module, by their addresses. */
 typedef struct {
@@ -22,6 +26,10 @@ typedef struct {
     Matrix *input_matrix;
     Pushed *forward_dynamics_with_wrenches;
     Forces *wrench_forces;
+    Places *frame_poses;
+    Places *frame_jacobians;
+    Moving *frame_velocities;
+    Moving *frame_bias_accelerations;
 } Functions;
 
 /* How many there are of what, and where. */
@@ -33,6 +41,7 @@ typedef struct {
     ptrdiff_t attitude;     /* places in the velocities: where the attitude's begin, */
     ptrdiff_t joints;       /* where the joints' begin, */
     ptrdiff_t position;     /* and where the position's begin */
+    ptrdiff_t axes[3];      /* 0 to 2, that attitude angles turn about, from the outermost */
     ptrdiff_t middle_angle; /* place of the angle that has a singularity; -1: quaternion, */
     ptrdiff_t quaternion;   /* place in the coordinates where that begins, */
     ptrdiff_t placed;       /* and where the position begins */
@@ -52,9 +61,20 @@ typedef struct {
     const double *damping;   /* [velocities] */
 } Gains;
 
-/* What rotors do about a wrench on the base. */
+/* Rotors of the robot that flies or of the one that the law knows. */
 typedef struct {
-    const double *distribution; /* [rotors][6]: thrusts of a force and a torque on the base */
+    int move;               /* whether joints move them; then their wrenches are those of zero */
+    const double *centre;   /* [3]: from where the position is to the base centre, base axes, m */
+    const double *wrenches; /* [rotors][6] of unit thrusts: forces, torques about the centre */
+} Rotors;
+
+/* How the rotors that the law knows share a wrench on the base. */
+typedef struct {
+    int limited;
+    int lacks;                  /* whether there are directions that rotors cannot command */
+    const double *distribution; /* [rotors][6]: thrusts of a force and a torque */
+    const double *least;        /* [rotors]: limits of the thrusts */
+    const double *most;
 } Sharing;
 
 /* Limits and lag of motors and joints. */
@@ -66,11 +86,23 @@ typedef struct {
     const double *lag; /* [rotors]: time constants of the motors, 0 for none */
 } Actuators;
 
-/* What takes energy from the robot or gives it, besides its inputs. */
+/* What acts on the robot besides its inputs: a push, wind, walls, rotors that spin, and payloads.
+ * Numbers of frames and rotors are from 0, and stand among the other numbers. */
 typedef struct {
-    const double *wrenches; /* [frames][6] of the push; NULL where it does not act */
-    const double *losses;   /* [velocities]: damping of the robot itself */
-} Surroundings;
+    ptrdiff_t frames;           /* 0 where nothing acts */
+    const double *push;         /* [frames][6]: its wrenches */
+    const double *coefficients; /* [frames][6]: of drag; NULL without wind */
+    const double *wind;         /* [3]: velocity of the steady wind */
+    ptrdiff_t gusts;
+    const double *gust; /* [gusts][5]: begin, duration, and half of the greatest velocity */
+    ptrdiff_t walls;
+    const double *wall; /* [walls][9]: frame, point, normal, stiffness, damping */
+    ptrdiff_t spins;
+    const double *spin; /* [spins][6]: rotor, frame, axis in the frame, angular momentum */
+    ptrdiff_t payloads;
+    const double *payload; /* [payloads][2]: frame, mass, of those that are there */
+    double gravity;        /* acceleration along z */
+} Environment;
 
 /* Where a flight cannot go on. */
 typedef struct {
@@ -82,17 +114,27 @@ typedef struct {
     Functions functions;
     const void *plant; /* constants of the robot that flies, */
     const void *model; /* and of the one that the law knows */
+    const double *losses; /* [velocities]: damping of the robot itself */
     Layout layout;
     Desired desired;
     Gains gains;
+    Rotors flown;
+    Rotors known;
     Sharing sharing;
     Actuators actuators;
-    Surroundings surroundings;
+    Environment environment;
     Envelope envelope;
     int law;
     const double *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */
-    double *scratch;    /* [gibbs_codegen_loop_room] */
+    double *scratch;    /* [gibbs_codegen_loop_room], zeros before the first call */
 } Loop;
+
+/* Attitude of the base: a quaternion of unit length, or sines and cosines of its angles. */
+typedef struct {
+    const double *quaternion;
+    double sine[3];
+    double cosine[3];
+} Attitude;
 
 /* A state at a time: `q` has a quaternion of unit length; `thrusts` are there if motors lag. */
 typedef struct {
@@ -102,6 +144,7 @@ typedef struct {
     const double *v;
     const double *thrusts;
     const double *memory;
+    Attitude attitude;
 } Moment;
 
 /* Room for numbers. What is taken is free again where the copy ends that it was taken from. */

@@ -5,30 +5,30 @@
 
 #include <stddef.h>
 
+#include "environment.h"
+#include "kinematics.h"
 #include "loop.h"
 #include "vectors.h"
 
-/* Power of inputs: thrusts act on attitude and position (the thrusts of rotors that joints move are
- * 0 here), joint torques on their own joints. */
-static double power(const Loop *f, const double *matrix, const double *inputs, const double *v)
+/* Power of inputs. Where no joint moves the rotors, thrusts act on the base alone. */
+static double power(const Loop *f, const Moment *now, const double *inputs, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t joints = at->velocities - BASE, width = inputs_of(f);
-    const double *attitude = matrix + at->attitude * width;
-    const double *position = matrix + at->position * width;
-    double sum = 0.0;
-    for (ptrdiff_t k = 0; k < at->rotors; ++k) {
-        double speed = 0.0;
-        for (int i = 0; i < 3; ++i) {
-            speed += attitude[i * width + k] * v[at->attitude + i] +
-                     position[i * width + k] * v[at->position + i];
+    double sum = 0.0, twist[BASE];
+    if (f->flown.move) {
+        double *const matrix = take(&room, at->velocities * width);
+        f->functions.input_matrix(f->plant, now->q, matrix);
+        for (ptrdiff_t i = 0; i < at->velocities; ++i) {
+            sum += now->v[i] * dot(width, matrix + i * width, inputs);
         }
-        sum += speed * inputs[k];
+        return sum;
     }
-    for (ptrdiff_t k = 0; k < joints; ++k) {
-        sum += v[at->joints + k] * inputs[at->rotors + k];
+    twist_of(at, &now->attitude, f->flown.centre, now->v, twist);
+    for (ptrdiff_t k = 0; k < at->rotors; ++k) {
+        sum += inputs[k] * dot(BASE, f->flown.wrenches + k * BASE, twist);
     }
-    return sum;
+    return sum + dot(joints, now->v + at->joints, inputs + at->rotors);
 }
 
 /* Power that the damping of the robot itself takes. */
@@ -36,19 +36,18 @@ static double losses(const Loop *f, const double *v)
 {
     double sum = 0.0;
     for (ptrdiff_t i = 0; i < f->layout.velocities; ++i) {
-        sum += f->surroundings.losses[i] * v[i] * v[i];
+        sum += f->losses[i] * v[i] * v[i];
     }
     return sum;
 }
 
-static int within_limits(const Loop *f, ptrdiff_t count, const double *inputs)
+/* Bring inputs within their limits. */
+static void limit(const Loop *f, double *inputs)
 {
-    for (ptrdiff_t k = 0; k < count; ++k) {
-        if (!(inputs[k] >= f->actuators.least[k] && inputs[k] <= f->actuators.most[k])) {
-            return 0;
-        }
+    const double *const least = f->actuators.least, *const most = f->actuators.most;
+    for (ptrdiff_t k = 0; f->actuators.limited && k < inputs_of(f); ++k) {
+        inputs[k] = inputs[k] < least[k] ? least[k] : inputs[k] > most[k] ? most[k] : inputs[k];
     }
-    return 1;
 }
 
 /* Make inputs that act of those commanded, and of what motors aim for the rates of their thrusts. */
@@ -64,21 +63,31 @@ static void actuate(const Loop *f, const double *thrusts, double *inputs, double
 }
 
 /* Accelerations under inputs that act. Returns the power of all that acts. */
-static double move(const Loop *f, const Moment *now, const double *matrix, const double *inputs,
-                   double *acceleration, Room room)
+static double move(const Loop *f, const Moment *now, const double *inputs, double *acceleration,
+                   Room room)
 {
     const Functions *const of = &f->functions;
-    const double *const q = now->q, *const v = now->v, *const pushed = f->surroundings.wrenches;
+    const double *const q = now->q, *const v = now->v;
     const ptrdiff_t m = f->layout.velocities;
-    const double given = power(f, matrix, inputs, v) - losses(f, v);
-    if (!pushed) {
+    const double given = power(f, now, inputs, room) - losses(f, v);
+    if (!f->environment.frames) {
         of->forward_dynamics(f->plant, q, v, inputs, acceleration);
         return given;
     }
-    double *const force = take(&room, m);
-    of->forward_dynamics_with_wrenches(f->plant, q, v, inputs, pushed, acceleration);
-    of->wrench_forces(f->plant, q, pushed, force);
+    double *const force = take(&room, m), *const wrenches = take(&room, 6 * f->environment.frames);
+    surround(f, now, inputs, wrenches, room);
+    of->forward_dynamics_with_wrenches(f->plant, q, v, inputs, wrenches, acceleration);
+    of->wrench_forces(f->plant, q, wrenches, force);
     return given + dot(m, force, v);
+}
+
+/* Room that `move` takes. */
+static ptrdiff_t room_of_plant(const Loop *f)
+{
+    const ptrdiff_t m = f->layout.velocities;
+    const ptrdiff_t power = f->flown.move ? m * inputs_of(f) : 0;
+    const ptrdiff_t around = f->environment.frames ? m + room_of_environment(f) : 0;
+    return power > around ? power : around;
 }
 
 #endif

@@ -3,14 +3,15 @@
  * many steps a call.
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
- * every robot. The state is q, v, the work of the inputs and of the push less what damping takes,
- * the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
+ * every robot. The state is q, v, the work of the inputs and of the wrenches on frames less what
+ * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
  */
 
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
+#include "environment.h"
 #include "kinematics.h"
 #include "laws.h"
 #include "loop.h"
@@ -18,20 +19,16 @@
 #include "ranges.h"
 #include "reference.h"
 
-enum { DONE = 0, LIMIT = 1 };
-
-/*
- * Time derivative of a state. `wanted` is the reference at its time. Returns LIMIT, without a rate,
- * where an input meets one. `range` is of the inputs that are commanded, then of those that act.
- */
+/* Time derivative of a state. `wanted` is the reference at its time; `range`, if it is not NULL, is
+ * of the inputs that are commanded, then of those that act. REFUSED, without a rate, where Python is
+ * to say why there is none. */
 static int derivative(const Loop *f, double time, const double *wanted, const double *state,
                       double *rate, double *range, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->coordinates, m = at->velocities, memory = memory_of(f);
     double *const q = take(&room, n), *const inputs = take(&room, inputs_of(f));
-    double *const matrix = take(&room, m * inputs_of(f));
-    const Moment now = {time, wanted, q, state + n, state + n + m + 1, state + memory};
+    Moment now = {time, wanted, q, state + n, state + n + m + 1, state + memory, {0}};
     memcpy(q, state, (size_t)n * sizeof *q);
     if (has_quaternion(at)) {
         normalise(at, q);
@@ -39,15 +36,15 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
     } else {
         memcpy(rate, now.v, (size_t)n * sizeof *rate);
     }
-    command(f, &now, inputs, room);
-    if (f->actuators.limited && !within_limits(f, inputs_of(f), inputs)) {
-        return LIMIT;
+    now.attitude = attitude_of(at, q);
+    if (command(f, &now, inputs, room) == REFUSED) {
+        return REFUSED;
     }
     widen(inputs_of(f), inputs, range);
+    limit(f, inputs);
     actuate(f, now.thrusts, inputs, rate + n + m + 1);
     widen(inputs_of(f), inputs, range ? range + 2 * inputs_of(f) : NULL);
-    f->functions.input_matrix(f->plant, q, matrix);
-    rate[n + m] = move(f, &now, matrix, inputs, rate + n, room);
+    rate[n + m] = move(f, &now, inputs, rate + n, room);
     remember(f, &now, rate + memory);
     return DONE;
 }
@@ -91,18 +88,18 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop);
 
 ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
 {
-    const ptrdiff_t n = loop->layout.coordinates, m = loop->layout.velocities;
-    const ptrdiff_t inputs = inputs_of(loop);
-    const ptrdiff_t of_law = 4 * m + m * inputs;
-    return 3 * size_of(loop) + 3 * (n + 2 * n) + n + inputs + m * inputs + of_law;
+    const ptrdiff_t n = loop->layout.coordinates;
+    const ptrdiff_t law = room_of_law(loop), plant = room_of_plant(loop);
+    const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
+    return loop->layout.rotors + 3 * size_of(loop) + 3 * (3 * n) + stage;
 }
 
-/* The time derivative of a state at a time. Returns 0, or LIMIT where an input meets one. */
+/* The time derivative of a state at a time. 0, or REFUSED. */
 int gibbs_codegen_rate(const Loop *loop, double time, const double *state, double *rate);
 
 int gibbs_codegen_rate(const Loop *loop, double time, const double *state, double *rate)
 {
-    Room room = {loop->scratch};
+    Room room = {loop->scratch + loop->layout.rotors};
     double *const wanted = take(&room, 3 * loop->layout.coordinates);
     reference(loop, time, wanted);
     return derivative(loop, time, wanted, state, rate, NULL, room);
@@ -113,7 +110,7 @@ int gibbs_codegen_rate(const Loop *loop, double time, const double *state, doubl
  * `number`, is a sample. Returns the steps taken; `state` is the last one, and `samples` has room
  * for count / every + 1 states. `ranges`, if it is not NULL, has room for one more ranges of inputs,
  * [2][2][inputs]: of those commanded and those that act, the least and the greatest at the begins of
- * the steps from one sample to the next. Ends before a step in which an input meets a limit, and after one from
+ * the steps from one sample to the next. Ends before a step that is refused, and after one from
  * which the flight cannot go on.
  */
 ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
@@ -128,7 +125,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
     const Loop f = *loop;
     const ptrdiff_t n = f.layout.coordinates, size = size_of(&f);
-    Room room = {f.scratch};
+    Room room = {f.scratch + f.layout.rotors}; /* before it, guesses at limits */
     double *const rate = take(&room, size), *const stage = take(&room, size);
     double *const sum = take(&room, size), *const middle = take(&room, 3 * n);
     double *now = take(&room, 3 * n), *then = take(&room, 3 * n);
@@ -146,7 +143,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         for (int k = 0; k < 4; ++k) {
             const double *const from = k > 0 ? stage : state;
             double *const range = ranges && k == 0 ? ranges + 4 * inputs_of(&f) * kept : NULL;
-            if (derivative(&f, times[k], wanted[k], from, rate, range, room) == LIMIT) {
+            if (derivative(&f, times[k], wanted[k], from, rate, range, room) == REFUSED) {
                 return done;
             }
             advance(size, rate, step * weight[k], sum, state, step * ahead[k], stage);

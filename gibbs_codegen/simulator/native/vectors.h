@@ -1,4 +1,4 @@
-/* Vectors of three, quaternions, and small systems of equations. */
+/* Vectors of three, and quaternions. */
 
 #ifndef GIBBS_CODEGEN_VECTORS_H
 #define GIBBS_CODEGEN_VECTORS_H
@@ -44,16 +44,20 @@ static void between(const double *p, const double *r, double *out)
 }
 
 
-/* Solve A x = b for three unknowns by Cramer's rule, A row by row. */
-static void solve(const double *a, const double *b, double *x)
+/* Solve A x = b in place of b, A positive definite, row by row, and changed. */
+static void solve_positive(ptrdiff_t n, double *a, double *b)
 {
-    double first[3], second[3], third[3];
-    cross(a + 3, a + 6, first);
-    cross(a + 6, a, second);
-    cross(a, a + 3, third);
-    const double scale = 1.0 / (a[0] * first[0] + a[1] * first[1] + a[2] * first[2]);
-    for (int j = 0; j < 3; ++j) {
-        x[j] = scale * (first[j] * b[0] + second[j] * b[1] + third[j] * b[2]);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        for (ptrdiff_t i = k + 1; i < n; ++i) {
+            const double share = a[n * i + k] / a[n * k + k];
+            for (ptrdiff_t j = k + 1; j < n; ++j) {
+                a[n * i + j] -= share * a[n * k + j];
+            }
+            b[i] -= share * b[k];
+        }
+    }
+    for (ptrdiff_t k = n; k-- > 0;) {
+        b[k] = (b[k] - dot(n - k - 1, a + n * k + k + 1, b + k + 1)) / a[n * k + k];
     }
 }
 

@@ -29,6 +29,8 @@ class Actuators:
     - `thrusts` (2, N): least and greatest thrust, N; `lag` (N): time constants, s, 0 for none
     - `joints` (2, n): least and greatest coordinates, rad or m; `efforts` (n): greatest torques or
       forces, N m or N; `velocities` (n): greatest desired rates, rad/s or m/s
+    - `spins` (N): angular momentum of rotors about their thrusts by the square root of the thrust,
+      kg m²/s/√N, 0 for none
     """
 
     thrusts: Array
@@ -36,6 +38,7 @@ class Actuators:
     joints: Array
     efforts: Array
     velocities: Array
+    spins: Array
 
     @classmethod
     def unlimited(cls, vehicle: Vehicle) -> Actuators:
@@ -54,6 +57,7 @@ class Actuators:
             np.tile(np.transpose([_NO_LIMITS]), joints),
             np.full(joints, math.inf),
             np.full(joints, math.inf),
+            np.zeros(rotors),
         )
 
     @property
@@ -152,6 +156,9 @@ def _fill(
     for k, rotor in enumerate(rotors):
         found.thrusts[:, k] = rotor.get("limits", _NO_LIMITS)
         found.lag[k] = rotor.get("time_constant", 0.0)
+        # A rotor spins against the torque that its drag does to the robot.
+        spin = rotor.get("spin_inertia", 0.0) * rotor.get("speed_per_sqrt_thrust", 0.0)
+        found.spins[k] = -math.copysign(spin, rotor.get("drag", 0.0))
     moving = (link for link in links if link.get("joint") != "fixed")
     for k, link in enumerate(moving):
         found.joints[:, k] = link.get("limits", np.radians(link.get("limits_deg", _NO_LIMITS)))

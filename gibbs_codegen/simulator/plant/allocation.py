@@ -19,12 +19,12 @@ from gibbs_codegen.robot.wrenches import directions
 Array = NDArray[np.float64]
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
-_RANK = 1e-9
+RANK = 1e-9
 # Share of a wrench that thrusts may fail to produce and still count as exact.
-_EXACT = 1e-9
-# Weight of small thrusts against the wrench, as a share of the smallest singular value. It picks
-# one of many solutions; the share of the wrench that it costs is its square.
-_PREFERENCE = 1e-4
+EXACT = 1e-9
+# Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
+# of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
+_PREFERENCE = 1e-5
 
 
 class AllocationError(UsageError):
@@ -49,34 +49,15 @@ class Allocation:
     def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
-        left, values, _ = np.linalg.svd(wrenches)
-        rank = int(np.sum(values > _RANK * values.max(initial=0.0)))
+        left, rank = np.linalg.svd(wrenches)[0], int(ranks(wrenches))
         self.missing = directions(left[:, rank:])
-        self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
+        self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
-        least = np.linalg.svd(weighted, compute_uv=False)[:rank].min(initial=np.inf)
-        preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
+        preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
-
-    def require_all_directions(self, purpose: str) -> None:
-        """Raise an error unless the rotors can produce every wrench.
-
-        Args:
-            purpose: What requires that, as a clause.
-
-        Raises:
-            AllocationError: With the directions that the rotors cannot command.
-        """
-        if self.missing:
-            raise AllocationError(
-                f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(in the base's frame, about the base centre); tilt some thrusts in the robot "
-                'file, add rotors, or set control.law to "open_loop"',
-                self.missing,
-            )
 
     def thrusts(self, wrenches: Array) -> Array:
         """Thrusts that produce wrenches, or within limits come nearest to them.
@@ -137,20 +118,58 @@ class Allocation:
         Returns:
             Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
         """
-        norm = np.linalg.norm(wrenches @ (np.eye(6) - self.wrenches @ self.inverse).T, axis=-1)
-        exact = _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
-        residual: Array = np.where(norm > exact, norm, 0.0)
-        return residual
+        return unproduced(self.wrenches, self.inverse, wrenches)
 
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
-                f"the motion needs {_listed(self.missing)} (in the base's frame, about the base "
+                f"the motion needs {listed(self.missing)} (in the base's frame, about the base "
                 f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
                 "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
 
 
-def _listed(names: Sequence[str]) -> str:
+def ranks(matrices: Array) -> NDArray[np.int64]:
+    """How many directions rotors command.
+
+    Args:
+        matrices: Wrenches of unit thrusts (…, m, N), or some components of them.
+
+    Returns:
+        The ranks (…).
+    """
+    values = np.linalg.svd(matrices, compute_uv=False)
+    largest = values.max(axis=-1, initial=0.0, keepdims=True)
+    found: NDArray[np.int64] = np.sum(values > RANK * largest, axis=-1)
+    return found
+
+
+def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
+    """The part of wrenches that no thrusts produce, whatever the limits.
+
+    Args:
+        wrenches_of_thrusts: Wrench of a unit thrust of each rotor (…, 6, N).
+        inverse: Its pseudo-inverse (…, N, 6).
+        wrenches: Desired wrenches (…, 6).
+
+    Returns:
+        Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
+    """
+    left = np.eye(6) - wrenches_of_thrusts @ inverse
+    norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
+    exact = EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
+    residual: Array = np.where(norm > exact, norm, 0.0)
+    return residual
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a clause lists them.
+
+    Args:
+        names: The names, one at least.
+
+    Returns:
+        The names with commas, and "and" before the last.
+    """
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -13,8 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.scenario.attitude import Turning, attitude_angles, rate_matrix, rotation_matrix
-from gibbs_codegen.simulator.plant.quaternion_kinematics import QuaternionKinematics
+from gibbs_codegen.scenario.attitude import (
+    Turning,
+    attitude_angles,
+    bias_acceleration,
+    rate_matrix,
+    rotation_matrix,
+)
+from gibbs_codegen.simulator.plant.quaternion_kinematics import (
+    QuaternionKinematics,
+    times,
+    transposed,
+)
 from gibbs_codegen.simulator.reference import Motion, Reference
 
 Array = NDArray[np.float64]
@@ -109,6 +119,31 @@ class Kinematics(Protocol):
 
         Returns:
             Velocities (nv) after.
+        """
+        ...
+
+    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Angular velocity and acceleration of the base.
+
+        Args:
+            q: Coordinates (…, nq).
+            v, a: Velocities and accelerations (…, nv).
+
+        Returns:
+            Both (…, 3), in the base's frame.
+        """
+        ...
+
+    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
+        """Entries of the attitude in the accelerations of a base.
+
+        Args:
+            q: Coordinates (…, nq).
+            v: Velocities (…, nv).
+            turning: Angular acceleration (…, 3), in the base's frame.
+
+        Returns:
+            The entries (…, 3) of a.
         """
         ...
 
@@ -258,6 +293,41 @@ class AngleKinematics:
             Velocities (nv) after.
         """
         return v
+
+    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Angular velocity and acceleration (…, 3), by ω = E θ̇.
+
+        Args:
+            q: Coordinates (…, nq).
+            v, a: Rates and accelerations (…, nq).
+
+        Returns:
+            Both, in the base's frame.
+        """
+        back = transposed(self.rotation(q))
+        attitude = self.layout.q.attitude
+        angles, rates = q[..., attitude], v[..., attitude]
+        matrix = rate_matrix(self.sequence, angles)
+        growth = times(matrix, a[..., attitude]) + bias_acceleration(self.sequence, angles, rates)
+        return times(back, times(matrix, rates)), times(back, growth)
+
+    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
+        """Accelerations (…, 3) of the angles, away from their singularity.
+
+        Args:
+            q: Coordinates (…, nq).
+            v: Rates (…, nq).
+            turning: Angular acceleration (…, 3), in the base's frame.
+
+        Returns:
+            The entries (…, 3) of a.
+        """
+        attitude = self.layout.q.attitude
+        angles, rates = q[..., attitude], v[..., attitude]
+        growth = times(self.rotation(q), turning)
+        growth = growth - bias_acceleration(self.sequence, angles, rates)
+        matrix = rate_matrix(self.sequence, angles)
+        return np.asarray(np.linalg.solve(matrix, growth[..., np.newaxis])[..., 0])
 
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
         """The wrench on the base, by the inverse of ψ = Jᵀw for attitude and position (eq. 13).

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.simulator.plant.allocation import Allocation
+from gibbs_codegen.simulator.plant.allocation import RANK, Allocation, unproduced
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
@@ -35,9 +35,14 @@ class MovingAllocation(Allocation):
         Returns:
             Thrusts (…, N), N.
         """
-        thrusts = np.empty((*wrenches.shape[:-1], self.vehicle.rotors))
-        matrices = self.vehicle.thrust_wrenches(q)
-        for place in np.ndindex(wrenches.shape[:-1]):
+        matrices, inverses = self._at(q)
+        thrusts: Array = (inverses @ wrenches[..., np.newaxis])[..., 0]
+        doubtful = unproduced(matrices, inverses, wrenches) > 0.0
+        if self.limits is not None:
+            least, most = self.limits
+            doubtful |= np.any((thrusts < least) | (thrusts > most), axis=-1)
+        for index in np.argwhere(doubtful):
+            place = tuple(index)
             thrusts[place] = Allocation(matrices[place], self.limits).thrusts(wrenches[place])
         return thrusts
 
@@ -51,11 +56,12 @@ class MovingAllocation(Allocation):
         Returns:
             Its norm (…), N and N m.
         """
-        residual = np.empty(wrenches.shape[:-1])
+        return unproduced(*self._at(q), wrenches)
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        """Wrenches of unit thrusts (…, 6, N) at configurations, and their pseudo-inverses."""
         matrices = self.vehicle.thrust_wrenches(q)
-        for place in np.ndindex(wrenches.shape[:-1]):
-            residual[place] = Allocation(matrices[place]).residual(wrenches[place])
-        return residual
+        return matrices, np.asarray(np.linalg.pinv(matrices, rcond=RANK), dtype=np.float64)
 
 
 def allocation_of(

@@ -75,7 +75,7 @@ class QuaternionKinematics:
         """
         places, rates = self.layout, np.empty_like(q)
         rates[..., places.q.joints] = v[..., places.v.joints]
-        rates[..., places.q.position] = _times(self.rotation(q), v[..., places.v.position])
+        rates[..., places.q.position] = times(self.rotation(q), v[..., places.v.position])
         turn = 0.5 * _pure(v[..., places.v.attitude])
         rates[..., places.q.attitude] = _product(q[..., places.q.attitude], turn)
         return rates
@@ -94,7 +94,7 @@ class QuaternionKinematics:
         turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
         quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
         world = turning.velocity, turning.acceleration
-        velocity, acceleration = (_times(_transposed(turning.rotation), each) for each in world)
+        velocity, acceleration = (times(transposed(turning.rotation), each) for each in world)
         return quaternion, velocity, acceleration
 
     def continued(self, last: Array, attitude: Array) -> Array:
@@ -120,10 +120,10 @@ class QuaternionKinematics:
         Returns:
             The entries (…, 3) of v and a.
         """
-        inverse = _transposed(turning.rotation)
-        linear = _times(inverse, velocity)
-        carried = np.cross(_times(inverse, turning.velocity), linear)
-        return linear, _times(inverse, acceleration) - carried
+        inverse = transposed(turning.rotation)
+        linear = times(inverse, velocity)
+        carried = np.cross(times(inverse, turning.velocity), linear)
+        return linear, times(inverse, acceleration) - carried
 
     def kept(self, v: Array, turn: Array) -> Array:
         """Velocities (nv) that are the same in the world, by the `turn` (3, 3) between frames.
@@ -140,6 +140,32 @@ class QuaternionKinematics:
             after[part] = turn @ v[part]
         return after
 
+    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Angular velocity and acceleration (…, 3), which are entries of v and a.
+
+        Args:
+            q: Coordinates (…, nq).
+            v, a: Velocities and accelerations (…, nv).
+
+        Returns:
+            The entries, in the base's frame.
+        """
+        attitude = self.layout.v.attitude
+        return v[..., attitude], a[..., attitude]
+
+    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
+        """The angular acceleration (…, 3) itself.
+
+        Args:
+            q: Coordinates (…, nq).
+            v: Velocities (…, nv).
+            turning: The angular acceleration, in the base's frame.
+
+        Returns:
+            Entries (…, 3) of a.
+        """
+        return turning
+
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
         """Force and torque (…, 3) in world axes: entries of a generalised force, turned.
 
@@ -152,7 +178,7 @@ class QuaternionKinematics:
         """
         places, rotation = self.layout.v, self.rotation(q)
         force, torque = (
-            _times(rotation, generalised_force[..., part])
+            times(rotation, generalised_force[..., part])
             for part in (places.position, places.attitude)
         )
         return force, torque
@@ -177,8 +203,8 @@ class QuaternionKinematics:
         between = _product(_conjugate(q[..., attitude]), q_desired[..., attitude])
         off[..., spin] = _rotation_vector(between)
         off[..., rates] = q_desired[..., joints] - q[..., joints]
-        carried = _times(desired, v_desired[..., linear])
-        off_rate[..., linear] = carried - _times(rotation, v[..., linear])
+        carried = times(desired, v_desired[..., linear])
+        off_rate[..., linear] = carried - times(rotation, v[..., linear])
         off_rate[..., spin] = self._carried(rotation, desired, v_desired[..., spin]) - v[..., spin]
         return off, off_rate
 
@@ -203,8 +229,8 @@ class QuaternionKinematics:
         turn, turn_desired = v[..., spin], v_desired[..., spin]
         a = a_desired + pull
         carried = a_desired[..., linear] + np.cross(turn_desired, v_desired[..., linear])
-        world = _times(wanted, carried) + pull[..., linear]
-        a[..., linear] = _times(_transposed(rotation), world) - np.cross(turn, v[..., linear])
+        world = times(wanted, carried) + pull[..., linear]
+        a[..., linear] = times(transposed(rotation), world) - np.cross(turn, v[..., linear])
         a[..., spin] = (
             self._carried(rotation, wanted, a_desired[..., spin])
             - np.cross(turn, self._carried(rotation, wanted, turn_desired))
@@ -233,7 +259,7 @@ class QuaternionKinematics:
         Returns:
             The vector (…, 3).
         """
-        return _times(_transposed(rotation) @ desired, vector)
+        return times(transposed(rotation) @ desired, vector)
 
 
 class PoseReference(Reference):
@@ -253,7 +279,7 @@ class PoseReference(Reference):
         growth = kinematics.rates(motion.q, motion.a)
         spin, linear = motion.v[:, layout.v.attitude], motion.v[:, layout.v.position]
         carried = np.cross(spin, linear)
-        growth[:, layout.q.position] += _times(kinematics.rotation(motion.q), carried)
+        growth[:, layout.q.position] += times(kinematics.rotation(motion.q), carried)
         turning = rates[:, layout.q.attitude]
         growth[:, layout.q.attitude] += 0.5 * _product(turning, _pure(spin))
         super().__init__(Motion(motion.time, motion.q, rates, growth))
@@ -263,7 +289,7 @@ class PoseReference(Reference):
         c, rates, growth = super().__call__(time)
         layout = self.kinematics.layout
         q = self.kinematics.normalised(c)
-        inverse = _transposed(self.kinematics.rotation(q))
+        inverse = transposed(self.kinematics.rotation(q))
         v = np.zeros((*c.shape[:-1], layout.v.size))
         a = np.zeros_like(v)
         v[..., layout.v.joints] = rates[..., layout.q.joints]
@@ -274,10 +300,10 @@ class PoseReference(Reference):
         stretching = np.sum(quaternion * turning, axis=-1, keepdims=True) / square
         back = _conjugate(quaternion) * (2.0 / square)
         spin = _product(back, turning)[..., :3]
-        linear = _times(inverse, rates[..., layout.q.position])
+        linear = times(inverse, rates[..., layout.q.position])
         v[..., layout.v.attitude], v[..., layout.v.position] = spin, linear
         a[..., layout.v.attitude] = _product(back, bending)[..., :3] - 2.0 * stretching * spin
-        a[..., layout.v.position] = _times(inverse, growth[..., layout.q.position]) - np.cross(
+        a[..., layout.v.position] = times(inverse, growth[..., layout.q.position]) - np.cross(
             spin, linear
         )
         return q, v, a
@@ -315,10 +341,27 @@ def _rotation_vector(quaternion: Array) -> Array:
     return vector
 
 
-def _transposed(matrix: Array) -> Array:
+def transposed(matrix: Array) -> Array:
+    """Matrices (…, n, m) of matrices (…, m, n).
+
+    Args:
+        matrix: The matrices.
+
+    Returns:
+        Their transposes.
+    """
     return np.swapaxes(matrix, -1, -2)
 
 
-def _times(matrix: Array, vector: Array) -> Array:
+def times(matrix: Array, vector: Array) -> Array:
+    """Products of matrices and vectors.
+
+    Args:
+        matrix: Matrices (…, m, n).
+        vector: Vectors (…, n).
+
+    Returns:
+        The products (…, m).
+    """
     product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
     return product

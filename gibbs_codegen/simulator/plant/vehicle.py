@@ -38,18 +38,26 @@ class Vehicle:
     Args:
         module: a generated module, with the back end "numpy" or "c".
         parameters: parameters of the module's `prepare`; those left out keep their defaults.
+        key: key of a scenario file that gave them.
 
     Raises:
         UsageError: for a module of another back end or of an older version, and for parameters that
             `prepare` rejects.
     """
 
-    def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        module: ModuleType,
+        parameters: Mapping[str, float] | None = None,
+        key: str = "parameters",
+    ) -> None:
         _check(module)
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
-            raise UsageError(f"{module.NAME}: parameters: {error}") from None
+            unknown = {*(parameters or ())} - {*module.PARAMETERS}
+            known = f"; its parameters: {', '.join(module.PARAMETERS)}" if unknown else ""
+            raise UsageError(f"{module.NAME}: {key}: {error}{known}") from None
         self.module = module
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
@@ -84,6 +92,8 @@ class Vehicle:
         self.input_matrix = self.function("input_matrix")
         self.constraint_torques = self.function("constraint_torques")
         self.positions = self.function("positions")
+        self.centre_of_mass = self.function("centre_of_mass")
+        self.centre_of_mass_jacobian = self.function("centre_of_mass_jacobian")
         self.integrate = self.function("integrate")
         self.frame_poses = self.function("frame_poses")
         if self.has_tip:

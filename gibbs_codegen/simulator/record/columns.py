@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from gibbs_codegen.simulator.record.series import Array, Series
 
 Column = tuple[str, str, Array]
@@ -51,6 +53,7 @@ def columns_of(flight: Series) -> Iterator[Column]:
     for j, point in enumerate(flight.points):
         for i, axis in enumerate("xyz"):
             yield f"{point}_{axis}", "m", flight.positions[:, j, i]
+    yield from _wrenches(flight)
     for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
         for axis, values in zip("xyz", series.T, strict=False):
             yield f"{point}_{axis}_desired", "m", values
@@ -69,3 +72,12 @@ def _inputs(flight: Series) -> Iterator[Column]:
     for suffix, series in _INPUTS.items():
         for name, unit, values in zip(names, units, getattr(flight, series).T, strict=True):
             yield f"{name}{suffix}", unit, values
+
+
+def _wrenches(flight: Series) -> Iterator[Column]:
+    """Wrenches on those frames on which one acts at some time."""
+    for frame, series in zip(flight.frames, np.moveaxis(flight.frame_wrenches, 1, 0), strict=True):
+        if np.any(series):
+            for k, axis in enumerate("xyz"):
+                yield f"{frame}_force_{axis}", "N", series[:, k]
+                yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]

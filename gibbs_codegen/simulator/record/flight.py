@@ -95,6 +95,7 @@ def read_flight(path: StrPath) -> Flight:
     for name, value in values.items():
         if value.dtype.kind == "U":
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
+    values["control_rate"] = float(values["control_rate"])
     values["tangent_arm"] = int(values["tangent_arm"])
     return Flight(**values)
 

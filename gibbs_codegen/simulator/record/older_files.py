@@ -23,8 +23,10 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         Their values. The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
-    if "law" not in stored:
-        found["law"] = np.array("")
+    nothing = np.zeros((len(stored["time"]), 0, 6))
+    later = {"law": np.array(""), "control_rate": np.array(0.0)}
+    later |= {"frames": np.array([], dtype=str), "frame_wrenches": nothing}
+    found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
         if name not in stored:
             found[name] = stored[name.partition("_")[0]]

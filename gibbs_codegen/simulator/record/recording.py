@@ -30,11 +30,13 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     reference = loop.controller.reference(time)
     commanded = loop.controller(time, q, v, memory)
     applied = loop.applied(commanded, thrusts)
-    a = loop.acceleration(q, v, applied, loop.push_acts(time))
+    loads = loop.wrenches(time, q, v, applied, loop.acting(time))
+    a = loop.acceleration(q, v, applied, loads)
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
         law=loop.controller.law,
+        control_rate=loop.held.rate if loop.held else 0.0,
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,
@@ -50,19 +52,39 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
         **_inputs(history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
-        base_arm_angles=_measured_arm_angles(vehicle, q),
-        base_arm_angles_desired=vehicle.arm_angles()[1:],
+        frames=vehicle.frames,
+        frame_wrenches=loads,
+        **_base_arms(vehicle, q),
         positions=vehicle.positions(q),
         parents=point_parents(vehicle),
         base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
-        tip_desired=_desired_tip(vehicle, scenario, time, reference[0]),
+        tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        kinetic_energy=vehicle.kinetic_energy(q, v),
-        potential_energy=vehicle.potential_energy(q),
-        work=work,
+        **_energies(vehicle, q, v, work),
     )
+
+
+def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Array]:
+    """Energies and work, by the names of the fields.
+
+    Args:
+        vehicle: The robot.
+        q, v: Coordinates (s, nq) and velocities (s, nv).
+        work: Work (s), J.
+
+    Returns:
+        The series (s), J.
+    """
+    kinetic, potential = vehicle.kinetic_energy(q, v), vehicle.potential_energy(q)
+    return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
+
+
+def _base_arms(vehicle: Vehicle, q: Array) -> dict[str, Array]:
+    """Measured and desired angles of base arms, rad, by the names of the fields."""
+    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
+    return {"base_arm_angles": measured, "base_arm_angles_desired": desired}
 
 
 def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
@@ -100,7 +122,7 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
     """Desired position of the tip.
 
     Args:
-        vehicle: The robot.
+        vehicle: The robot as the controller knows it.
         scenario: What was flown.
         time: Times (s), s.
         q_desired: Desired coordinates (s, nq).

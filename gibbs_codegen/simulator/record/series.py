@@ -43,22 +43,29 @@ class Series:
       the latter is (s, 0)
     - `heading_error` (s): angle between base arm `tangent_arm` and the tangent of the base's path,
       0 where the attitude does not follow the path (`tangent_arm` is 0 then)
+    - `frame_wrenches` (s, f, 6): force, N, and torque about the origin, N m, world axes, on each
+      of the `frames`, by all that acts on the robot but its inputs: push, wind, walls, payloads and
+      spinning rotors; (s, 0, 6) in files of before flights had them
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
-      external force have done since the start
+      the wrenches on frames have done since the start
 
-    `law` is the control law that was flown, "" in files of before flights said so.
+    `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
+    before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
+    times, or where inputs came from step to step.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
     law: str
+    control_rate: float
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
     input_names: tuple[str, ...]
     points: tuple[str, ...]
     constraint_names: tuple[str, ...]
+    frames: tuple[str, ...]
     tangent_arm: int
     stopped: str
     time: Array = field(repr=False)
@@ -75,6 +82,7 @@ class Series:
     applied_least: Array = field(repr=False)
     applied_greatest: Array = field(repr=False)
     constraint_torques: Array = field(repr=False)
+    frame_wrenches: Array = field(repr=False)
     base_arm_angles: Array = field(repr=False)
     base_arm_angles_desired: Array = field(repr=False)
     positions: Array = field(repr=False)
@@ -145,6 +153,22 @@ class Series:
         if name not in self.points:
             raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
         return self.positions[:, self.points.index(name)]
+
+    def frame_wrench(self, name: str) -> Array:
+        """Wrenches on a frame.
+
+        Args:
+            name: Name of the frame, one of `frames`.
+
+        Returns:
+            Force, N, and torque about its origin, N m, (s, 6), world axes.
+
+        Raises:
+            UsageError: If there is no such frame.
+        """
+        if name not in self.frames:
+            raise UsageError(f"{name}: no such frame; there are {', '.join(self.frames)}")
+        return self.frame_wrenches[:, self.frames.index(name)]
 
     @property
     def centre_error(self) -> Array:

@@ -1,0 +1,51 @@
+"""The table of a scenario file that says what sensors make of the state."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from gibbs_codegen.files.fields import Bounds
+from gibbs_codegen.files.table import Table
+from gibbs_codegen.scenario.numbers import NotNegative
+from gibbs_codegen.scenario.sensors import Sensors
+
+
+class SensorsTable(Table):
+    """White noise and delay of what a sampled law of control observes."""
+
+    position: NotNegative = Field(
+        default=Sensors.position, description="standard deviation of each coordinate of the base, m"
+    )
+    attitude_deg: Annotated[NotNegative, Bounds(most=90.0, unit="°")] = Field(
+        default=0.0,
+        description="standard deviation of the attitude about each axis, degrees",
+    )
+    joints: NotNegative = Field(
+        default=Sensors.joints, description="standard deviation of each joint, rad or m"
+    )
+    velocity: NotNegative = Field(
+        default=Sensors.velocity,
+        description="standard deviation of the base's velocity along each axis, m/s",
+    )
+    angular_velocity: NotNegative = Field(
+        default=Sensors.angular_velocity,
+        description="standard deviation of the base's angular velocity about each axis, rad/s",
+    )
+    joint_rates: NotNegative = Field(
+        default=Sensors.joint_rates,
+        description="standard deviation of the rate of each joint, rad/s or m/s",
+    )
+    delay: Annotated[NotNegative, Bounds(most=10.0, unit=" s")] = Field(
+        default=Sensors.delay, description="how old the state is that is observed, s"
+    )
+    seed: Annotated[int, Bounds(0, 2**63 - 1)] = Field(
+        default=Sensors.seed, description="flights of the same seed have the same noise"
+    )
+
+    def sensors(self) -> Sensors:
+        """The sensors that the table describes."""
+        values = dict(self)
+        return Sensors(attitude=math.radians(values.pop("attitude_deg")), **values)

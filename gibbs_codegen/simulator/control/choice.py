@@ -1,0 +1,108 @@
+"""Which law of control a robot is flown by: what its rotors command decides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gibbs_codegen.scenario.control import Control, Law
+from gibbs_codegen.simulator.control.geometric import GeometricLaw
+from gibbs_codegen.simulator.control.laws import ControlLaw, Controller, Gains
+from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError, listed, ranks
+from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.reference import Reference
+
+_ALL = 6
+# How much faster the base must lean than the position follows, which it moves.
+_FASTER = 4.0
+_WHERE = "(in the base's frame, about the base centre)"
+
+
+def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
+    """The law that a scenario's asks for: "tracking" is one or another, all others are themselves.
+
+    Args:
+        law: Law of the scenario.
+        vehicle: The robot.
+        q: Configurations (s, nq) of the desired motion; of those of rotors that no joint moves, one
+            is enough.
+        scenario: Name of the scenario, for messages.
+
+    Returns:
+        The law, which is not "tracking".
+
+    Raises:
+        AllocationError: If the rotors do not command what the law needs, with what would serve.
+    """
+    if law in ("open_loop", "off"):
+        return law
+    full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
+    one_axis = thrust_axis(vehicle, q) is not None
+    if law != "geometric" and full:
+        return "computed_torque"
+    if law != "computed_torque" and one_axis:
+        return "geometric"
+    purpose = f"{vehicle.name}: to fly {scenario!r} under "
+    if full:
+        raise AllocationError(
+            f"{purpose}the geometric law the rotors must push along one axis, but they command all "
+            'directions; set control.law to "tracking" or "computed_torque"',
+            (),
+        )
+    missing = _missing(vehicle, q)
+    lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
+    if one_axis:
+        raise AllocationError(
+            f"{purpose}computed torque the base must be fully actuated, {lacks}; set control.law "
+            'to "tracking" or "geometric", by which a base flies that pushes along one axis and '
+            "commands three moments",
+            missing,
+        )
+    raise AllocationError(
+        f"{purpose}control the rotors must command all directions, or the force along one axis and "
+        f"three moments, {lacks}; tilt some thrusts in the robot file, add rotors, or set "
+        'control.law to "open_loop"',
+        missing,
+    )
+
+
+def control_law(
+    law: Law, control: Control, vehicle: Vehicle, reference: Reference, allocation: Allocation
+) -> ControlLaw:
+    """The law with the gains of a scenario.
+
+    Args:
+        law: The law, which is not "tracking".
+        control: Frequencies and damping ratio.
+        vehicle: The robot, as the law knows it.
+        reference: The desired motion.
+        allocation: Control allocation of the rotors.
+
+    Returns:
+        The law.
+    """
+    geometric = law == "geometric"
+    attitude = control.attitude_frequency
+    if attitude is None:
+        attitude = control.frequency * (_FASTER if geometric else 1.0)
+    places = vehicle.layout.v
+    frequencies = np.full(places.size, control.frequency)
+    frequencies[places.attitude] = attitude
+    gains = Gains.of(frequencies, control.damping_ratio, places.size)
+    if geometric:
+        return GeometricLaw(vehicle, reference, allocation, gains)
+    return Controller(vehicle, reference, allocation, gains, law)
+
+
+def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:
+    """Directions that the rotors cannot command where they command least.
+
+    Args:
+        vehicle: The robot.
+        q: Configurations (s, nq).
+
+    Returns:
+        Their names.
+    """
+    wrenches = np.reshape(vehicle.thrust_wrenches(q), (-1, _ALL, vehicle.rotors))
+    return Allocation(wrenches[np.argmin(ranks(wrenches))]).missing

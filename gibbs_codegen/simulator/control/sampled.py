@@ -1,0 +1,197 @@
+"""Laws of control, and controllers of users, that are evaluated at a rate."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.control.held import HeldInputs
+from gibbs_codegen.simulator.control.laws import ControlLaw
+from gibbs_codegen.simulator.control.sensing import Observation, Sensing
+from gibbs_codegen.simulator.plant.vehicle import Array
+
+# Samples a second where a law has to be sampled and nobody says how often.
+DEFAULT_RATE = 1000.0
+# Of a controller, Hz.
+_LOWEST_RATE = 0.1
+
+
+class OwnController(Protocol):
+    """A controller of a user: any callable that takes an observation and returns inputs.
+
+    It may have attributes `rate`, Hz, and `delay`, s, which come before those of the scenario, and
+    a method `reset()`, which is called before a flight.
+    """
+
+    def __call__(self, observation: Observation, /) -> Any:
+        """Inputs u (nu) for an observation: thrusts, N, then torques and forces of the joints."""
+
+
+class LawAsController:
+    """A law of the simulator that is told observations, and remembers from sample to sample.
+
+    Args:
+        law: the law.
+        rate: samples a second, Hz.
+    """
+
+    def __init__(self, law: ControlLaw, rate: float) -> None:
+        self._law, self._rate = law, rate
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was remembered."""
+        self._memory = np.zeros(self._law.memory)
+
+    def __call__(self, observation: Observation) -> Array:
+        """Inputs u (nu) for an observation; what is remembered grows as in the period after it."""
+        seen = observation.time, observation.q, observation.v, self._memory
+        inputs = self._law(*seen)
+        self._memory = self._memory + self._law.growth(*seen) / self._rate
+        return inputs
+
+
+class Sampled(HeldInputs):
+    """A law of control that samples another, or a controller of a user.
+
+    Args:
+        law: what is known of the robot, the desired motion and the decay of errors; without
+            `controller` also the law that is sampled.
+        rate: samples a second, Hz.
+        delay: time from a sample until its command takes effect, s.
+        sensing: what is observed.
+        controller: the controller of a user, if there is one.
+    """
+
+    def __init__(
+        self,
+        law: ControlLaw,
+        rate: float,
+        delay: float,
+        sensing: Sensing,
+        controller: OwnController | None = None,
+    ) -> None:
+        super().__init__(law, law.law if controller is None else "own", delay, rate)
+        self._sensing = sensing
+        self._controller = controller or LawAsController(law, rate)
+        self._taken = 0
+
+    def start(self, q: Array, v: Array) -> None:
+        """Begin a flight: forget what was, and take the first sample.
+
+        Args:
+            q, v: Coordinates (nq) and velocities (nv) at the start.
+
+        Raises:
+            UsageError: If the first command is not what inputs must be.
+        """
+        self.forget()
+        self._taken = 0
+        self._sensing.reset()
+        reset = getattr(self._controller, "reset", None)
+        if reset is not None:
+            reset()
+        if fault := self.begin(0.0, q, v):
+            raise UsageError(fault)
+
+    def instants(self, begin: float, end: float) -> Array:
+        """When a sample is taken, or a command takes effect.
+
+        Args:
+            begin, end: Times, s.
+
+        Returns:
+            The times (…) after the first and before the second, s, in order.
+        """
+        late = self._sensing.delay
+        first = max(int((begin - self.delay) * self.rate) - 1, 0)
+        last = int(np.ceil((end + late) * self.rate)) + 1
+        samples = np.arange(first, last) / self.rate
+        return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
+
+    def begin(self, time: float, q: Array, v: Array) -> str:
+        """Take the samples that are due, and let the commands that are due take effect.
+
+        A sample is taken of the state that its observation tells, which is earlier by the delay of
+        the sensors.
+
+        Args:
+            time: Time, s, not before that of the call before.
+            q, v: Coordinates (nq) and velocities (nv) then.
+
+        Returns:
+            What is wrong with a command of the controller, "" if nothing is.
+        """
+        while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
+            self._taken += 1
+            inputs = self._controller(self._sensing(sampled, q, v))
+            if fault := self.fault(inputs):
+                return f"at t = {sampled:.6g} s the controller returned {fault}"
+            self.command(sampled, inputs)
+        return super().begin(time, q, v)
+
+
+def law_in_time(
+    law: ControlLaw, scenario: Scenario, controller: OwnController | None = None
+) -> ControlLaw:
+    """A law as a scenario evaluates it: at all times, or at a rate.
+
+    Args:
+        law: The law.
+        scenario: What is flown, with rate, delay and sensors.
+        controller: What commands instead of the law, if given.
+
+    Returns:
+        The law itself if nothing has a rate: neither scenario nor controller nor sensors.
+
+    Raises:
+        UsageError: If the controller is no callable, or its rate or delay is not what it must be.
+    """
+    control, sensors = scenario.control, scenario.sensors
+    rate, delay = control.rate, control.delay
+    if controller is None:
+        if rate is None and sensors is None:
+            return law
+    else:
+        if not callable(controller):
+            raise UsageError(
+                f"controller: {printable(repr(controller), 60)} cannot be called; give a function "
+                "or an object that takes an Observation and returns inputs"
+            )
+        rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
+        delay = _number(controller, "delay", delay, least=0.0) or 0.0
+    rate = rate or DEFAULT_RATE
+    sensing = Sensing(law.vehicle, law.reference, sensors)
+    return Sampled(law, rate, delay, sensing, controller)
+
+
+def _number(
+    controller: OwnController, name: str, otherwise: float | None, least: float
+) -> float | None:
+    """A number that a controller may have as an attribute.
+
+    Args:
+        controller: The controller.
+        name: Of the attribute.
+        otherwise: What it is where the controller has none, or None.
+        least: Its least value.
+
+    Returns:
+        The number.
+
+    Raises:
+        UsageError: If it is no number, or less.
+    """
+    found = getattr(controller, name, None)
+    if found is None:
+        return otherwise
+    if not (isinstance(found, int | float | np.number) and least <= found < np.inf):
+        unit = {"rate": "Hz", "delay": "s"}[name]
+        raise UsageError(
+            f"controller: its {name} must be a number of {least:g} {unit} or more, not "
+            f"{printable(repr(found), 60)}"
+        )
+    return float(found)

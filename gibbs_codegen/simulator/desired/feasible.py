@@ -1,0 +1,170 @@
+"""Motions that a base can fly whose rotors push along one axis.
+
+Such a base leans where it is to accelerate. Its thrust axis is turned from where the scenario's
+attitude has it, by the shortest way, to where the motion needs it: so the heading is kept, and tilt
+is what physics asks for. Without an arm, and with the centre of mass at the base centre, the axis
+is that of acceleration and gravity (differential flatness); in general `collocation` finds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.orientation import Orientation
+from gibbs_codegen.scenario.paths import Path
+from gibbs_codegen.simulator.desired.collocation import STENCIL, nearest_motion
+from gibbs_codegen.simulator.desired.knots import (
+    Deviation,
+    bounded_path,
+    refine,
+    refined,
+)
+from gibbs_codegen.simulator.desired.leaning import Leaning
+from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.reference import Motion
+
+# Knots that are solved for at once, and those beyond that are found again.
+_SPAN, _OVERLAP = 4096, 1024
+# Fewest pieces, so that there are differences of third order.
+_FEWEST = 8
+# Greatest lateral force between knots, as a share of the weight, and greatest distance from the
+# path, m.
+_LATERAL, _FARTHEST = 1e-3, 0.1
+_TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
+
+
+def feasible_motion(
+    vehicle: Vehicle,
+    time: Array,
+    joints_at: Callable[[Array], Motion],
+    path: Path,
+    orientation: Orientation,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Motion:
+    """The motion nearest to a path that a base can fly whose rotors push along one axis.
+
+    Args:
+        vehicle: The robot.
+        time: Knots (s), evenly spaced, s. Where pieces between them need lateral force, 2, 4 …
+            times as many are taken.
+        joints_at: Motion of the joints for knots, the base's coordinates at zero.
+        path: Path of the base centre.
+        orientation: The attitude that the base has but for its tilt.
+        progress: Is told the share that is done, 0 to 1.
+
+    Returns:
+        The motion at the knots.
+
+    Raises:
+        UsageError: With the time, where thrust would have to vanish or to point against the
+            scenario's attitude, where the attitude is singular, where joints bring the rotors to
+            where they do not command three moments, and where the base cannot stay near its path.
+    """
+    refinement = -(-_FEWEST // (len(time) - 1))
+    while True:
+        knots = refined(time, refinement)
+        centre = bounded_path(knots, path, "path of the base")
+        turning = orientation(path, knots, vehicle.arm_angles())
+        joints = joints_at(knots)
+        axis = _axes(vehicle, joints)
+        leaning = Leaning(vehicle, joints, axis, centre, turning)
+        motion = _solved(leaning, progress)
+        deviation = _deviation(vehicle, motion, leaning.weight)
+        if deviation is None:
+            return motion
+        refinement = refine(refinement, time, deviation, *_TOO_FAST)
+
+
+def _axes(vehicle: Vehicle, joints: Motion) -> Array:
+    """Thrust axes (s, 3) in the base's frame for a motion of the joints.
+
+    Args:
+        vehicle: The robot.
+        joints: Motion of the joints at knots.
+
+    Returns:
+        Unit vectors (s, 3).
+
+    Raises:
+        UsageError: With the first time at which there is none.
+    """
+    if not vehicle.rotors_move:
+        axis = thrust_axis(vehicle, joints.q[:1])
+        return np.broadcast_to(np.empty(0) if axis is None else axis, (len(joints.q), 3))
+    axis = thrust_axis(vehicle, joints.q)
+    if axis is not None:
+        return axis
+    fails = np.array([thrust_axis(vehicle, q[np.newaxis]) is None for q in joints.q])
+    raise UsageError(
+        f"at t = {joints.time[fails][0]:.6g} s the joints bring the rotors to where they do not "
+        "command a force along one axis and three moments; choose another posture or other moves"
+    )
+
+
+def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
+    """The motion of a leaning base, in spans of knots that overlap.
+
+    What lies ahead matters for a few seconds only, so that the end of each span is found again.
+
+    Args:
+        leaning: The base and its path.
+        progress: Is told the share that is done, 0 to 1.
+
+    Returns:
+        The motion at the knots.
+
+    Raises:
+        UsageError: As `feasible_motion` says.
+    """
+    axes, time = leaning.point_mass(), leaning.joints.time
+    shift, held = np.zeros_like(axes), leaning.at_rest()
+    for begin in range(0, len(time), _SPAN):
+        span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
+        part = leaning.part(span)
+        try:
+            axes[span], shift[span] = nearest_motion(
+                part.lateral, axes[span], shift[span], part.grid, leaning.gravity, held[span]
+            )
+        except SingularAttitudeError as error:
+            instant = time[span][error.place]
+            raise SingularAttitudeError(f"at t = {instant:.6g} s {error}", error.place) from None
+        # The next span goes on from here.
+        held[max(begin + _SPAN - STENCIL, 0) : begin + _SPAN] = True
+        progress(min(1.0, span.stop / len(time)))
+        if span.stop >= len(time):
+            break
+    off = np.linalg.norm(shift, axis=-1)
+    if off.max() > _FARTHEST:
+        raise UsageError(
+            f"at t = {time[np.argmax(off)]:.6g} s the base cannot follow its path: the nearest "
+            f"motion that its thrust allows is {off.max():.3g} m off; choose a gentler motion"
+        )
+    rate, growth = leaning.grid.rate, leaning.grid.growth
+    return leaning.motion((axes, rate @ axes, growth @ axes), (shift, rate @ shift, growth @ shift))
+
+
+def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | None:
+    """Where pieces between knots need the greatest lateral force.
+
+    Args:
+        vehicle: The robot.
+        motion: The motion at knots.
+        weight: Weight of the robot, N.
+
+    Returns:
+        The greatest lateral force; None if that is next to nothing.
+    """
+    middle = 0.5 * (motion.time[1:] + motion.time[:-1])
+    q, v, a = vehicle.kinematics.reference(motion)(middle)
+    force = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))[:, :3]
+    axis = _axes(vehicle, Motion(middle, q, v, a))
+    lateral = np.linalg.norm(np.cross(axis, force), axis=-1)
+    place = int(np.argmax(lateral))
+    if lateral[place] <= _LATERAL * weight:
+        return None
+    return Deviation(place, middle[place], lateral[place], "N")

@@ -1,0 +1,142 @@
+"""A base on a path whose thrust axis is to be found, and the lateral force that it then lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import Turning
+from gibbs_codegen.scenario.orientation import turning_of, unit_derivatives
+from gibbs_codegen.scenario.paths import plane
+from gibbs_codegen.simulator.desired.base_trajectory import base_motion
+from gibbs_codegen.simulator.desired.collocation import STENCIL, Grid
+from gibbs_codegen.simulator.desired.joint_moves import with_joints
+from gibbs_codegen.simulator.desired.knots import check_none
+from gibbs_codegen.simulator.desired.swing import Derivatives, applied, product, skew, swing
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.simulator.reference import Motion
+
+# Share of gravity that thrust must at least make, and cosine of the greatest angle between the
+# thrust axis and that of the scenario's attitude.
+_LEAST_THRUST, _OPPOSITE = 0.05, -0.985
+# Speeds, rates and so on that count as rest.
+_REST = 1e-9
+
+
+class Leaning:
+    """The base on a path, leaning by thrust axes that are to be found.
+
+    Args:
+        vehicle: the robot.
+        joints: motion of the joints at knots, the base's coordinates at zero.
+        axis: thrust axes (s, 3) in the base's frame.
+        centre: position, velocity and acceleration of the base centre (s, ≥ 3, 3).
+        wanted: attitude that the scenario has.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, joints: Motion, axis: Array, centre: Array, wanted: Turning
+    ) -> None:
+        self.vehicle, self.joints, self.centre = vehicle, joints, centre
+        self._axis, self._turning = axis, wanted
+        self.grid = Grid(joints.time)
+        spin, spin_rate = skew(wanted.velocity), skew(wanted.acceleration)
+        turn = wanted.rotation
+        self._wanted = turn, spin @ turn, (spin_rate + spin @ spin) @ turn
+        own = axis, self.grid.rate @ axis, self.grid.growth @ axis
+        # The thrust axis of the scenario's attitude, world axes.
+        self.upright = product(applied, self._wanted, own)
+        self._sides = np.stack([np.stack(plane(tuple(each))) for each in axis])
+        self.weight = float(np.linalg.norm(self._force(vehicle.neutral, 0.0)))
+        self.gravity = self.weight / (float(self._force(vehicle.neutral, 1.0)[2]) - self.weight)
+
+    def _force(self, q: Array, upwards: float) -> Array:
+        """Force (3) on the level base that accelerates upwards, m/s², N."""
+        v, a = np.zeros((2, self.vehicle.layout.v.size))
+        a[self.vehicle.layout.v.position.stop - 1] = upwards
+        return self.vehicle.base_wrench(q, self.vehicle.inverse_dynamics(q, v, a))[:3]
+
+    def motion(self, axes: Derivatives, shift: Derivatives) -> Motion:
+        """The motion with thrust axes and shifts.
+
+        Args:
+            axes: Thrust axes and their first two derivatives (s, 3), world axes.
+            shift: What is added to position, velocity and acceleration of the base centre (s, 3).
+
+        Returns:
+            The motion at the knots.
+        """
+        centre = self.centre[:, :3] + np.stack(shift, axis=1)
+        tilt = swing(self.upright, unit_derivatives(*axes))
+        turning = turning_of(*product(np.matmul, tilt, self._wanted))
+        base = base_motion(self.vehicle, self.joints.time, centre, turning)
+        return with_joints(self.vehicle, base, self.joints)
+
+    def lateral(self, axis: Array, rate: Array, growth: Array, push: Array) -> Array:
+        """Lateral force that the base would need, as `LateralForce` has it.
+
+        Args:
+            axis, rate, growth: Thrust axes and their first two derivatives (s, 3), world axes.
+            push: What is added to the acceleration of the base centre (s, 3), m/s².
+
+        Returns:
+            The force (s, 2), as a share of the weight.
+        """
+        still = np.zeros_like(push)
+        motion = self.motion((axis, rate, growth), (still, still, push))
+        force = self.vehicle.inverse_dynamics(motion.q, motion.v, motion.a)
+        wrench = self.vehicle.base_wrench(motion.q, force)[:, :3]
+        share: Array = applied(self._sides, wrench) / self.weight
+        return share
+
+    def part(self, span: slice) -> Leaning:
+        """The same at some of the knots.
+
+        Args:
+            span: Which knots.
+
+        Returns:
+            The base on this part of the path.
+        """
+        if len(self.joints.time[span]) == self.grid.count:
+            return self
+        joints, turning = self.joints, self._turning
+        joints = Motion(joints.time[span], joints.q[span], joints.v[span], joints.a[span])
+        turning = Turning(
+            turning.rotation[span], turning.velocity[span], turning.acceleration[span]
+        )
+        return Leaning(self.vehicle, joints, self._axis[span], self.centre[span], turning)
+
+    def point_mass(self) -> Array:
+        """Thrust axes (s, 3) of a point mass on the path, world axes.
+
+        Raises:
+            UsageError: With the time, where thrust would have to vanish or to point against the
+                scenario's attitude.
+        """
+        time = self.joints.time
+        needed = self.centre[:, 2] + np.array([0.0, 0.0, self.gravity])
+        size = np.linalg.norm(needed, axis=-1)
+        check_none(
+            time,
+            size < _LEAST_THRUST * self.gravity,
+            "the path of the base is next to free fall, in which no thrust turns the base",
+        )
+        axis: Array = needed / size[:, np.newaxis]
+        against = np.sum(axis * self.upright[0], axis=-1) < _OPPOSITE
+        if np.any(against):
+            raise UsageError(
+                f"at t = {time[against][0]:.6g} s the path of the base needs thrust against that "
+                "of the scenario's attitude; choose a gentler path, or an attitude that turns with "
+                'it (base.attitude.kind = "turn")'
+            )
+        return axis
+
+    def at_rest(self) -> Flags:
+        """Which knots (s) are held: the first and the last ones, where the machine rests there."""
+        rates = [self._wanted[1].reshape(self.grid.count, -1), self.centre[:, 1], self.centre[:, 2]]
+        rates += [self.joints.v, self.joints.a]
+        still = np.all(np.abs(np.concatenate(rates, axis=1)) < _REST, axis=1)
+        held = np.zeros(self.grid.count, dtype=bool)
+        held[:STENCIL], held[-STENCIL:] = still[0], still[-1]
+        return held

@@ -1,0 +1,160 @@
+"""Motions of bases that push along one axis: against mechanics written out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import Array
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Level, Turn, turning_of
+from gibbs_codegen.scenario.paths import Circle, Harmonic, Line, Path, Term
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.desired import feasible
+from gibbs_codegen.simulator.desired.collocation import differences
+from gibbs_codegen.simulator.desired.swing import swing
+from gibbs_codegen.simulator.desired.trajectory import desired_motion
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.reference import Reference
+
+# Of the robot file.
+HANGS, GRAVITY = 0.01, 9.81
+
+
+@pytest.fixture(scope="module")
+def quadrotor(fast: Callable[[str], ModuleType]) -> Vehicle:
+    return Vehicle(fast("quadrotor"))
+
+
+def pose(vehicle: Vehicle, reference: Reference, time: Array) -> tuple[Array, Array]:
+    """Base centre (s, 3) and rotation of the base (s, 3, 3)."""
+    q, _, _ = reference(time)
+    return q[:, vehicle.layout.q.position], vehicle.base_rotation(q)
+
+
+def sideways(vehicle: Vehicle, reference: Reference, time: Array) -> Array:
+    """Acceleration across the thrust axis, as differences of the centre of mass have it (s)."""
+    step = 2e-4
+    centres = []
+    for shift in (-step, 0.0, step):
+        place, rotation = pose(vehicle, reference, time + shift)
+        centres.append(place - HANGS * rotation[:, :, 2])
+    needed = (centres[0] - 2.0 * centres[1] + centres[2]) / step**2 + [0.0, 0.0, GRAVITY]
+    _, rotation = pose(vehicle, reference, time)
+    return np.linalg.norm(np.cross(rotation[:, :, 2], needed), axis=-1)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.9])
+def test_a_line_is_flown_by_leaning_from_rest_to_rest(quadrotor: Vehicle, heading: float) -> None:
+    line = Line((0.0, 0.0, 2.0), (3.0, -2.0, 2.5), 2.0, begin=0.5)
+    reference = desired_motion(quadrotor, Scenario("line", 3.0, line, Level(heading)))
+    time = np.linspace(0.01, 2.99, 400)
+    assert sideways(quadrotor, reference, time).max() < 0.02
+    place, rotation = pose(quadrotor, reference, time)
+    assert np.linalg.norm(place - line(time)[:, 0], axis=-1).max() < 1e-4
+    for instant in (0.0, 3.0):
+        q, v, a = reference(instant)
+        assert_allclose(quadrotor.base_rotation(q)[:, 2], [0, 0, 1], atol=1e-12)
+        assert_allclose(v, 0.0, atol=1e-9)
+        assert_allclose(a, 0.0, atol=1e-6)
+    # Turned back by the heading, the base is turned about a level axis only.
+    tilt = rotation @ Rotation.from_rotvec([0.0, 0.0, -heading]).as_matrix()
+    assert np.abs(Rotation.from_matrix(tilt).as_rotvec()[:, 2]).max() < 1e-12
+
+
+def test_on_a_circle_it_leans_as_its_centre_of_mass_does(quadrotor: Vehicle) -> None:
+    """Tan θ = ω² R / g, where the centre of mass hangs outside of the base centre's circle."""
+    scenario = replace(read_scenario("circle"), duration=4.0)
+    reference = desired_motion(quadrotor, scenario)
+    time = np.linspace(0.0, 4.0, 57)
+    place, rotation = pose(quadrotor, reference, time)
+    lean = 0.0
+    for _ in range(50):
+        lean = np.arctan((2 * np.pi / 8) ** 2 * (2.0 + HANGS * np.sin(lean)) / GRAVITY)
+    inwards = ([0.0, 0.0, 2.0] - place) / 2.0
+    assert_allclose(rotation[:, :, 2], np.sin(lean) * inwards + [0, 0, np.cos(lean)], atol=2e-6)
+    # A base without arms has its x axis along the path.
+    assert_allclose(rotation[:, :, 0], np.cross([0, 0, 1], inwards) * -1.0, atol=2e-6)
+    assert_allclose(place, scenario.base(time)[:, 0], atol=1e-7)
+
+
+def test_spans_are_joined_without_a_seam(
+    quadrotor: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feasible, "_SPAN", 100)
+    monkeypatch.setattr(feasible, "_OVERLAP", 100)
+    circle = Scenario("circle", 2.0, Circle((0.0, 0.0, 2.0), 1.0, 3.0), Level())
+    reference = desired_motion(quadrotor, circle)
+    time = np.linspace(0.01, 1.99, 300)
+    assert sideways(quadrotor, reference, time).max() < 1e-5
+    lean = np.linalg.norm(reference(time)[2][:, quadrotor.layout.v.attitude], axis=-1)
+    assert np.ptp(lean) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("path", "attitude", "message"),
+    [
+        (Line((0, 0, 50), (0, 0, 40), 1.21), Level(), "t = .* next to free fall"),
+        (Circle((0, 0, 2), 0.0, 1.0), Turn((1, 0, 0), np.pi, 1.0), r"t = .*that.*kind = .turn"),
+        (Harmonic(x=(Term(0.02, 0.0, 40.0),)), Level(), "t = .* no tilt is found"),
+    ],
+)
+def test_what_no_thrust_does_is_refused(
+    quadrotor: Vehicle, path: Path, attitude: Level | Turn, message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        desired_motion(quadrotor, Scenario("wild", 1.5, path, attitude))
+
+
+def test_the_shortest_rotation_and_its_rates() -> None:
+    time = np.linspace(0.0, 1.0, 11)
+
+    def vectors(time: Array) -> tuple[tuple[Array, Array, Array], ...]:
+        angles = ((0.3 + 2.0 * time, 0.5 * time**2), (1.1 - time, 1.0 + np.sin(time)))
+        rates = ((2.0 + 0.0 * time, time), (0.0 * time - 1.0, np.cos(time)))
+        seconds = ((0.0 * time, 1.0 + 0.0 * time), (0.0 * time, -np.sin(time)))
+        return tuple(_direction(*each) for each in zip(angles, rates, seconds, strict=True))
+
+    begin, end = vectors(time)
+    rotation = swing(begin, end)
+    assert_allclose(np.einsum("sij,sj->si", rotation[0], begin[0]), end[0], atol=1e-14)
+    about = Rotation.from_matrix(rotation[0]).as_rotvec()
+    assert_allclose(np.sum(about * begin[0], axis=-1), 0.0, atol=1e-13)
+    step = 1e-4
+    ahead, behind = (swing(*vectors(time + by))[0] for by in (step, -step))
+    assert_allclose((ahead - behind) / (2 * step), rotation[1], atol=1e-6)
+    assert_allclose((ahead - 2 * rotation[0] + behind) / step**2, rotation[2], atol=1e-5)
+    assert_allclose(turning_of(*rotation).rotation, rotation[0])
+
+
+def _direction(
+    angles: tuple[Array, Array], rates: tuple[Array, Array], seconds: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Cos a cos b, sin a cos b, sin b and derivatives, by the complex exponentials of both sums."""
+    out = []
+    for sign, share in ((1.0, 0.5), (-1.0, 0.5)):
+        angle, rate, second = (each[0] + sign * each[1] for each in (angles, rates, seconds))
+        wave = share * np.exp(1j * angle)
+        out.append((wave, 1j * rate * wave, (1j * second - rate**2) * wave))
+    plane = [sum(waves) for waves in zip(*out, strict=True)]
+    wave = np.exp(1j * angles[1])
+    upright = (wave, 1j * rates[1] * wave, (1j * seconds[1] - rates[1] ** 2) * wave)
+    first, second, third = (
+        np.stack([p.real, p.imag, u.imag], axis=-1) for p, u in zip(plane, upright, strict=True)
+    )
+    return first, second, third
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_differences_are_exact_for_polynomials(order: int) -> None:
+    time = 0.3 + 0.1 * np.arange(12)
+    polynomial = np.polynomial.Polynomial([0.2, -1.0, 0.7, 2.0, -0.4])
+    found = differences(order, 12, 0.1) @ polynomial(time)
+    assert_allclose(found, polynomial.deriv(order)(time), atol=1e-9)
