@@ -286,7 +286,7 @@ CASES = {
         "test_an_offset_hover_is_reached": (0, 0),
         "test_energy_balances_without_inputs": (0, 1),
         "test_every_step_with_a_quaternion_is_that_of_python": (0, 1),
-        "test_hydrus_hovers_in_open_loop_only": (0, 0),
+        "test_hydrus_hovers_in_open_loop": (0, 0),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
     "simulator/integration/test_compiled_loop.py": {
@@ -396,7 +396,7 @@ CASES = {
         "test_random_trees_pass": (0, 1),
     },
     "simulator/control/test_geometric.py": {
-        "test_it_recovers_from_any_attitude": (2, 1),
+        "test_it_recovers_from_any_attitude": (3, 17),
     },
     "verification/test_verify.py": {
         "test_a_quaternion_passes_in_both_back_ends": (0, 1),

@@ -46,7 +46,8 @@ DATA = """
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
     simulator/native/allocation.h simulator/native/bounded.h simulator/native/environment.h
-    simulator/native/kinematics.h simulator/native/laws.h
+    simulator/native/geometric.h simulator/native/integral.h simulator/native/kinematics.h
+    simulator/native/lag.h simulator/native/laws.h
     simulator/native/loop.h simulator/native/plant.h simulator/native/ranges.h
     simulator/native/reference.h
     simulator/native/rk4.c simulator/native/vectors.h
@@ -54,7 +55,7 @@ DATA = """
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
-    scenarios/circle.toml scenarios/hover.toml scenarios/inspection.toml
+    scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml
     templates/acados_script.py.jinja templates/acados_source.c.jinja
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja

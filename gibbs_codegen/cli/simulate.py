@@ -10,6 +10,9 @@ from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
 
+# Limits that the terminal shows of those that a timing reaches.
+_MOST_LIMITS = 12
+
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
     """Add the command to the parser.
@@ -84,6 +87,13 @@ def _simulate(options: argparse.Namespace) -> int:
         f"largest errors: base centre {max(flight.centre_error):.2g} m, "
         f"{tip}energy balance {energy:.2g} J"
     )
+    if flight.timing:
+        print(f"timing: {printable(flight.timing)}")
+    times = flight.binding_times[:_MOST_LIMITS]
+    for (begin, end), what in zip(times, flight.binding, strict=False):
+        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
+    if more := len(flight.binding) - len(times):
+        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
     if flight.stopped:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
         return 1

@@ -15,6 +15,7 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.prediction import Prediction
 from gibbs_codegen.examples.task import Task
 from gibbs_codegen.examples.tracking_problem import TrackingProblem
+from gibbs_codegen.simulator.control.sensing import Observation
 from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Solutions are good to this, in the units of the cost and the states.
@@ -113,6 +114,24 @@ class Controller:
         low, high = (np.tile(bound, self.nodes) for bound in self.task.limits)
         self._bounds = {"lbx": low, "ubx": high, "lbg": 0.0, "ubg": 0.0}
         self._guess: dict[str, Array] = {}
+
+    @property
+    def rate(self) -> float:
+        """How often `simulate` asks for inputs, Hz: once in a step."""
+        return 1.0 / self.h
+
+    def reset(self) -> None:
+        """Forget the solutions, before a flight."""
+        self.solutions.clear()
+        self._guess = {}
+
+    def __call__(self, seen: Observation) -> Array:
+        """The inputs u (nu) of a step, for `simulate`; of the scenario's motion nothing is used.
+
+        Raises:
+            SolverStuckError: The solver does not come back.
+        """
+        return self.inputs(seen.time, seen.q, seen.v)
 
     def inputs(self, now: float, q: Array, v: Array) -> Array:
         """The inputs of the step that begins now.

@@ -53,6 +53,8 @@ def _left_out(robot: Robot, source: Source, is_urdf: bool) -> Iterator[str]:
             yield f"joint {joint.name}: {' and '.join(lost)}"
     for i in robot.constrained:
         yield f"{link_label(robot, i)}: that a constraint torque holds it; it is welded"
+    if any(rotor.spin_inertia for rotor in robot.thrusters):
+        yield "spin inertias of rotors"
     if is_urdf:
         if slow := [rotor.name for rotor in source.rotors if rotor.time_constant]:
             yield f"time constants of {', '.join(slow)}"

@@ -14,12 +14,23 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
-from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
-from gibbs_codegen.figures.scene import fit, set_scene
+from gibbs_codegen.figures.robot_drawing import (
+    PathDrawing,
+    RobotDrawing,
+    bounds,
+    rotor_radius,
+    samples_at,
+)
+from gibbs_codegen.figures.scene import VIEW, extent, fit, set_scene
 from gibbs_codegen.figures.style import add_legend, style
-from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.figures.thrust_arrows import ThrustArrows
+from gibbs_codegen.simulator.record.flight import Array, Flight
 
-_FRAME_SIZE, _FRAME_DPI = (6.4, 4.8), 100
+# Height of frames, their narrowest and widest width, and what labels take of both, in.
+_HEIGHT, _WIDTHS, _AROUND, _FRAME_DPI = 4.8, (3.6, 6.4), np.array([0.9, 1.3]), 100
+# Radii of rotors that there is room for around a robot; and the share of the whole flight's size
+# below which a robot is followed.
+_ROOM, _SMALL = 2.5, 0.7
 
 
 def write_animation(
@@ -78,6 +89,39 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
     return FFMpegWriter(fps=fps)
 
 
+class _Camera:
+    """Shows the whole flight, or goes with the robot if that would be small in it."""
+
+    def __init__(self, flight: Flight) -> None:
+        whole = bounds(flight)
+        self._places = flight.point(flight.centre)
+        around = flight.positions - self._places[:, np.newaxis]
+        around = around[np.isfinite(around).all(axis=(1, 2))].reshape(-1, 3)
+        room = _ROOM * rotor_radius(flight)
+        near = around.min(axis=0) - room, around.max(axis=0) + room
+        self.follows = float(np.max(near[1] - near[0])) < _SMALL * np.max(whole[1] - whole[0])
+        self._box = near if self.follows else whole
+
+    @property
+    def frame_size(self) -> tuple[float, float]:
+        """Width and height of frames, in, which the scene fills; even in pixels, for mp4."""
+        wide, high = extent(self._box, VIEW)
+        width = (_HEIGHT - _AROUND[1]) * wide / high + _AROUND[0]
+        return 0.02 * round(50.0 * float(np.clip(width, *_WIDTHS))), _HEIGHT
+
+    def box(self, sample: int) -> tuple[Array, Array]:
+        """Lowest and highest coordinates (3) each that are shown at a sample, m."""
+        low, high = self._box
+        place = self._places[sample] if self.follows else np.zeros(3)
+        return low + place, high + place
+
+    def point(self, axes: Any, sample: int) -> None:
+        """Show what is to be seen at a sample, unless the robot is nowhere."""
+        box = self.box(sample)
+        if self.follows and np.all(np.isfinite(box)):
+            axes.set(**{f"{name}lim": ends for name, *ends in zip("xyz", *box, strict=True)})
+
+
 def _film(
     flight: Flight,
     writer: AbstractMovieWriter,
@@ -94,11 +138,13 @@ def _film(
         samples: Numbers of the samples to draw, a frame each.
         progress: As for `write_animation`.
     """
-    figure = Figure(figsize=_FRAME_SIZE)
+    camera = _Camera(flight)
+    figure = Figure(figsize=camera.frame_size)
     axes: Any = figure.add_subplot(projection="3d")
-    set_scene(axes, bounds(flight))
+    set_scene(axes, camera.box(0))
     paths = PathDrawing(axes, flight, desired="0.65")
     robot = RobotDrawing(axes, flight)
+    arrows = ThrustArrows(axes, flight)
     fit(axes, *add_legend(axes, flight))
     clock = figure.text(0.98, 0.02, "", fontsize=11, horizontalalignment="right")
     writer.setup(figure, str(path), _FRAME_DPI)
@@ -106,6 +152,8 @@ def _film(
         for done, sample in enumerate(samples, start=1):
             paths.show(sample)
             robot.show(sample)
+            arrows.show(sample)
+            camera.point(axes, sample)
             clock.set_text(f"{flight.time[sample]:.2f} s")
             writer.grab_frame()
             progress(done, len(samples))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import string
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,8 +17,10 @@ from gibbs_codegen.simulator.record.flight import Flight
 # Of ranges: curves that differ by more are not in one panel.
 _RATIO = 5.0
 
-# A panel: its letter, and the curves of the axes that it consists of, from above.
-_Panel = tuple[str, list[Curves]]
+# A panel: the curves of the axes that it consists of, from above.
+_Panel = list[Curves]
+# What constrained angles change by, rad, where they were integrated and drift.
+_DRIFT = 1e-8
 
 # Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
 _ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
@@ -26,11 +29,12 @@ _ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
 def coordinates(flight: Flight) -> Figure:
     """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
 
-    A: attitude angles, deg, or the quaternion. B: constrained angles of base arms 2 … N, deg, if
-    there are any. C: joints of the arm, revolute ones in deg, prismatic ones in m in a panel of
-    their own. D: position of O₁, of the base centre or of the base's frame, whichever the
-    coordinates are of, m. In A and C, coordinates that vary far less than others, such as roll and
-    pitch beside a yaw of many turns, have axes of their own.
+    Panels, A and so on: attitude angles, deg, or the quaternion; joints of the arm, revolute ones
+    in deg, prismatic ones in m in a panel of their own; position of O₁, of the base centre or of
+    the base's frame, whichever the coordinates are of, m. Constrained angles of base arms 2 … N,
+    deg, have a panel only if they drift, which takes a system that was integrated with them; in
+    flights of the simulator they cannot. Attitudes and joints that vary far less than others, such
+    as roll and pitch beside a yaw of many turns, have axes of their own.
 
     Args:
         flight: The flight.
@@ -45,20 +49,20 @@ def coordinates(flight: Flight) -> Figure:
     with style():
         figure = Figure(figsize=(FULL, 0.3 + sum(heights)), layout="constrained")
         grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-        begin = 0
+        begin, letters = 0, iter(string.ascii_uppercase)
         for pair, row in zip(pairs, rows, strict=True):
             end = begin + len(row)
-            for column, (letter, parts) in enumerate(pair):
+            for column, parts in enumerate(pair):
                 # The last of an odd number takes the whole row.
                 columns = column if len(pair) == 2 else slice(None)
                 places: Sequence[Any] = range(begin, end) if parts[1:] else [slice(begin, end)]
                 group = [figure.add_subplot(grid[place, columns]) for place in places]
-                group[0].set_title(letter, loc="left")
+                group[0].set_title(next(letters), loc="left")
                 for axes, part in zip(group, parts, strict=True):
                     plot(axes, flight, part)
             begin = end
-        # Of B.
-        explain(figure.axes[len(panels[0][1])], "actual", "desired")
+        # Of the second panel.
+        explain(figure.axes[len(panels[0])], "actual", "desired")
         return finished(figure, flight)
 
 
@@ -78,12 +82,13 @@ def _panels(flight: Flight) -> list[_Panel]:
     )
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
     arm_names = [symbol(f"theta_{k}") for k in range(2, arms[0].shape[1] + 2)]
-    base_arms = [("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))])]
+    drift = np.abs(arms[0] - arms[1]).max(initial=0.0) > _DRIFT
+    base_arms = [Curves("base arms (deg)", arm_names, *np.degrees(arms))]
     return [
-        ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude]))),
-        *(base_arms if arm_names else []),
-        *zip(("C", "C′"), map(_by_range, joints), strict=False),
-        ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])]),
+        _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude])),
+        *([base_arms] if drift else []),
+        *map(_by_range, joints),
+        [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])],
     ]
 
 
@@ -130,7 +135,7 @@ def _chosen(curves: Curves, which: Any) -> Curves:
 
 def _heights(panels: Sequence[_Panel]) -> list[float]:
     """Heights of the rows that panels beside each other take, of which some are split, in."""
-    widest = max((parts for _, parts in panels), key=len)
+    widest = max(panels, key=len)
     if len(widest) == 1:
         return [1.8]
     # Names at the ends of curves need height.

@@ -14,13 +14,16 @@ from matplotlib.lines import Line2D
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, add_heading, spread
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
-# Curves on a logarithmic axis end here: it is where what is exactly zero is drawn.
-LOG_FLOOR = 1e-17
+# Curves on a logarithmic axis end here, in m, rad or J: what is below is roundoff. Axes reach at
+# least so many times as far.
+LOG_FLOOR, _LEAST_REACH = 1e-12, 1e3
 
 SOLID: dict[str, Any] = {"linewidth": 1.7, "solid_capstyle": "butt"}
 DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
 # What varies less than this, in the unit of its axis, is drawn as constant.
 ROUND_OFF = 1e-3
+# What the range of linear axes is at least, as a share of the sum of their ends.
+_LEAST_RANGE = 0.1
 # Of names beside curves.
 _LONGEST_NAME = 12
 
@@ -84,6 +87,10 @@ def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str,
     for (name, values), colour in zip(series.items(), COLOURS, strict=False):
         raised = np.maximum(values, LOG_FLOOR)
         plot_line(axes, flight, raised, label=name, color=colour, linewidth=1.0)
+    low, high = axes.get_ylim()
+    if low < 10.0 * LOG_FLOOR:
+        axes.set_ylim(0.5 * LOG_FLOOR, max(high, _LEAST_REACH * LOG_FLOOR))
+        axes.axhspan(0.5 * LOG_FLOOR, LOG_FLOOR, color="0.93", linewidth=0)
     label_axes(axes, label)
     if "" not in series:
         add_key(axes)
@@ -112,8 +119,9 @@ def label_axes(axes: Axes, label: str) -> None:
     """
     axes.set_ylabel(label)
     low, high = axes.get_ylim()
-    if axes.get_yscale() == "linear" and high - low < ROUND_OFF:
-        axes.set_ylim((low + high - ROUND_OFF) / 2.0, (low + high + ROUND_OFF) / 2.0)
+    least = max(ROUND_OFF, _LEAST_RANGE * abs(low + high))
+    if axes.get_yscale() == "linear" and high - low < least:
+        axes.set_ylim((low + high - least) / 2.0, (low + high + least) / 2.0)
     place = axes.get_subplotspec()
     lowest = place is None or place.is_last_row()
     axes.tick_params(labelbottom=lowest)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,7 +20,6 @@ from gibbs_codegen.figures.curves import (
     SOLID,
     Curves,
     add_key,
-    explain,
     finished,
     label_axes,
     plot_line,
@@ -29,6 +27,7 @@ from gibbs_codegen.figures.curves import (
     stack,
     symbol,
 )
+from gibbs_codegen.figures.inputs import inputs as inputs
 from gibbs_codegen.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.figures.snapshots import snapshots_panels as snapshots_panels
 from gibbs_codegen.figures.style import COLOURS, COLUMN, style
@@ -36,31 +35,6 @@ from gibbs_codegen.simulator.record.flight import Flight
 
 # A date would make every file another.
 _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-
-
-def inputs(flight: Flight) -> Figure:
-    """Draw thrusts F₁ … F_N in N, and the joints' torques in N m and forces in N, over time in s.
-
-    Lines are the applied inputs; dashes, where they differ, the commanded ones.
-
-    Args:
-        flight: The flight.
-
-    Returns:
-        The figure.
-    """
-    thrusts, joints = flight.input_names[: flight.rotors], flight.input_names[flight.rotors :]
-    units = dict(zip(joints, flight.layout.effort_units, strict=True))
-    panels = [
-        _input_curves(flight, "thrust (N)", thrusts),
-        _input_curves(flight, "joint torque (N m)", [n for n in joints if units[n] == "N m"]),
-        _input_curves(flight, "joint force (N)", [n for n in joints if units[n] == "N"]),
-    ]
-    with style():
-        figure = stack(flight, [curves for curves in panels if curves.names])
-        if not _followed(flight).all():
-            explain(figure.axes[0], "applied", "commanded")
-        return finished(figure, flight)
 
 
 def constraint_torques(flight: Flight) -> Figure:
@@ -83,7 +57,7 @@ def tracking_error(flight: Flight) -> Figure:
 
     Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
     Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
-    tangent to the path, its angle to the tangent. What is exactly 0 is drawn at `LOG_FLOOR`.
+    tangent to the path, its angle to the tangent. What is below `LOG_FLOOR` is drawn there.
 
     Args:
         flight: The flight.
@@ -113,7 +87,7 @@ def tracking_error(flight: Flight) -> Figure:
 def energy(flight: Flight) -> Figure:
     """Draw changes of energy since the start and the work done, J; below the error |ΔE − W|, J.
 
-    An error that is exactly 0 is drawn at `LOG_FLOOR`.
+    Errors below `LOG_FLOOR`, which are roundoff, are drawn there.
 
     Args:
         flight: The flight.
@@ -185,25 +159,3 @@ def write_figures(
             f"{printable(folder)}: cannot hold the figures: {error.strerror}"
         ) from None
     return paths
-
-
-def _input_curves(flight: Flight, label: str, names: Sequence[str]) -> Curves:
-    """Take inputs of one kind.
-
-    Args:
-        flight: The flight.
-        label: Label of their axis, with its unit.
-        names: Their names in `flight.input_names`.
-
-    Returns:
-        Their curves, with the commanded ones as reference where the applied ones differ.
-    """
-    places = [flight.input_names.index(name) for name in names]
-    differing = np.where(_followed(flight), np.nan, flight.commanded)
-    applied = flight.applied[:, places]
-    return Curves(label, [symbol(name) for name in names], applied, differing[:, places])
-
-
-def _followed(flight: Flight) -> Any:
-    """Whether inputs (s, nu) act as commanded, as far as a figure can show."""
-    return np.isclose(flight.applied, flight.commanded, rtol=1e-4, atol=1e-6)

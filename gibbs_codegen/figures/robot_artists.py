@@ -91,6 +91,17 @@ class RobotArtists:
         )
         self.show(shapes)
 
+    def name(self, gold: str, links: str) -> None:
+        """Give parts names for a legend.
+
+        Args:
+            gold: Name of the gold base arm, "" for none.
+            links: Name of the links, "" for none.
+        """
+        for artist, label in ((self._gold_arm, gold), (self._links, links)):
+            if label:
+                artist.set_label(label)
+
     def show(self, shapes: Shapes) -> None:
         """Put the artists where the robot is.
 

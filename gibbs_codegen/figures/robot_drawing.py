@@ -34,6 +34,9 @@ class RobotDrawing:
         self._arms = arm_lines(flight)
         self._radius = rotor_radius(flight)
         self._artists = RobotArtists(axes, self._shapes(0), rank, colour, scale)
+        if rank == 0:
+            gold = f"base arm {self._gold}" if self._gold else ""
+            self._artists.name(gold, ("arm" if len(self._arms) == 1 else "arms") * bool(self._arms))
 
     def show(self, sample: int) -> None:
         """Put the artists where the robot is.
@@ -59,7 +62,7 @@ class RobotDrawing:
         at, rotors = flight.positions[sample], self._rotors
         ends = [at[[rotor, flight.parents[rotor]]] for rotor in rotors]
         gold = ends.pop(self._gold - 1)[::-1] if self._gold else np.zeros((0, 3))
-        discs = disc_corners(_thrust_directions(flight, sample), self._radius)
+        discs = disc_corners(thrust_directions(flight, sample), self._radius)
         turned: Array = discs @ flight.base_rotation[sample].T
         arms = [at[line] for line in self._arms]
         return Shapes(ends, gold, arms, turned + at[rotors][:, np.newaxis])
@@ -118,8 +121,16 @@ def arm_lines(flight: Flight) -> list[list[int]]:
     return lines
 
 
-def _thrust_directions(flight: Flight, sample: int) -> Array:
-    """Unit vectors (N, 3) of the thrusts in the base's frame at a sample."""
+def thrust_directions(flight: Flight, sample: int) -> Array:
+    """Directions of the thrusts.
+
+    Args:
+        flight: The flight.
+        sample: Number of the sample of the flight.
+
+    Returns:
+        Unit vectors (N, 3) in the base's frame.
+    """
     directions = flight.thrust_directions
     return directions if directions.ndim == 2 else directions[sample]
 
@@ -173,7 +184,7 @@ def rotor_radius(flight: Flight) -> float:
     """
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
-    normals = _thrust_directions(flight, 0) @ flight.base_rotation[0].T
+    normals = thrust_directions(flight, 0) @ flight.base_rotation[0].T
     return disc_radius(motors, normals, np.linalg.norm(motors - carriers, axis=1))
 
 

@@ -84,3 +84,37 @@ def project(axes: Any, points: Array) -> Array:
     matrix = axes.get_proj()
     flat: Array = (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
     return flat
+
+
+def extent(box: tuple[Array, Array], view: tuple[float, float]) -> Array:
+    """Width and height of a box as it is seen.
+
+    Args:
+        box: Lowest and highest coordinates (3) each.
+        view: Elevation above the horizon and azimuth, degrees.
+
+    Returns:
+        Width and height (2), in the unit of the coordinates.
+    """
+    corners = np.array(list(itertools.product(*np.transpose(box))))
+    found: Array = np.ptp(corners @ seen_from(view)[:2].T, axis=0)
+    return found
+
+
+def seen_from(view: tuple[float, float]) -> Array:
+    """Axes of a view.
+
+    Args:
+        view: Elevation above the horizon and azimuth, degrees.
+
+    Returns:
+        Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye.
+    """
+    (sin_e, sin_a), (cos_e, cos_a) = np.sin(np.radians(view)), np.cos(np.radians(view))
+    return np.array(
+        [
+            [-sin_a, cos_a, 0.0],
+            [-sin_e * cos_a, -sin_e * sin_a, cos_e],
+            [cos_e * cos_a, cos_e * sin_a, sin_e],
+        ]
+    )

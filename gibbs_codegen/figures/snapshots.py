@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
-from gibbs_codegen.figures.scene import VIEW, fit, project, set_scene
+from gibbs_codegen.figures.scene import VIEW, extent, fit, project, seen_from, set_scene
 from gibbs_codegen.figures.style import FULL, add_legend, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
@@ -52,13 +52,13 @@ def snapshots(flight: Flight) -> Figure:
     box = bounds(flight, samples)
     view = _clearest_view(centres, box)
     with style():
-        figure = Figure(figsize=_scale(box, view) * _extent(box, view) + _AROUND)
+        figure = Figure(figsize=_scale(box, view) * extent(box, view) + _AROUND)
         axes: Any = figure.add_subplot(projection="3d")
         set_scene(axes, box, view)
         PathDrawing(axes, flight).show(instants[-1])
         colours = _colours(samples)
         outlines = []
-        for rank, place in enumerate(np.argsort(centres @ _seen_from(view)[2])):
+        for rank, place in enumerate(np.argsort(centres @ seen_from(view)[2])):
             robot = RobotDrawing(axes, flight, rank, colours[place], scale=0.9)
             robot.show(samples[place])
             outlines.append(robot.outline(samples[place]))
@@ -78,13 +78,14 @@ def snapshots_panels(flight: Flight) -> Figure:
     """
     samples = _instants(flight)
     box = bounds(flight, samples)
-    wide, high = _extent(box, VIEW)
+    view = _clearest_view(flight.point(flight.centre)[samples], box)
+    wide, high = extent(box, view)
     row_height = min(_ROW, FULL / _COLUMNS * high / wide + _TIME)
     rows = -(-INSTANTS // _COLUMNS)
     with style():
         figure = Figure(figsize=(FULL, _HEAD + rows * row_height))
         colours = _colours(samples)
-        first = _panel(figure, flight, box, samples[0], colours[0])
+        first = _panel(figure, flight, (box, view), samples[0], colours[0])
         left, bottom, width, height = add_legend(first, flight)
         width, height = width / _COLUMNS, height / rows
         # Scene and view are the same in all, so that what fits one fits all.
@@ -92,7 +93,7 @@ def snapshots_panels(flight: Flight) -> Figure:
         fit(first, left, bottom, 0.94 * width, below * height)
         fitting = first.get_position(original=True)
         others = [
-            _panel(figure, flight, box, sample, colour)
+            _panel(figure, flight, (box, view), sample, colour)
             for sample, colour in zip(samples[1:], colours[1:], strict=True)
         ]
         for place, (axes, sample) in enumerate(zip([first, *others], samples, strict=True)):
@@ -107,14 +108,18 @@ def snapshots_panels(flight: Flight) -> Figure:
 
 
 def _panel(
-    figure: Figure, flight: Flight, box: tuple[Array, Array], sample: int, colour: Array
+    figure: Figure,
+    flight: Flight,
+    scene: tuple[tuple[Array, Array], tuple[float, float]],
+    sample: int,
+    colour: Array,
 ) -> Any:
     """Draw the robot at a sample, and its paths so far, in small axes.
 
     Args:
         figure: The figure.
         flight: The flight.
-        box: Lowest and highest coordinates (3) each of the scene, m.
+        scene: Lowest and highest coordinates (3) each, m, and the view.
         sample: Number of the sample.
         colour: Colour (4) of the arm.
 
@@ -122,7 +127,7 @@ def _panel(
         The 3-D axes.
     """
     axes: Any = figure.add_subplot(projection="3d")
-    set_scene(axes, box, ticks=4)
+    set_scene(axes, *scene, ticks=4)
     PathDrawing(axes, flight, scale=0.6).show(sample)
     RobotDrawing(axes, flight, colour=colour, scale=0.6).show(sample)
     axes.tick_params(labelsize=6, pad=-3)
@@ -164,7 +169,7 @@ def _clearest_view(centres: Array, box: tuple[Array, Array]) -> tuple[float, flo
     """
 
     def crowd(view: tuple[float, float]) -> float:
-        flat = _scale(box, view) * centres @ _seen_from(view)[:2].T
+        flat = _scale(box, view) * centres @ seen_from(view)[:2].T
         square = np.sum((flat[:, np.newaxis] - flat) ** 2, axis=2)
         return float(np.sum(1.0 / (square + 1e-2)))
 
@@ -173,26 +178,7 @@ def _clearest_view(centres: Array, box: tuple[Array, Array]) -> tuple[float, flo
 
 def _scale(box: tuple[Array, Array], view: tuple[float, float]) -> float:
     """How large a box can be drawn, in/m."""
-    return float(np.min(_LARGEST / _extent(box, view)))
-
-
-def _extent(box: tuple[Array, Array], view: tuple[float, float]) -> Array:
-    """Width and height (2) of a box, given by lowest and highest coordinates, in a view, m."""
-    corners = np.array(list(itertools.product(*np.transpose(box))))
-    extent: Array = np.ptp(corners @ _seen_from(view)[:2].T, axis=0)
-    return extent
-
-
-def _seen_from(view: tuple[float, float]) -> Array:
-    """Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye of a view."""
-    (sin_e, sin_a), (cos_e, cos_a) = np.sin(np.radians(view)), np.cos(np.radians(view))
-    return np.array(
-        [
-            [-sin_a, cos_a, 0.0],
-            [-sin_e * cos_a, -sin_e * sin_a, cos_e],
-            [cos_e * cos_a, cos_e * sin_a, sin_e],
-        ]
-    )
+    return float(np.min(_LARGEST / extent(box, view)))
 
 
 def _write_times(

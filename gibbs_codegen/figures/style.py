@@ -94,7 +94,7 @@ def add_heading(figure: Figure, flight: Flight) -> Text:
 
 
 def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
-    """Head the figure of 3-D axes, and explain below in one row what they show.
+    """Head the figure of 3-D axes, and explain below what they show.
 
     Args:
         axes: The axes, whose lines have labels.
@@ -107,9 +107,15 @@ def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
     heading = add_heading(figure, flight)
     handles, _ = axes.get_legend_handles_labels()
     anchor = (0.5, _bottom(figure, heading) - 0.005)
-    row = figure.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=anchor, ncols=len(handles)
-    )
+    # As few rows as the width of the figure allows.
+    for rows in range(1, len(handles) + 1):
+        columns = -(-len(handles) // rows)
+        row = figure.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=anchor, ncols=columns
+        )
+        if columns == 1 or row.get_window_extent().width < 0.96 * figure.bbox.width:
+            break
+        row.remove()
     return 0.01, 0.01, 0.98, _bottom(figure, row) - 0.015
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -9,13 +10,13 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
-from gibbs_codegen.files.faults import IN_NAME, fault, refusal
-from gibbs_codegen.files.fields import listed, needed
+from gibbs_codegen.files.faults import IN_NAME, Place, fault, refusal
+from gibbs_codegen.files.fields import Tables, listed, needed
 from gibbs_codegen.files.table import Table
-from gibbs_codegen.scenario.numbers import Number, Positive
+from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.paths import Path, Sum
-from gibbs_codegen.scenario.scenario import ArmTask
+from gibbs_codegen.scenario.scenario import ArmTask, Move
 
 # Names that entries of COORDINATES can have.
 _JOINT_NAME = "[A-Za-z0-9_]{1,200}"
@@ -42,11 +43,35 @@ JointName = Annotated[
     WithJsonSchema({"type": "string", "pattern": f"^{_JOINT_NAME}$"}),
 ]
 
+_MOST_MOVES = 1000
 _FILE = "default: as the robot file has them"
 
 
+class MoveTable(Table):
+    """A move of a joint from rest to rest, with minimum jerk."""
+
+    to: Number = Field(description="where the joint moves, m or degrees")
+    begin: NotNegative = Field(default=0.0, description="when the move begins, s")
+    duration: Positive = Field(description="how long the move takes, s")
+
+
+def _one_after_the_other(moves: list[MoveTable]) -> list[MoveTable]:
+    for place, (before, after) in enumerate(itertools.pairwise(moves), start=1):
+        if after.begin < (end := before.begin + before.duration):
+            words = f"must not be before {end:g}, when the move before it ends, not {after.begin:g}"
+            raise refusal([((place, "begin"), words)])
+    return moves
+
+
+Moves = Annotated[
+    list[MoveTable],
+    Tables("arm.moves", _MOST_MOVES, "moves"),
+    AfterValidator(_one_after_the_other),
+]
+
+
 class ArmTable(Table):
-    """What the arm is to do: bring the tip along a path, or keep a posture.
+    """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
 
     Names of joints are those of their coordinates, such as theta_7 and d_8.
     """
@@ -86,6 +111,14 @@ class ArmTable(Table):
         default_factory=dict, description=f"greatest desired rate of joints, rad/s or m/s; {_FILE}"
     )
 
+    moves: dict[JointName, Moves] = Field(
+        default_factory=dict, description="moves of prismatic joints from the posture on, in m"
+    )
+    moves_deg: dict[JointName, Moves] = Field(
+        default_factory=dict,
+        description="moves of revolute joints from the posture on, in degrees",
+    )
+
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path.
@@ -97,7 +130,9 @@ class ArmTable(Table):
             Key and words of each fault.
         """
         tips = [key for key in ("tip", "tip_beside_base") if key in values]
-        postures = [key for key in ("posture", "posture_deg") if key in values]
+        postures = [
+            key for key in ("posture", "posture_deg", "moves", "moves_deg") if key in values
+        ]
         if tips and (others := [*tips[1:], *postures]):
             yield others[0], f"{tips[0]} already says what the arm does; give one of them"
         for key in ("guess", "guess_deg"):
@@ -106,7 +141,7 @@ class ArmTable(Table):
 
     @model_validator(mode="after")
     def _is_within_limits(self) -> Self:
-        faults = []
+        faults: list[tuple[Place, str]] = []
         for key in ("posture", "posture_deg"):
             limits = self.limits if key == "posture" else self.limits_deg
             for joint, value in (getattr(self, key) or {}).items():
@@ -114,6 +149,14 @@ class ArmTable(Table):
                 if not low <= value <= high:
                     words = f"must be within its limits, {low:g} to {high:g}, not {value:g}"
                     faults.append(((key, joint), words))
+        for key in ("moves", "moves_deg"):
+            limits = self.limits if key == "moves" else self.limits_deg
+            for joint, moves in getattr(self, key).items():
+                low, high = limits.get(joint, (-math.inf, math.inf))
+                for place, move in enumerate(moves):
+                    if not low <= move.to <= high:
+                        words = f"must be within its limits, {low:g} to {high:g}, not {move.to:g}"
+                        faults.append(((key, joint, place, "to"), words))
         if faults:
             raise refusal(faults)
         return self
@@ -134,8 +177,8 @@ class ArmTable(Table):
             joint: (math.radians(low), math.radians(high))
             for joint, (low, high) in self.limits_deg.items()
         }
-        travels = (self.posture or {}, self.guess or {}, self.limits)
-        angles = (self.posture_deg or {}, self.guess_deg or {}, self.limits_deg)
+        travels = (self.posture or {}, self.guess or {}, self.limits, self.moves)
+        angles = (self.posture_deg or {}, self.guess_deg or {}, self.limits_deg, self.moves_deg)
         named = [(joint, "m") for table in travels for joint in table]
         named += [(joint, "rad") for table in angles for joint in table]
         return ArmTask(
@@ -146,6 +189,11 @@ class ArmTable(Table):
             self.effort,
             self.velocity,
             frozenset(named),
+            {joint: [Move(**dict(move)) for move in moves] for joint, moves in self.moves.items()}
+            | {
+                joint: [Move(math.radians(move.to), move.begin, move.duration) for move in moves]
+                for joint, moves in self.moves_deg.items()
+            },
         )
 
 

@@ -13,7 +13,7 @@ from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.control import Control, Law, Motors
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive
 
-_Thrusts = Annotated[
+Thrusts = Annotated[
     tuple[Number, Number],
     listed(2),
     needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
@@ -71,7 +71,7 @@ class ControlTable(Table):
 class MotorsTable(Table):
     """Limits and lag of every motor."""
 
-    limits: _Thrusts | None = Field(
+    limits: Thrusts | None = Field(
         default=None, description="least and greatest thrust, N; default: those of the robot file"
     )
     time_constant: NotNegative | None = Field(

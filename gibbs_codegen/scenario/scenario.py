@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -14,6 +15,7 @@ from gibbs_codegen.scenario.environment import Payload, Wall, Wind
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 from gibbs_codegen.scenario.sensors import Sensors
+from gibbs_codegen.scenario.timing import Timing
 
 Method = Literal["adaptive", "rk4"]
 
@@ -21,14 +23,28 @@ MAX_DURATION = 3600.0  # s
 
 
 @dataclass(frozen=True)
+class Move:
+    """A move of a joint to a value, rad or m, from rest to rest with minimum jerk; times in s."""
+
+    to: float
+    begin: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        require(self.begin >= 0.0, "arm: a move begins at 0 s or later")
+        require(self.duration > 0.0, "arm: a move takes more than 0 s")
+
+
+@dataclass(frozen=True)
 class ArmTask:
-    """What the arm is to do: bring the tip along a path, or keep a posture.
+    """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
 
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
     there is none). Without one, `posture` is held; None is the posture in which the arm hangs at
     rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m, `effort` to
     the greatest torque or force (N m or N), `velocity` to the greatest rate (rad/s or m/s). A joint
     left out of `posture` is at 0; one left out of a limit has that of the robot file, if any.
+    `moves` lists moves of joints from the posture on, one after the other for each joint.
     `units` has joints with the units that they were given in, for a robot to be checked against.
     """
 
@@ -39,12 +55,20 @@ class ArmTask:
     effort: Mapping[str, float] = field(default_factory=dict)
     velocity: Mapping[str, float] = field(default_factory=dict)
     units: frozenset[tuple[str, str]] = frozenset()
+    moves: Mapping[str, Sequence[Move]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.tip is not None and self.posture is not None:
             raise UsageError("arm: a tip path and a posture: give one of them")
         if self.tip is None and self.guess is not None:
             raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
+        require(self.tip is None or not self.moves, "arm: a tip path and moves: give one of them")
+        for joint, moves in self.moves.items():
+            for before, after in itertools.pairwise(moves):
+                require(
+                    after.begin >= before.begin + before.duration,
+                    f"arm: moves of {joint}: one begins before the one before it ends",
+                )
         for joint, (low, high) in self.limits.items():
             require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
         for key in ("effort", "velocity"):
@@ -118,6 +142,7 @@ class Scenario:
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
     plant: Mapping[str, float] = field(default_factory=dict)
+    timing: Timing = field(default_factory=Timing)
     description: str = ""
 
     def __post_init__(self) -> None:

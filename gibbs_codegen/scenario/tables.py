@@ -2,8 +2,8 @@
 
 A key is one field with its description; those of the arm are in `arm_table`, those of control and
 motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`, those
-of payloads, wind and walls in `environment_tables`. Lengths in m, times in s, angles in degrees
-where a key ends in `_deg`.
+of payloads, wind and walls in `environment_tables`, those of timing in `timing_table`. Lengths in
+m, times in s, angles in degrees where a key ends in `_deg`.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from gibbs_codegen.scenario.scenario import (
     StartOffset,
 )
 from gibbs_codegen.scenario.sensors_table import SensorsTable
+from gibbs_codegen.scenario.timing_table import TimingTable
 
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
@@ -198,6 +199,9 @@ class ScenarioTable(Table):
     wall: Annotated[list[WallTable], Tables("wall", MOST_WALLS, "walls")] = Field(
         default_factory=list, description="planes that frames may lean on; default: none"
     )
+    timing: TimingTable = Field(
+        default_factory=TimingTable, description="how fast the paths are flown"
+    )
     integration: IntegrationTable = Field(
         default_factory=IntegrationTable, description="method, tolerances and samples"
     )
@@ -260,6 +264,7 @@ class ScenarioTable(Table):
             payloads=tuple(table.payload() for table in self.payload),
             wind=self.wind.wind() if self.wind else None,
             walls=tuple(table.wall() for table in self.wall),
+            timing=self.timing.timing(),
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,
             plant=self.plant,

@@ -35,7 +35,8 @@ from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.control.choice import control_law, law_of
 from gibbs_codegen.simulator.control.sampled import OwnController, law_in_time
-from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion, starting_state
+from gibbs_codegen.simulator.desired.timed_motion import TimedMotion, timed_motion
+from gibbs_codegen.simulator.desired.trajectory import Progress, starting_state
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.plant.actuators import actuators_of
@@ -44,7 +45,7 @@ from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.flight import Flight
-from gibbs_codegen.simulator.record.recording import flight_of
+from gibbs_codegen.simulator.record.recording import flight_of, told_timing
 from gibbs_codegen.simulator.reference import Reference
 
 # What rounding may make of an eigenvalue that is zero, as a share of the largest.
@@ -84,17 +85,22 @@ def simulate(
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
     )
-    return flight_of(loop, scenario, history)
+    return told_timing(flight_of(loop, scenario, history), start.motion)
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a flight begins with: scenario, closed loop, and coordinates (nq), velocities (nv)."""
+    """What a flight begins with: motion, closed loop, and coordinates (nq), velocities (nv)."""
 
-    scenario: Scenario
+    motion: TimedMotion
     loop: ClosedLoop
     q: Array
     v: Array
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is flown, at the times at which it is flown."""
+        return self.motion.scenario
 
 
 def prepared(
@@ -124,14 +130,16 @@ def prepared(
     if scenario.arm.tip is not None:
         check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
     vehicle = Vehicle(module, scenario.parameters)
-    loop = _closed_loop(vehicle, scenario, progress, own)
+    loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
     for machine in {vehicle, loop.vehicle}:
         _check_mass_matrix(machine, q)
-    return Prepared(scenario, loop, q, v)
+    return Prepared(motion, loop, q, v)
 
 
-def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool) -> ClosedLoop:
+def _closed_loop(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
+) -> tuple[ClosedLoop, TimedMotion]:
     """Plant, controller, motors and environment of a scenario.
 
     Args:
@@ -141,21 +149,23 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress, own: 
         own: Whether the inputs come from elsewhere than the scenario's law.
 
     Returns:
-        The closed loop.
+        The closed loop, and the motion that it is to follow.
     """
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
     if not vehicle.rotors_move:  # What they command is known before there is a motion.
         law_of(control.law, vehicle, vehicle.neutral, scenario.name)
-    reference = desired_motion(vehicle, scenario, progress)
+    motion = timed_motion(vehicle, scenario, progress)
+    reference = motion.reference
     law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
     plant = _plant(vehicle, scenario)
     environment = Environment.of(plant, scenario, actuators.spins)
-    return ClosedLoop(plant, controller, actuators, environment)
+    loop = ClosedLoop(plant, controller, actuators, environment, scenario.motors.compensation)
+    return loop, motion
 
 
 def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:

@@ -141,7 +141,9 @@ class Simulation:
         begin, state = flown.time, flown.state
         flown.advance(end)
         if self._sensing.delay:
-            needed = [time <= end - self._sensing.delay for time, _, _ in self._marks]
+            # The flight may have ended before that time.
+            oldest = max(flown.time - self._sensing.delay, 0.0)
+            needed = [time <= oldest for time, _, _ in self._marks]
             self._marks = self._marks[max(sum(needed) - 1, 0) :]
             self._marks.append((begin, state, self._held.held))
 

@@ -103,8 +103,9 @@ def test_a_broken_scenario_is_refused_with_its_lines(workplace: Path) -> None:
 
 
 def test_a_flight_that_ends_early_fails_with_its_reason_and_its_results(workplace: Path) -> None:
-    changes = ["--set", "motors.time_constant=0.05", "--no-figures", "--out", "lost"]
-    done = run("simulate", "hexarotor_3link", *changes, cwd=workplace)
+    changes = ["--set", "motors.time_constant=0.05", "--set", "motors.compensation=false"]
+    options = ["--no-figures", "--out", "lost"]
+    done = run("simulate", "hexarotor_3link", *changes, *options, cwd=workplace)
     assert done.returncode == 1
     assert "the flight ended early: at t = " in done.stderr
     assert "Traceback" not in done.stderr

@@ -10,11 +10,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.figure import Figure
 from PIL import Image
 from support.synthetic_flight import synthetic_flight
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.figures.animation import write_animation
+from gibbs_codegen.figures.animation import _Camera, write_animation
+from gibbs_codegen.figures.thrust_arrows import ThrustArrows
 from gibbs_codegen.simulator.record.flight import Flight
 
 
@@ -31,7 +33,10 @@ def test_gif_runs_in_real_time(flight: Flight, tmp_path: Path) -> None:
         # 0, 0.1 … 0.4 s.
         assert getattr(film, "n_frames", 1) == 5
         assert film.info["duration"] == 100
-        assert film.size == (640, 480)
+        # As wide as the scene, and even for mp4.
+        assert film.size[1] == 480
+        assert 360 <= film.size[0] <= 640
+        assert film.size[0] % 2 == 0
         first = np.asarray(film.convert("RGB"))
         film.seek(4)
         assert np.any(np.asarray(film.convert("RGB")) != first)
@@ -39,10 +44,46 @@ def test_gif_runs_in_real_time(flight: Flight, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_robot_that_is_small_in_its_flight_is_followed(flight: Flight) -> None:
+    assert not _Camera(flight).follows
+    shift = np.linspace(0.0, 40.0, len(flight.time))[:, np.newaxis] * [1.0, 0.0, 0.0]
+    far = replace(
+        flight,
+        positions=flight.positions + shift[:, np.newaxis],
+        centre_desired=flight.centre_desired + shift,
+        tip_desired=flight.tip_desired + shift,
+    )
+    camera = _Camera(far)
+    assert camera.follows
+    for sample in (0, len(far.time) - 1):
+        low, high = camera.box(sample)
+        assert np.all((low < far.positions[sample]) & (far.positions[sample] < high))
+        assert np.max(high - low) < 20.0
+
+
+def test_arrows_are_as_long_as_thrusts(flight: Flight) -> None:
+    axes = Figure().add_subplot(projection="3d")
+    arrows = ThrustArrows(axes, flight)
+    for sample in (0, 30):
+        arrows.show(sample)
+        points = np.transpose(axes.get_lines()[0].get_data_3d()).reshape(6, 6, 3)
+        starts, tips = points[:, 0], points[:, 1]
+        at = [flight.points.index(name) for name in flight.rotor_points]
+        assert np.allclose(starts, flight.positions[sample][at])
+        along = flight.thrust_directions @ flight.base_rotation[sample].T
+        thrusts = flight.applied[sample, :6]
+        usual = np.quantile(np.abs(flight.applied[:, :6]), 0.95)
+        lengths = arrows.reach * np.clip(thrusts / usual, -1.0, 1.0)
+        assert np.allclose(tips - starts, lengths[:, np.newaxis] * along)
+
+
 def test_single_sample(flight: Flight, tmp_path: Path) -> None:
     series = {
         name: getattr(flight, name)[:1]
-        for name in ("time", "positions", "base_rotation", "centre_desired", "tip_desired")
+        for name in (
+            *("time", "positions", "base_rotation", "centre_desired", "tip_desired"),
+            *("applied", "commanded"),
+        )
     }
     write_animation(replace(flight, **series), tmp_path / "one.gif")
     with Image.open(tmp_path / "one.gif") as film:

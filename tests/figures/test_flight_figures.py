@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
@@ -138,9 +139,11 @@ def test_axes_have_labels_with_units(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_coordinates_are_the_flight(flights: dict[str, Flight], drawn: Drawn, kind: str) -> None:
-    flight = flights[kind]
-    figure = drawn(figures.coordinates, kind)
+def test_coordinates_are_the_flight(flights: dict[str, Flight], kind: str) -> None:
+    still = flights[kind]
+    # As if constrained angles had been integrated, and drifted.
+    flight = replace(still, base_arm_angles=still.base_arm_angles + 1e-6)
+    figure = figures.coordinates(flight)
     arms = panel(figure, "base arms (deg)")
     assert np.array_equal(solid(arms), np.degrees(flight.base_arm_angles.T))
     assert np.allclose(dashed(arms), np.degrees(flight.base_arm_angles_desired)[:, np.newaxis])
@@ -158,16 +161,25 @@ def test_panels_by_kind_of_joint(drawn: Drawn) -> None:
         letters = {each.get_title(loc="left"): each.get_ylabel() for each in axes}
         return {letter: label for letter, label in letters.items() if letter}
 
-    attitude = {"A": "attitude (deg)", "B": "base arms (deg)"}
-    at_motor = {"D": "position of $O_1$ (m)"}
-    assert labels("paper") == {**attitude, "C": "joints (deg)", **at_motor}
-    assert labels("stopped") == {**attitude, **at_motor}
+    attitude = {"A": "attitude (deg)"}
+    assert labels("paper") == {**attitude, "B": "joints (deg)", "C": "position of $O_1$ (m)"}
+    assert labels("stopped") == {**attitude, "B": "position of $O_1$ (m)"}
     assert labels("sliding") == {
         **attitude,
-        "C": "joints (deg)",
-        "C′": "joints (m)",
+        "B": "joints (deg)",
+        "C": "joints (m)",
         "D": "position of $O_2$ (m)",
     }
+
+
+def test_constrained_angles_are_shown_where_they_drift(paper: Flight) -> None:
+    drifting = replace(paper, base_arm_angles=paper.base_arm_angles + 1e-4)
+    for flight, expected in ((paper, ["A", "B", "C"]), (drifting, ["A", "B", "C", "D"])):
+        axes = figures.coordinates(flight).axes
+        letters = [letter for each in axes if (letter := each.get_title(loc="left"))]
+        assert letters == expected
+        labels = [each.get_ylabel() for each in axes]
+        assert ("base arms (deg)" in labels) == (flight is drifting)
 
 
 def test_flat_coordinates_have_axes_of_their_own(paper: Flight) -> None:
@@ -178,7 +190,7 @@ def test_flat_coordinates_have_axes_of_their_own(paper: Flight) -> None:
         q[:, :6] = np.sin(paper.time)[:, np.newaxis] * (attitude + joints)
         q[-1, 2] = np.nan
         axes = figures.coordinates(replace(paper, q=q)).axes
-        found = [names(each) for each in axes if each.get_ylabel() != "base arms (deg)"]
+        found = [names(each) for each in axes]
         return [[re.sub(r"[^-\d]", "", name) for name in each] for each in found[:-1]]
 
     assert parts([4.0, 0.3, 1.6], [1e-6, 0.0, 4.0]) == [["-1", "1"], ["0"], ["7", "8", "9"]]
@@ -187,9 +199,9 @@ def test_flat_coordinates_have_axes_of_their_own(paper: Flight) -> None:
 
 def test_parts_of_a_panel(drawn: Drawn) -> None:
     """Colours as if it were one, and times below the lowest only."""
-    above, below, arms, *_ = drawn(figures.coordinates, "paper").axes
-    assert [*colours(above), *colours(below)] == colours(arms)[:3]
-    assert above.get_position().x1 == pytest.approx(arms.get_position().x1 - 0.5, abs=0.02)
+    above, below, joints, *_ = drawn(figures.coordinates, "paper").axes
+    assert [*colours(above), *colours(below)] == colours(joints)[:3]
+    assert above.get_position().x1 == pytest.approx(joints.get_position().x1 - 0.5, abs=0.02)
     axes = drawn(figures.coordinates, "sliding").axes
     timed = [each.get_ylabel() for each in axes if each.get_xlabel()]
     assert timed[-1] == "position of $O_2$ (m)"
@@ -234,19 +246,61 @@ def test_too_many_names_are_thinned(paper: Flight) -> None:
 
 
 def test_inputs_and_what_was_commanded(sliding: Flight, drawn: Drawn) -> None:
+    """Rotors 1, 3 … of the paper lift, 2, 4 … push sideways."""
     figure = drawn(figures.inputs, "sliding")
-    thrust, torque, force = figure.axes
-    assert np.array_equal(solid(thrust), sliding.applied[:, :10].T)
-    assert np.array_equal(solid(torque), sliding.applied[:, 10:11].T)
-    assert np.array_equal(solid(force), sliding.applied[:, 11:].T)
-    asked = np.array(dashed(thrust))
-    cut = sliding.applied[:, :10].T != sliding.commanded[:, :10].T
+    lift, sideways, torque, force = figure.axes
+    labels = ["vertical thrust (N)", "sideways thrust (N)", "joint torque (N m)", "joint force (N)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == labels
+    shown = {lift: range(0, 10, 2), sideways: range(1, 10, 2), torque: [10], force: [11]}
+    for axes, places in shown.items():
+        curves = [values for values in solid(axes) if len(values) == len(sliding.time)]
+        assert np.array_equal(curves, sliding.applied[:, places].T)
+    asked = np.array([values for values in dashed(lift) if len(values) == len(sliding.time)])
+    cut = (sliding.applied != sliding.commanded)[:, :10:2].T
     assert cut.any()
     assert np.array_equal(np.isfinite(asked), cut)
-    assert np.array_equal(asked[cut], sliding.commanded[:, :10].T[cut])
-    assert legend_texts(thrust)[1] == "commanded"
-    obeyed = figures.inputs(replace(sliding, commanded=sliding.applied))
+    assert np.array_equal(asked[cut], sliding.commanded[:, :10:2].T[cut])
+    assert legend_texts(lift) == ["applied", "commanded", "weight / 5"]
+    obeyed = figures.inputs(replace(sliding, commanded=sliding.applied, weight=np.nan))
     assert obeyed.axes[0].get_legend() is None
+
+
+def test_inputs_of_tilted_rotors_are_in_one_panel(paper: Flight) -> None:
+    tilted = np.tile([0.0, 0.6, 0.8], (6, 1))
+    axes = figures.inputs(replace(paper, thrust_directions=tilted)).axes[0]
+    assert axes.get_ylabel() == "thrust (N)"
+    (share,) = [line for line in axes.get_lines() if len(line.get_ydata()) == 2]
+    assert np.allclose(share.get_ydata(), paper.weight / (6 * 0.8))
+
+
+def test_bands_between_samples_and_limits(paper: Flight) -> None:
+    limits = paper.input_limits.copy()
+    limits[:, :6] = [[-3.0], [40.0]]
+    peak = paper.applied_greatest.copy()
+    peak[7, 2] = 33.0
+    figure = figures.inputs(replace(paper, applied_greatest=peak, input_limits=limits))
+    lift = figure.axes[0]
+    assert len(lift.collections) == 3
+    heights = [each.get_paths()[0].vertices[:, 1] for each in lift.collections]
+    assert max(found.max() for found in heights) == 33.0
+    assert min(found.min() for found in heights) == paper.applied_least[:, :6:2].min()
+    drawn = {float(line.get_ydata()[0]) for line in lift.get_lines() if len(line.get_ydata()) == 2}
+    assert {-3.0, 40.0} < drawn
+    assert "limit" in legend_texts(lift)
+    assert "limit" not in [line.get_label() for line in figure.axes[2].get_lines()]
+
+
+def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
+    """A push from sample 10 to 30; wind, which blows all the time, tells nothing."""
+    wrenches = np.zeros((len(paper.time), 2, 6))
+    wrenches[10:30, 0, 2] = 5.0
+    wrenches[:, 1, 0] = 1.0
+    pushed = replace(paper, frames=("base", "tip"), frame_wrenches=wrenches)
+    axes = figures.inputs(pushed).axes[0]
+    (span,) = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert span.get_x() == paper.time[10]
+    assert np.isclose(span.get_x() + span.get_width(), paper.time[30])
+    assert "external force" in legend_texts(axes)
 
 
 def test_constraint_torques_are_the_flight(paper: Flight, drawn: Drawn) -> None:
@@ -259,7 +313,7 @@ def test_tracking_error_by_unit(sliding: Flight, drawn: Drawn) -> None:
     error = np.abs(sliding.q - sliding.q_desired)
     assert np.array_equal(solid(above), [sliding.centre_error, sliding.tip_error, error[:, 4]])
     assert np.array_equal(solid(below)[0], error[:, :4].max(axis=1))
-    assert np.array_equal(solid(below)[1], np.maximum(sliding.heading_error, 1e-17))
+    assert np.array_equal(solid(below)[1], np.maximum(sliding.heading_error, LOG_FLOOR))
     free = figures.tracking_error(replace(sliding, tangent_arm=0)).axes[1]
     assert len(solid(free)) == 1
 
@@ -272,6 +326,9 @@ def test_zeros_on_logarithmic_axes(drawn: Drawn) -> None:
     for each in axes:
         assert each.get_yscale() == "log"
         assert np.all(np.array(solid(each)) == LOG_FLOOR)
+        low, high = each.get_ylim()
+        assert 0.1 * LOG_FLOOR < low < LOG_FLOOR
+        assert high >= 1e3 * LOG_FLOOR
 
 
 def test_energy_and_its_balance(paper: Flight, drawn: Drawn) -> None:

@@ -137,7 +137,13 @@ def test_drawing_fills_its_figure(drawn: Drawn, kind: str) -> None:
 @pytest.mark.parametrize("draw", [snapshots, snapshots_panels])
 def test_paths_are_explained_once(drawn: Drawn, draw: Callable[[Flight], Figure]) -> None:
     (legend,) = drawn(draw, "paper").legends
-    assert [text.get_text() for text in legend.get_texts()] == ["base centre", "tip", "desired"]
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == ["base centre", "tip", "desired", "base arm 2", "arm"]
+
+
+def test_both_drawings_are_seen_from_the_same_side(drawn: Drawn) -> None:
+    one, first = (drawn(draw, "paper").axes[0] for draw in (snapshots, snapshots_panels))
+    assert (one.elev, one.azim) == (first.elev, first.azim)
 
 
 def test_snapshot_shows_where_the_machine_is(paper: Flight, drawn: Drawn) -> None:

@@ -92,6 +92,12 @@ def test_defaults() -> None:
     assert link.pose == Pose((0.0, 0.0, 1.0))
 
 
+def test_a_rotor_that_spins() -> None:
+    text = "[[rotor]]\ndrag = -0.02\nspin_inertia = 1e-4\nspeed_per_sqrt_thrust = 210\n"
+    (rotor,) = robot(text).thrusters
+    assert rotor == Rotor(drag=-0.02, spin_inertia=1e-4, speed_per_sqrt_thrust=210.0)
+
+
 def test_an_arm_that_is_carried_needs_no_rotor() -> None:
     found = robot('[[link]]\nname = "boom"\nmass = 1\nlength = 1\n')
     assert (found.rotors, found.base.arms, found.links[0].pose) == (0, (), None)
@@ -227,6 +233,22 @@ LINK = '[[link]]\nname = "a"\nmass = 1\n'
         ("[[rotor]]\nlimits = [3, 1]", "9: rotor 1: limits: must be [lower, upper], not [3, 1]"),
         ("[[rotor]]\nlimits = [0, inf]", "9: rotor 1: limits 2: must be a finite number, not in"),
         ("[[rotor]]\ntime_constant = -1", "9: rotor 1: time_constant: must be at least 0, not"),
+        (
+            "[[rotor]]\ndrag = 1\nspin_inertia = 1e-4",
+            "rotor 1: spin_inertia: needs speed_per_sqrt_thrust beside it: give both or none",
+        ),
+        (
+            "[[rotor]]\nspeed_per_sqrt_thrust = 1",
+            "speed_per_sqrt_thrust: needs spin_inertia beside it: give both or none",
+        ),
+        (
+            "[[rotor]]\nspin_inertia = 1e-4\nspeed_per_sqrt_thrust = 200",
+            "spin_inertia: needs a drag that is not 0: its sign tells which way it spins",
+        ),
+        (
+            "[[rotor]]\ndrag = 1\nspin_inertia = -1\nspeed_per_sqrt_thrust = 200",
+            "rotor 1: spin_inertia: must be at least 0, not -1",
+        ),
         ("[[rotor]]\nxyz = [0, 0, 0]", "rotor 1: xyz: unknown key; did you mean position?"),
         ("[[frame]]\nname = 'f'\nposition = [0, 0, 0]", "unknown key; did you mean xyz?"),
         ("position = [0, 0, 0]", "link 1: position: unknown key; did you mean xyz?"),

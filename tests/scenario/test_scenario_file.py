@@ -24,6 +24,7 @@ from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Ter
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
     ArmTask,
+    Move,
     Push,
     Scenario,
     Settings,
@@ -266,7 +267,7 @@ def test_postures_in_degrees_and_metres() -> None:
 
 
 def test_scenarios_that_ship() -> None:
-    assert shipped_scenarios() == ("circle", "hover", "inspection", "line", "paper")
+    assert shipped_scenarios() == ("circle", "flip", "hover", "inspection", "line", "paper")
     for name in shipped_scenarios():
         scenario = read_scenario(name)
         assert scenario.name == name
@@ -770,3 +771,21 @@ def test_what_was_changed_is_not_looked_for_in_the_file() -> None:
         "hover.toml: duration: must be from 0.001 to 3600 s, not -3 (changed: not as in the file)",
         "hover.toml: start.ofset: unknown key; did you mean offset? (changed: not as in the file)",
     ]
+
+
+def test_moves_of_joints() -> None:
+    leg = {"to": 90, "begin": 1, "duration": 2}
+    after = {"to": 0.0, "begin": 3, "duration": 1}
+    arm = read_scenario("hover", {"arm": {"moves_deg": {"theta_7": [leg, after]}}}).arm
+    assert arm.moves == {"theta_7": [Move(math.pi / 2, 1, 2), Move(0.0, 3, 1)]}
+    assert arm.units == {("theta_7", "rad")}
+    for moves, words in (
+        ([leg, leg], r"begin: must not be before 3, when the move before it ends, not 1"),
+        ([{"to": 90, "duration": 0}], r"arm\.moves_deg\.theta_7 1: duration"),
+        ([{"begin": 1, "duration": 1}], r"arm\.moves_deg\.theta_7 1: to"),
+    ):
+        with pytest.raises(ScenarioFileError, match=words):
+            read_scenario("hover", {"arm": {"moves_deg": {"theta_7": moves}}})
+    beyond = {"moves_deg": {"theta_7": [leg]}, "limits_deg": {"theta_7": [-10, 80]}}
+    with pytest.raises(ScenarioFileError, match="to: must be within its limits, -10 to 80, not 90"):
+        read_scenario("hover", {"arm": beyond})

@@ -162,7 +162,7 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[1:] = lag  # The first motor does not lag.
     environment = Environment(vehicle, push) if push else None
-    closed = ClosedLoop(vehicle, controller, actuators, environment)
+    closed = ClosedLoop(vehicle, controller, actuators, environment, bool(lag))
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length

@@ -259,7 +259,7 @@ def test_a_jump_late_in_a_motion_is_told(hexa: Vehicle) -> None:
 def test_a_posture_is_held(hexa: Vehicle) -> None:
     base = desired_base(hexa, knots(0.1), Fixed((0, 0, 1)), LEVEL)
     posture = np.array([0.1, -1.0, 0.5])
-    motion = with_joints(hexa, base, joint_motion(hexa, posture, base.time))
+    motion = with_joints(hexa, base, joint_motion(hexa, posture, {}, base.time))
     assert_array_equal(motion.q[:, hexa.arm], [posture] * len(motion.q))
     assert not motion.v[:, hexa.arm].any()
     assert not motion.a[:, hexa.arm].any()

@@ -224,7 +224,7 @@ def test_the_push_is_a_force_on_the_tip(fast: Load) -> None:
 
 def test_lag_holds_thrusts_back(fast: Load) -> None:
     """After a step the thrusts approach what is asked for as e^(−t/T)."""
-    changes = {"motors": {"time_constant": 0.05}, "duration": 1.0}
+    changes = {"motors": {"time_constant": 0.05, "compensation": False}, "duration": 1.0}
     flight = simulate(fast("octorotor_7link"), read_scenario("line", changes))
     rate = np.gradient(flight.applied[:, :8], flight.time, axis=0, edge_order=2)
     asked = (flight.commanded - flight.applied)[:, :8] / 0.05

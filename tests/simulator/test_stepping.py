@@ -129,3 +129,17 @@ def test_what_is_refused(fast: Load) -> None:
         simulation.step(np.zeros(4))
     simulation.reset()
     assert simulation.stopped == ""
+
+
+def test_a_flight_that_ends_within_a_step_is_still_observed(fast: Load) -> None:
+    """It falls, and ends before the time at which the sensors would have measured."""
+    changes = {"integration": {"divergence": 0.5}, "sensors": {"delay": 0.02}}
+    simulation = Simulation(fast("quadrotor"), hover(duration=1.0, **changes))
+    for _ in range(100):
+        seen = simulation.step(np.zeros(4), 0.05)
+        if simulation.stopped:
+            break
+    assert "control is lost" in simulation.stopped
+    flight = simulation.flight()
+    before = np.interp(simulation.time - 0.02, flight.time, flight.q[:, 2])
+    assert seen.q[2] == pytest.approx(before, abs=1e-3)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gibbs_codegen.scenario.control import Control, Law
 from gibbs_codegen.simulator.control.geometric import GeometricLaw
-from gibbs_codegen.simulator.control.laws import ControlLaw, Controller, Gains
+from gibbs_codegen.simulator.control.integral import check_integral
+from gibbs_codegen.simulator.control.laws import CORRECTING, ControlLaw, Controller, Gains
 from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError, listed, ranks
 from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -89,9 +92,13 @@ def control_law(
     frequencies = np.full(places.size, control.frequency)
     frequencies[places.attitude] = attitude
     gains = Gains.of(frequencies, control.damping_ratio, places.size)
+    memory = 0
+    if control.integral and law in CORRECTING:
+        check_integral(control.integral, gains.damping)
+        gains, memory = replace(gains, integral=control.integral), places.size
     if geometric:
-        return GeometricLaw(vehicle, reference, allocation, gains)
-    return Controller(vehicle, reference, allocation, gains, law)
+        return GeometricLaw(vehicle, reference, allocation, gains, memory=memory)
+    return Controller(vehicle, reference, allocation, gains, law, memory)
 
 
 def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:

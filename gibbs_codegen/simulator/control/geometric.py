@@ -61,7 +61,7 @@ class GeometricLaw:
     def __call__(
         self, time: float | Array, q: Array, v: Array, memory: Array | None = None
     ) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv); no memory is used.
+        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv), and memory (…, m).
 
         Raises:
             AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
@@ -71,10 +71,15 @@ class GeometricLaw:
         axis = np.broadcast_to(axis, (*q.shape[:-1], 3))
         along = times(vehicle.base_rotation(q), axis)
         jacobian = vehicle.centre_of_mass_jacobian(q)
-        push = self._push(time, vehicle.centre_of_mass(q), times(jacobian, v), along)
+        learned, aimed = np.zeros_like(v), np.array(q)
+        if memory is not None and self.memory:
+            learned = self.gains.integral * memory
+        aimed[..., vehicle.arm] -= learned[..., vehicle.arm_rates]
+        centre = vehicle.centre_of_mass(q) - learned[..., places.position]
+        push = self._push(time, centre, times(jacobian, v), along)
         desired = self.reference(time)
         a = np.zeros_like(v)
-        a[..., places.joints] = self._joints(q, v, desired)
+        a[..., places.joints] = self._joints(aimed, v, desired)
         turning = self._turning(q, v, desired, axis, push)
         a[..., places.attitude] = vehicle.kinematics.attitude_entries(q, v, turning)
         generalised = vehicle.inverse_dynamics(q, v, a)
@@ -85,17 +90,23 @@ class GeometricLaw:
         return inputs_of(vehicle, self.allocation, q, generalised)
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative (…, 0) of a memory of nothing.
+        """The time derivative of the integrals of the errors, if they are remembered.
 
         Args:
             time: Times (…), s.
             q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: Memory (…, 0).
+            memory: Memory (…, m), with nv entries or none.
 
         Returns:
-            The memory, which has no entries.
+            The errors (…, m) of centre of mass and joints; 0 of the attitude, which follows them.
         """
-        return memory
+        if not self.memory:
+            return memory
+        places, found = self.vehicle.layout.v, np.zeros_like(v)
+        desired = self.reference(time)[0]
+        found[..., places.joints] = (desired - q)[..., self.vehicle.arm]
+        found[..., places.position] = self.centre(time)[0] - self.vehicle.centre_of_mass(q)
+        return found
 
     @cached_property
     def weight(self) -> Array:

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from gibbs_codegen.scenario.control import Law
+from gibbs_codegen.simulator.control.integral import learned
 from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.plant.allocation import Allocation
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -24,10 +25,14 @@ CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv)."""
+    """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv).
+
+    `integral` (1/s) is the rate of integral action, 0 for none.
+    """
 
     stiffness: Array
     damping: Array
+    integral: float = 0.0
 
     @classmethod
     def of(cls, frequency: float | Array, damping_ratio: float | Array, coordinates: int) -> Gains:
@@ -97,7 +102,7 @@ class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
 
     "computed_torque" corrects by the gains; "open_loop" commands the inputs of the desired motion,
-    whatever the state; "off" commands zeros.
+    whatever the state; "off" commands zeros. With integral action `memory` is nv.
     """
 
     vehicle: Vehicle
@@ -110,7 +115,7 @@ class Controller:
     def __call__(
         self, time: float | Array, q: Array, v: Array, memory: Array | None = None
     ) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv); no memory is used.
+        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv), and memory (…, m).
 
         Raises:
             AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
@@ -123,17 +128,23 @@ class Controller:
         else:
             gains = self.gains.stiffness, self.gains.damping
             a = self.vehicle.kinematics.corrected(q, v, desired, gains)
+            if memory is not None and self.memory:
+                pull = self.gains.stiffness * self.gains.integral * memory
+                a = a + learned(self.vehicle, pull, q)
         return required_inputs(self.vehicle, self.allocation, q, v, a)
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative (…, 0) of a memory of nothing.
+        """The time derivative of the integrals of the errors, if they are remembered.
 
         Args:
             time: Times (…), s.
             q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: Memory (…, 0).
+            memory: Memory (…, m), with nv entries or none.
 
         Returns:
-            The memory, which has no entries.
+            The errors (…, m).
         """
-        return memory
+        if not self.memory:
+            return memory
+        desired = self.reference(time)
+        return self.vehicle.kinematics.errors(q, v, *desired[:2])[0]

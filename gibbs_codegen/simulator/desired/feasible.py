@@ -123,6 +123,11 @@ def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
     """
     axes, time = leaning.point_mass(), leaning.joints.time
     shift, held = np.zeros_like(axes), leaning.at_rest()
+    places = leaning.centre[:, 0]
+    for end, near in ((0, slice(0, STENCIL)), (-1, slice(-STENCIL, None))):
+        if held[end]:
+            # A path that sets out with a jerk is not at rest for long: it waits for the base.
+            axes[near], shift[near] = axes[end], places[end] - places[near]
     for begin in range(0, len(time), _SPAN):
         span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
         part = leaning.part(span)

@@ -55,7 +55,8 @@ def desired_motion(
         motion = _with_posture(vehicle, scenario, limits, progress)
     else:
         motion = _with_tip(vehicle, scenario, scenario.arm.tip, limits, progress)
-    _check_rates(vehicle, motion, actuators.velocities)
+    if scenario.timing.law == "uniform":  # The other slows the motion down.
+        _check_rates(vehicle, motion, actuators.velocities)
     return vehicle.kinematics.reference(motion)
 
 
@@ -79,7 +80,11 @@ def _with_posture(
     else:
         posture = _joint_values(vehicle, task.posture)
         _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
-    joints_at = partial(joint_motion, vehicle, posture)
+    for name, moves in task.moves.items():
+        for move in moves:
+            held = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
+            _check_limits(vehicle, "moves", held, limits, [name])
+    joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         return feasible_motion(vehicle, time, joints_at, *wanted, shown)
@@ -101,8 +106,18 @@ def _with_tip(
 
     Returns:
         The motion at knots.
+
+    Raises:
+        UsageError: For a base that leans, and as `desired_with_tip` says.
     """
     task, time = scenario.arm, knots(scenario.duration)
+    leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
+    if leans and scenario.control.law != "off":
+        raise UsageError(
+            f"{vehicle.name}: its base leans, since its rotors push along one axis, and no path of "
+            "the tip can be led from there; leave out the tip path, and give a posture or "
+            "arm.moves_deg"
+        )
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess)
@@ -194,7 +209,7 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
         raise UsageError(
             f"arm: at t = {motion.time[instant]:.6g} s {name} has to move at "
             f"{rates[instant, joint]:.3g} {unit}, faster than its limit of {most[joint]:g} {unit}; "
-            f"slow the paths down, or give another limit as arm.velocity.{name}"
+            f"slow the paths or moves down, or give another limit as arm.velocity.{name}"
         )
 
 

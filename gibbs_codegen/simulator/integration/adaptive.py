@@ -28,8 +28,9 @@ _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
 # How many the begin of an interval may take besides, which is with a step of its own.
 _EVALUATIONS_AN_INTERVAL = 40
-# Least tolerances while an input is saturated: rates have kinks there, and no order helps.
-_SATURATED = (1e-6, 1e-7)
+# Least tolerances where no order helps: rates have kinks while an input is saturated, and where the
+# motors' lag is compensated they jump a little at each knot of the desired motion.
+_NOT_SMOOTH = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
 # Shares of a step at which inputs are looked at.
@@ -108,8 +109,8 @@ class AdaptiveIntegrator:
         """Set tolerances for the next step."""
         settings, loop = self.settings, self.loop
         relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.held is None and loop.saturated(solver.t, solver.y):
-            relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
+        if loop.compensates or (loop.held is None and loop.saturated(solver.t, solver.y)):
+            relative, absolute = max(relative, _NOT_SMOOTH[0]), max(absolute, _NOT_SMOOTH[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)
         solver.atol[loop.work_place] *= _WORK_SCALE

@@ -17,12 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gibbs_codegen.simulator.control.held import HeldInputs
+from gibbs_codegen.simulator.control.integral import kept_from_winding
+from gibbs_codegen.simulator.control.lag import wanted_rates
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.environment import Environment
-from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 
 
 class Parts(NamedTuple):
@@ -44,12 +46,14 @@ class ClosedLoop:
 
     `vehicle` is the plant. The controller has its own, with the parameters that it knows. Where
     `environment` is None, nothing acts but inputs.
+    `compensated`: whether the lag of the motors is, as `control.lag` has it.
     """
 
     vehicle: Vehicle
     controller: ControlLaw
     actuators: Actuators
     environment: Environment | None = None
+    compensated: bool = False
 
     @cached_property
     def limited(self) -> bool:
@@ -67,6 +71,12 @@ class ClosedLoop:
         return bool(np.any(self.actuators.lag))
 
     @property
+    def compensates(self) -> bool:
+        """Whether motors lag, and that is compensated: by a law that commands at all times."""
+        commands = self.held is None and self.controller.law != "off"
+        return self.compensated and self.lags and commands
+
+    @property
     def size(self) -> int:
         """Length of the state."""
         return self.memory_place + self.controller.memory
@@ -82,7 +92,7 @@ class ClosedLoop:
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
-        """The state at time 0, with motors that have settled at the first commanded thrusts.
+        """The state at time 0, with motors that have settled at the thrusts that the law wants.
 
         Args:
             q, v: Coordinates (nq) and velocities (nv).
@@ -114,6 +124,24 @@ class ClosedLoop:
             states[..., work + 1 : memory],
             states[..., memory:],
         )
+
+    def commanded(self, time: float | Array, parts: Parts) -> Array:
+        """Inputs that are commanded, not yet within limits.
+
+        Args:
+            time: Times (…), s.
+            parts: Parts of the states (…).
+
+        Returns:
+            Inputs (…, nu): those that the law wants, with what makes up for the lag of the motors.
+        """
+        q, v, _, thrusts, memory = parts
+        wanted = self.controller(time, q, v, memory)
+        if self.compensates:
+            acting = self.applied(wanted, thrusts)
+            rates = wanted_rates(self.controller, time, (q, v, memory), wanted, acting)
+            wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
+        return wanted
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
         """Inputs that act: those commanded, within limits, with thrusts as the motors give them.
@@ -147,13 +175,17 @@ class ClosedLoop:
         """
         if not self.limited:
             return []
-        q, v, _, _, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        commanded = self.commanded(time, self.parts(state))
+        reached = self._at_limits(commanded)
+        return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
+
+    def _at_limits(self, commanded: Array) -> Flags:
+        """Which of commanded inputs (nu) are at a limit, or beyond."""
         least, most = self.actuators.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
-        reached = (commanded <= least + margin) | (commanded >= most - margin)
-        return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
+        at_limits: Flags = (commanded <= least + margin) | (commanded >= most - margin)
+        return at_limits
 
     def wrenches(
         self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
@@ -215,9 +247,10 @@ class ClosedLoop:
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        q, v, _, thrusts, memory = self.parts(state)
+        parts = self.parts(state)
+        q, v, _, thrusts, memory = parts
         held = acting.held
-        commanded = self.controller(time, q, v, memory) if held is None else np.array(held)
+        commanded = self.commanded(time, parts) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         wrenches = self.wrenches(time, q, v, inputs, acting)
@@ -230,7 +263,8 @@ class ClosedLoop:
             lag = self.actuators.lag
             growth = np.zeros_like(thrusts)
             rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
-        rates.append(self.controller.growth(time, q, v, memory))
+        growth = self.controller.growth(time, q, v, memory)
+        rates.append(kept_from_winding(growth, memory, np.any(self._at_limits(commanded))))
         return np.concatenate(rates)
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:

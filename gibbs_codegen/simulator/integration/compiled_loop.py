@@ -58,12 +58,16 @@ class CompiledLoop:
             acting: What acts on the robot.
 
         Returns:
-            The loop; None where the module, the law or the loop is not compiled.
+            The loop; None where the module, the law or the loop is not compiled; the geometric law
+            is for a base with a quaternion.
         """
         vehicle = closed.vehicle
         law = closed.controller.law if acting.held is None else "held"
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so" or law not in LAWS:
+            return None
+        # What the geometric law remembers is for Python.
+        if law == "geometric" and (closed.controller.memory or not vehicle.layout.is_quaternion):
             return None
         try:
             rk4 = _rk4(find_compiler(os.environ.get("CC") or None))

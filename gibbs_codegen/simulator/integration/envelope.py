@@ -113,8 +113,10 @@ class Envelope:
     def _advice(self) -> str:
         loop = self.loop
         limited = np.split(np.isfinite(loop.actuators.inputs), [loop.vehicle.rotors], axis=1)
+        lost_to_lag = loop.lags and (loop.limited or not loop.compensates)
         remedies = [
-            *(["a shorter motors.time_constant"] if loop.lags else []),
+            *(["motors.compensation"] if loop.lags and not loop.compensated else []),
+            *(["a shorter motors.time_constant"] if lost_to_lag else []),
             *(["wider motors.limits"] if np.any(limited[0]) else []),
             *(["a greater arm.effort"] if np.any(limited[1]) else []),
             *(loop.environment.remedies if loop.environment else []),

@@ -52,7 +52,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
     # Held inputs do not follow the errors within a step.
-    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, lags)
+    felt = [] if loop.compensates else lags
+    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, felt)
     found += [
         Mode(abs(root), "the gains of control", "lower gains", complex(root))
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
@@ -102,9 +103,10 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[np.
         every = np.delete(every, places.attitude, axis=0)
     found = []
     for pair in np.unique(every, axis=0):
-        # Joint torques do not lag, so errors of joints are always of second order.
-        found.append(np.array([1.0, *pair]))
-        found += [np.array([lag, 1.0, *pair]) / lag for lag in lags]
+        # Joint torques do not lag, so errors of joints are as without.
+        rest = [*pair, gains.integral * pair[1]] if gains.integral else pair
+        found.append(np.array([1.0, *rest]))
+        found += [np.array([lag, 1.0, *rest]) / lag for lag in lags]
     if controller.law == "geometric":
         pairs = np.concatenate([every[places.position], attitude], axis=-1)
         for *position, damping, stiffness in np.unique(pairs, axis=0):

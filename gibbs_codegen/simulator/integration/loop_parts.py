@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
+from gibbs_codegen.simulator.control.geometric import GeometricLaw
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.environment_part import (
@@ -34,9 +35,11 @@ FUNCTIONS = (
     "frame_jacobians",
     "frame_velocities",
     "frame_bias_accelerations",
+    "centre_of_mass",
+    "centre_of_mass_jacobian",
 )
 # As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
-LAWS = ("computed_torque", "open_loop", "off", "held")
+LAWS = ("computed_torque", "open_loop", "off", "held", "geometric")
 
 Values = Mapping[str, Any]
 
@@ -89,13 +92,25 @@ def _desired(closed: ClosedLoop, acting: Acting) -> Values:
     }
 
 
+class _Centre(ctypes.Structure):
+    _fields_ = (("mass", _NUMBER), ("weight", POINTER), ("coefficients", POINTER))
+
+
+def _centre(closed: ClosedLoop, acting: Acting) -> Values:
+    law = closed.controller
+    if not isinstance(law, GeometricLaw):
+        return {}
+    return {"mass": law.mass, "weight": law.weight, "coefficients": law.centre.coefficients}
+
+
 class _Gains(ctypes.Structure):
-    _fields_ = (("stiffness", POINTER), ("damping", POINTER))
+    _fields_ = (("stiffness", POINTER), ("damping", POINTER), ("integral", _NUMBER))
 
 
 def _gains(closed: ClosedLoop, acting: Acting) -> Values:
     gains = closed.controller.gains
-    return {"stiffness": gains.stiffness, "damping": gains.damping}
+    names = ("stiffness", "damping", "integral")
+    return {name: getattr(gains, name) for name in names}
 
 
 class _Rotors(ctypes.Structure):
@@ -132,7 +147,7 @@ def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
 
 class _Actuators(ctypes.Structure):
     _fields_ = (
-        *(("limited", _FLAG), ("lags", _FLAG)),
+        *(("limited", _FLAG), ("lags", _FLAG), ("compensates", _FLAG)),
         *(("least", POINTER), ("most", POINTER), ("lag", POINTER)),
     )
 
@@ -142,6 +157,7 @@ def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
     return {
         "limited": closed.limited,
         "lags": closed.lags,
+        "compensates": closed.compensates,
         "least": least,
         "most": most,
         "lag": closed.actuators.lag,
@@ -156,6 +172,7 @@ class _Envelope(ctypes.Structure):
 _PARTS: tuple[tuple[str, Any, Callable[[ClosedLoop, Acting], Values]], ...] = (
     ("layout", _Layout, _layout),
     ("desired", _Desired, _desired),
+    ("centre", _Centre, _centre),
     ("gains", _Gains, _gains),
     ("flown", _Rotors, lambda closed, acting: _rotors(closed.vehicle)),
     ("known", _Rotors, lambda closed, acting: _rotors(closed.controller.vehicle)),

@@ -72,13 +72,13 @@ class SeenInputs:
 
     def _compute(self) -> None:
         time, states = np.array(self._times), np.stack(self._states)
-        q, v, _, thrusts, memory = self.loop.parts(states)
+        parts = self.loop.parts(states)
         held = self.acting.held
         if held is None:
-            commanded = self.loop.controller(time, q, v, memory)
+            commanded = self.loop.commanded(time, parts)
         else:
             commanded = np.tile(np.array(held), (len(time), 1))
-        inputs = np.stack([commanded, self.loop.applied(commanded, thrusts)], axis=1)
+        inputs = np.stack([commanded, self.loop.applied(commanded, parts.thrusts)], axis=1)
         self._found.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
         self._times.clear()
         self._states.clear()

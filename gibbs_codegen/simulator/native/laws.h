@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "allocation.h"
+#include "geometric.h"
 #include "kinematics.h"
 #include "loop.h"
 
@@ -18,6 +19,7 @@ static void corrected(const Loop *f, const Moment *now, double *restrict out, Ro
     double *const off = take(&room, 2 * m);
     errors_of(at, wanted, now->q, now->v, off);
     for (ptrdiff_t i = 0; i < m; ++i) {
+        off[i] += at->memory ? f->gains.integral * now->memory[i] : 0.0;
         off[i] = f->gains.stiffness[i] * off[i] + f->gains.damping[i] * off[m + i];
         out[i] = wanted[n + m + i] + off[i];
     }
@@ -56,6 +58,8 @@ static int command(const Loop *f, const Moment *now, double *inputs, Room room)
         return computed_torque(f, now, inputs, room);
     case OPEN_LOOP:
         return open_loop(f, now, inputs, room);
+    case GEOMETRIC:
+        return geometric(f, now, inputs, room);
     case HELD:
         memcpy(inputs, f->held, size);
         return DONE;
@@ -69,14 +73,18 @@ static int command(const Loop *f, const Moment *now, double *inputs, Room room)
 static ptrdiff_t room_of_law(const Loop *f)
 {
     const ptrdiff_t m = f->layout.velocities, allocating = room_of_allocation(f);
-    return 2 * m + (allocating > 2 * m ? allocating : 2 * m);
+    /* Of errors and a Jacobian, accelerations and forces. */
+    return 5 * m + (allocating > 2 * m ? allocating : 2 * m);
 }
 
-/* How what a law remembers grows. */
-static void remember(const Loop *f, const Moment *now, double *growth)
+/* How what a law remembers grows: the integrals of the errors, if there are any. */
+static void remember(const Loop *f, const Moment *now, double *growth, Room room)
 {
-    (void)now;
-    memset(growth, 0, (size_t)f->layout.memory * sizeof *growth);
+    if (f->layout.memory) {
+        double *const off = take(&room, 2 * f->layout.velocities);
+        errors_of(&f->layout, now->wanted, now->q, now->v, off);
+        memcpy(growth, off, (size_t)f->layout.memory * sizeof *growth);
+    }
 }
 
 #endif

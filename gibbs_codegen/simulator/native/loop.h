@@ -8,7 +8,7 @@
 enum { BASE = 6, POWERS = 6 };
 /* Whether something could be found, or Python is to take over and say why not. */
 enum { DONE = 0, REFUSED = 1 };
-enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3 };
+enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3, GEOMETRIC = 4 };
 
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
 typedef void Inverse(const void *, const double *, const double *, const double *, double *);
@@ -30,6 +30,8 @@ typedef struct {
     Places *frame_jacobians;
     Moving *frame_velocities;
     Moving *frame_bias_accelerations;
+    Matrix *centre_of_mass;
+    Matrix *centre_of_mass_jacobian;
 } Functions;
 
 /* How many there are of what, and where. */
@@ -55,10 +57,18 @@ typedef struct {
     const double *coefficients; /* [pieces][6][coordinates] */
 } Desired;
 
+/* Centre of mass of the robot that the geometric law knows; not there under other laws. */
+typedef struct {
+    double mass;                /* kg */
+    const double *weight;       /* [3]: the force that holds the robot, world axes, N */
+    const double *coefficients; /* [pieces][6][3] of its desired motion, with the knots of that */
+} Centre;
+
 /* Gains of the tracking errors. */
 typedef struct {
     const double *stiffness; /* [velocities] */
     const double *damping;   /* [velocities] */
+    double integral;         /* rate of integral action, 1/s */
 } Gains;
 
 /* Rotors of the robot that flies or of the one that the law knows. */
@@ -81,6 +91,7 @@ typedef struct {
 typedef struct {
     int limited;
     int lags;
+    int compensates; /* whether commands make up for the lag */
     const double *least; /* [rotors + joints]: limits of the inputs */
     const double *most;
     const double *lag; /* [rotors]: time constants of the motors, 0 for none */
@@ -117,6 +128,7 @@ typedef struct {
     const double *losses; /* [velocities]: damping of the robot itself */
     Layout layout;
     Desired desired;
+    Centre centre;
     Gains gains;
     Rotors flown;
     Rotors known;

@@ -6,11 +6,16 @@
 #include <stddef.h>
 
 /* Make `range`, the least values and then the greatest, hold `values` too; NULL holds nothing. */
-static void widen(ptrdiff_t count, const double *values, double *range)
+static void widen(ptrdiff_t count, const double *restrict values, double *restrict range)
 {
-    for (ptrdiff_t i = 0; range && i < count; ++i) {
-        range[i] = values[i] < range[i] ? values[i] : range[i];
-        range[count + i] = values[i] > range[count + i] ? values[i] : range[count + i];
+    if (!range) {
+        return;
+    }
+    double *restrict const greatest = range + count;
+    for (ptrdiff_t i = 0; i < count; ++i) {
+        const double value = values[i], low = range[i], high = greatest[i];
+        range[i] = value < low ? value : low;
+        greatest[i] = value > high ? value : high;
     }
 }
 

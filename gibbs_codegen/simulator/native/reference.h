@@ -8,18 +8,18 @@
 #include "kinematics.h"
 #include "loop.h"
 
-/* Desired coordinates, velocities and accelerations, one after the other. */
-static void reference(const Loop *f, double time, double *restrict out)
+/* Polynomials of `n` quantities at a time: values, first and second derivatives, one after the
+ * other. */
+static void evaluate(const Desired *path, const double *coefficients, ptrdiff_t n, double time,
+                     double *restrict out)
 {
-    const Desired *const path = &f->desired;
-    const ptrdiff_t n = f->layout.coordinates;
     const double last = (double)path->pieces * path->piece;
     double since = time - path->begin;
     since = since < 0.0 ? 0.0 : since > last ? last : since;
     ptrdiff_t k = (ptrdiff_t)(since / path->piece);
     k = k < path->pieces ? k : path->pieces - 1;
     const double s = since - (double)k * path->piece;
-    const double *restrict c = path->coefficients + k * POWERS * n;
+    const double *restrict c = coefficients + k * POWERS * n;
     for (ptrdiff_t i = 0; i < n; ++i) {
         const double c1 = c[n + i], c2 = c[2 * n + i], c3 = c[3 * n + i];
         const double c4 = c[4 * n + i], c5 = c[5 * n + i];
@@ -27,6 +27,12 @@ static void reference(const Loop *f, double time, double *restrict out)
         out[n + i] = c1 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * (5.0 * c5))));
         out[2 * n + i] = 2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * (20.0 * c5)));
     }
+}
+
+/* Desired coordinates, velocities and accelerations, one after the other. */
+static void reference(const Loop *f, double time, double *restrict out)
+{
+    evaluate(&f->desired, f->desired.coefficients, f->layout.coordinates, time, out);
     if (has_quaternion(&f->layout)) {
         quasi_velocities(&f->layout, out);
     }

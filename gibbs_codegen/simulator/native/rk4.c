@@ -4,7 +4,8 @@
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
  * every robot. The state is q, v, the work of the inputs and of the wrenches on frames less what
- * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may have any length.
+ * damping takes, the thrusts where the motors lag, and what the law remembers. A quaternion may
+ * have any length.
  */
 
 #include <math.h>
@@ -12,7 +13,9 @@
 #include <string.h>
 
 #include "environment.h"
+#include "integral.h"
 #include "kinematics.h"
+#include "lag.h"
 #include "laws.h"
 #include "loop.h"
 #include "plant.h"
@@ -40,12 +43,19 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
     if (command(f, &now, inputs, room) == REFUSED) {
         return REFUSED;
     }
+    if (f->actuators.compensates && compensate(f, &now, inputs, room) == REFUSED) {
+        return REFUSED;
+    }
+    const int wound = at->memory && at_limits(f, inputs);
     widen(inputs_of(f), inputs, range);
     limit(f, inputs);
     actuate(f, now.thrusts, inputs, rate + n + m + 1);
     widen(inputs_of(f), inputs, range ? range + 2 * inputs_of(f) : NULL);
     rate[n + m] = move(f, &now, inputs, rate + n, room);
-    remember(f, &now, rate + memory);
+    remember(f, &now, rate + memory, room);
+    if (wound) {
+        keep_from_winding(f, now.memory, rate + memory);
+    }
     return DONE;
 }
 
@@ -89,7 +99,7 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop);
 ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
 {
     const ptrdiff_t n = loop->layout.coordinates;
-    const ptrdiff_t law = room_of_law(loop), plant = room_of_plant(loop);
+    const ptrdiff_t law = room_of_command(loop, room_of_law(loop)), plant = room_of_plant(loop);
     const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
     return loop->layout.rotors + 3 * size_of(loop) + 3 * (3 * n) + stage;
 }

@@ -64,8 +64,10 @@ class Flight(Series):
             OutputError: If it cannot be written.
         """
         fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        # Without names there is nothing to tell that they are text.
+        texts = {k: np.array(v, dtype=str) for k, v in fields.items() if isinstance(v, tuple)}
         try:
-            np.savez_compressed(path, **fields)
+            np.savez_compressed(path, **(fields | texts))
         except OSError as error:
             raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 
@@ -97,6 +99,7 @@ def read_flight(path: StrPath) -> Flight:
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["control_rate"] = float(values["control_rate"])
     values["tangent_arm"] = int(values["tangent_arm"])
+    values["weight"] = float(values["weight"])
     return Flight(**values)
 
 

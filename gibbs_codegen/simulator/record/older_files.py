@@ -23,9 +23,18 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         Their values. The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
-    nothing = np.zeros((len(stored["time"]), 0, 6))
-    later = {"law": np.array(""), "control_rate": np.array(0.0)}
-    later |= {"frames": np.array([], dtype=str), "frame_wrenches": nothing}
+    endless = np.full(len(stored["input_names"]), np.inf)
+    later = {
+        "law": np.array(""),
+        "control_rate": np.array(0.0),
+        "weight": np.array(np.nan),
+        "input_limits": np.stack([-endless, endless]),
+        "timing": np.array(""),
+        "binding": np.array([], dtype=str),
+        "binding_times": np.zeros((0, 2)),
+        "frames": np.array([], dtype=str),
+        "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
+    }
     found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
         if name not in stored:

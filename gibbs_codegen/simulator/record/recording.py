@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.desired.timed_motion import TimedMotion
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -26,10 +30,10 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         The flight, with a row per sample.
     """
     vehicle, time = loop.vehicle, history.time
-    q, v, work, thrusts, memory = loop.parts(history.states)
+    parts = loop.parts(history.states)
+    q, v = parts.q, parts.v
     reference = loop.controller.reference(time)
-    commanded = loop.controller(time, q, v, memory)
-    applied = loop.applied(commanded, thrusts)
+    applied = loop.applied(commanded := loop.commanded(time, parts), parts.thrusts)
     loads = loop.wrenches(time, q, v, applied, loop.acting(time))
     a = loop.acceleration(q, v, applied, loads)
     return Flight(
@@ -43,30 +47,44 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         input_names=vehicle.inputs,
         points=vehicle.points,
         constraint_names=vehicle.constraint_names,
-        tangent_arm=_tangent_arm(scenario),
+        tangent_arm=_tangent_arm(vehicle, scenario),
         stopped=history.stopped,
         time=time,
         q=q,
         v=v,
         a=a,
-        **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
-        **_inputs(history, commanded, applied),
+        **_desired(reference),
+        **_inputs(loop, history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         frames=vehicle.frames,
         frame_wrenches=loads,
-        **_base_arms(vehicle, q),
+        **_base(vehicle, q),
         positions=vehicle.positions(q),
         parents=point_parents(vehicle),
-        base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        **_energies(vehicle, q, v, work),
+        weight=_weight(vehicle),
+        **_energies(vehicle, q, v, parts.work),
     )
 
 
-def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Array]:
+def _base(vehicle: Vehicle, q: Array) -> dict[str, Any]:
+    """Rotation of the base, and angles of its arms, rad, by the names of the fields."""
+    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
+    arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
+    return {**arms, "base_rotation": vehicle.base_rotation(q)}
+
+
+def _weight(vehicle: Vehicle) -> float:
+    """Weight of a robot, N: what its potential energy grows by for each metre of height."""
+    lifted = vehicle.neutral
+    lifted[vehicle.layout.q.position][2] += 1.0
+    return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
+
+
+def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Any]:
     """Energies and work, by the names of the fields.
 
     Args:
@@ -81,25 +99,47 @@ def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Ar
     return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
 
 
-def _base_arms(vehicle: Vehicle, q: Array) -> dict[str, Array]:
-    """Measured and desired angles of base arms, rad, by the names of the fields."""
-    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
-    return {"base_arm_angles": measured, "base_arm_angles_desired": desired}
-
-
-def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
-    """Inputs, with their ranges between samples.
+def _inputs(
+    loop: ClosedLoop, history: StateHistory, commanded: Array, applied: Array
+) -> dict[str, Any]:
+    """Inputs, with their limits and their ranges between samples.
 
     Args:
+        loop: The closed loop that was integrated.
         history: Samples of the state.
         commanded, applied: Inputs (s, nu) at the samples.
 
     Returns:
-        Series (s, nu) by the names of their fields.
+        Series (s, nu) and limits (2, nu) by the names of their fields.
     """
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
-    known = {"commanded": commanded, "applied": applied}
+    limits = np.array(loop.actuators.inputs)
+    known = {"commanded": commanded, "applied": applied, "input_limits": limits}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
+
+
+def _desired(reference: tuple[Array, Array, Array]) -> dict[str, Any]:
+    """Desired coordinates (s, nq), velocities and accelerations (s, nv) by names of fields."""
+    return dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True))
+
+
+def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
+    """The flight with what is to be said of its timing.
+
+    Args:
+        flight: The flight.
+        motion: What was flown.
+
+    Returns:
+        The flight.
+    """
+    times = [(each.begin, each.end) for each in motion.binding]
+    return replace(
+        flight,
+        timing=motion.said,
+        binding=tuple(each.what for each in motion.binding),
+        binding_times=np.reshape(times, (-1, 2)),
+    )
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
@@ -113,9 +153,10 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     return directions
 
 
-def _tangent_arm(scenario: Scenario) -> int:
+def _tangent_arm(vehicle: Vehicle, scenario: Scenario) -> int:
     """The base arm that points along the path, from 1, or 0 for none."""
-    return scenario.attitude.arm if isinstance(scenario.attitude, Tangent) else 0
+    attitude = scenario.attitude
+    return attitude.arm if isinstance(attitude, Tangent) and len(vehicle.arm_angles()) else 0
 
 
 def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
@@ -150,9 +191,10 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array)
     Returns:
         Angles (s), rad; 0 where no arm follows the path.
     """
-    if not (arm := _tangent_arm(scenario)):
+    if not (arm := _tangent_arm(vehicle, scenario)):
         return np.zeros(len(time))
-    angle = vehicle.arm_angles()[arm - 1]
+    angles = vehicle.arm_angles()
+    angle = angles[arm - 1] if len(angles) else 0.0  # A base without arms follows with its x axis.
     direction = vehicle.base_rotation(q) @ np.array([np.cos(angle), np.sin(angle), 0.0])
     return heading_error(scenario.base, time, direction)
 

@@ -52,6 +52,10 @@ class Series:
     `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
     before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
     times, or where inputs came from step to step.
+    `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
+    limits that it reaches, from and to `binding_times` (b, 2), s.
+    `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
+    inputs that motors and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
@@ -68,6 +72,7 @@ class Series:
     frames: tuple[str, ...]
     tangent_arm: int
     stopped: str
+    weight: float
     time: Array = field(repr=False)
     q: Array = field(repr=False)
     v: Array = field(repr=False)
@@ -81,6 +86,7 @@ class Series:
     commanded_greatest: Array = field(repr=False)
     applied_least: Array = field(repr=False)
     applied_greatest: Array = field(repr=False)
+    input_limits: Array = field(repr=False)
     constraint_torques: Array = field(repr=False)
     frame_wrenches: Array = field(repr=False)
     base_arm_angles: Array = field(repr=False)
@@ -95,6 +101,9 @@ class Series:
     kinetic_energy: Array = field(repr=False)
     potential_energy: Array = field(repr=False)
     work: Array = field(repr=False)
+    timing: str = ""
+    binding: tuple[str, ...] = field(default=(), repr=False)
+    binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
 
     @property
     def rotors(self) -> int:

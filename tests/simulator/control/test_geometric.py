@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
+from support.tools import missing
 
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.scenario.control import Control
@@ -17,8 +19,11 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.scenario import Scenario, Settings
 from gibbs_codegen.simulator.control.choice import control_law
 from gibbs_codegen.simulator.control.geometric import GeometricLaw
+from gibbs_codegen.simulator.integration.acting import NOTHING
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.integration.error_modes import error_polynomials
+from gibbs_codegen.simulator.integration.fixed_step import rk4_step
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -34,11 +39,17 @@ BENT = np.array([1.1, 0.9, 1.3])
 
 
 @pytest.fixture(scope="module")
-def machines(shipped: Load) -> Load:
-    """Load NumPy's back end of a robot that ships, or of the quadrotor with angles y-x-z."""
+def machines(fast: Load) -> Load:
+    """Load the C back end of a robot that ships, or NumPy's of the quadrotor with angles y-x-z."""
     robot, _ = read_robot("quadrotor")
     angles = emitted_module(replace(robot, base=replace(robot.base, attitude="yxz")))
-    return lambda name: angles if name == ANGLES else shipped(name)
+    return lambda name: angles if name == ANGLES else fast(name)
+
+
+@pytest.fixture(scope="module")
+def motions(machines: Load) -> Callable[[str], Motion]:
+    """A motion of a machine that its rotors can fly, made once."""
+    return functools.cache(lambda name: flown(Vehicle(machines(name))))
 
 
 def law_of(vehicle: Vehicle, reference: Reference, control: Control = CONTROL) -> GeometricLaw:
@@ -87,10 +98,12 @@ def resting(vehicle: Vehicle, q: Array) -> Reference:
 
 
 @pytest.mark.parametrize("name", ["quadrotor", ANGLES, "dual_arm", "hydrus"])
-def test_without_errors_the_inputs_are_those_that_flew(name: str, machines: Load) -> None:
+def test_without_errors_the_inputs_are_those_that_flew(
+    name: str, machines: Load, motions: Callable[[str], Motion]
+) -> None:
     """Feedforward is exact: also while the base leans and turns, and the arms swing."""
     vehicle = Vehicle(machines(name))
-    motion = flown(vehicle)
+    motion = motions(name)
     law = law_of(vehicle, vehicle.kinematics.reference(motion))
     q, v = vehicle.kinematics.normalised(motion.q), motion.v
     inputs = law(motion.time, q, v)
@@ -133,11 +146,11 @@ def test_small_errors_decay_by_the_polynomials(name: str, lag: float, machines: 
 
 @pytest.mark.parametrize("name", ["quadrotor", ANGLES, "dual_arm", "hydrus"])
 def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
-    name: str, machines: Load
+    name: str, machines: Load, motions: Callable[[str], Motion]
 ) -> None:
     """Also far from the desired motion: arms pull at the base, and are not let sway its centre."""
     vehicle = Vehicle(machines(name))
-    law = law_of(vehicle, vehicle.kinematics.reference(flown(vehicle)))
+    law = law_of(vehicle, vehicle.kinematics.reference(motions(name)))
     rng = np.random.default_rng(8)
     time = rng.uniform(0.0, 0.2, 6)
     desired = law.reference(time)
@@ -193,6 +206,46 @@ def test_angles_and_a_quaternion_get_the_same_inputs(machines: Load) -> None:
     assert inputs[0] == pytest.approx(inputs[1], abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "limits", "lag"),
+    [
+        ("quadrotor", (0.0, 8.5), 0.0),
+        ("dual_arm", (-1e6, 1e6), 0.05),
+        ("hydrus", (-1e6, 1e6), 0.0),
+    ],
+)
+def test_every_step_in_c_is_that_of_python(
+    name: str,
+    limits: tuple[float, float],
+    lag: float,
+    machines: Load,
+    motions: Callable[[str], Motion],
+) -> None:
+    """From each state that C comes to, Python takes the next step to the same state."""
+    vehicle = Vehicle(machines(name))
+    if (vehicle.module.__file__ or "").endswith(".py"):
+        missing("nothing compiles")
+    reference = vehicle.kinematics.reference(motions(name))
+    allocation = allocation_of(vehicle, limits=limits)
+    law = control_law("geometric", CONTROL, vehicle, reference, allocation)
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[:] = lag
+    closed = ClosedLoop(vehicle, law, actuators)
+    q, v, _ = reference(0.0)
+    rng = np.random.default_rng(6)
+    state = closed.start(q, v) + 0.4 * rng.normal(size=closed.size)
+    loop = CompiledLoop.of(closed, np.inf)
+    assert loop is not None
+    step = 2.0**-8
+    taken, samples, _ = loop(0.0, state, step, 30)
+    assert taken == 30
+    for done, after in enumerate(samples):
+        expected = rk4_step(closed, done * step, state, step, NOTHING)
+        moved = np.linalg.norm(expected - state)
+        assert np.linalg.norm(after - expected) <= 1e-10 * (np.linalg.norm(state) + moved)
+        state = after
+
+
 def start(case: int) -> tuple[float, float, float]:
     """A turn at the start, degrees: rolled by 90°, upside down, or anyhow."""
     if case in (0, 7):
@@ -221,3 +274,13 @@ def hover(turn: tuple[float, float, float], duration: float) -> Scenario:
     changes = {"start": {"turn_deg": list(turn)}, "duration": duration}
     rk4 = Settings(method="rk4", step=4e-3, rate=50.0)
     return replace(read_scenario("hover", changes), integration=rk4)
+
+
+@pytest.mark.parametrize("name", ["quadrotor", "quadrotor_arm_2link"])
+def test_a_circle_is_flown_as_planned(name: str, fast: Load) -> None:
+    """With an exact model and no lag."""
+    changes = {"duration": 3, "motors": {"time_constant": 0}}
+    rk4 = Settings(method="rk4", step=4e-3)
+    flight = simulate(fast(name), replace(read_scenario("circle", changes), integration=rk4))
+    assert (flight.stopped, flight.law) == ("", "geometric")
+    assert np.sqrt(np.mean(flight.centre_error**2)) < 1e-4

@@ -169,7 +169,7 @@ def test_rates_of_controller_and_scenario(fast: Load) -> None:
 
 
 def test_a_flight_keeps_the_rate_in_its_file(fast: Load, tmp_path: Any) -> None:
-    flight = simulate(fast("quadrotor"), hover(0.05), Damper(fast("quadrotor")))
+    flight = simulate(fast("quadrotor"), hover(0.2), Damper(fast("quadrotor")))
     flight.write_npz(tmp_path / "flight.npz")
     assert read_flight(tmp_path / "flight.npz").control_rate == 50.0
 

@@ -98,6 +98,22 @@ def test_spans_are_joined_without_a_seam(
     assert np.ptp(lean) < 0.05
 
 
+def test_a_flip_turns_once_with_positive_thrust(quadrotor: Vehicle) -> None:
+    scenario = read_scenario("flip")
+    reference = desired_motion(quadrotor, scenario)
+    time = np.linspace(0.01, scenario.duration - 0.01, 400)
+    place, rotation = pose(quadrotor, reference, time)
+    assert np.linalg.norm(place - scenario.base(time)[:, 0], axis=-1).max() < 1e-4
+    assert sideways(quadrotor, reference, time).max() < 0.01
+    turned = np.unwrap(np.arctan2(rotation[:, 0, 2], rotation[:, 2, 2]))
+    assert np.degrees(turned[-1] - turned[0]) == pytest.approx(360.0, abs=1.0)
+    q, v, a = reference(time)
+    wrenches = quadrotor.base_wrench(q, quadrotor.inverse_dynamics(q, v, a))
+    thrusts = wrenches @ np.linalg.pinv(quadrotor.thrust_wrenches()).T
+    assert thrusts.min() > 0.0
+    assert thrusts.max() < 8.5
+
+
 @pytest.mark.parametrize(
     ("path", "attitude", "message"),
     [

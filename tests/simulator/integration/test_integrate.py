@@ -196,13 +196,13 @@ ADAPTIVE = {"method": "adaptive", "relative_tolerance": 1e-7, "absolute_toleranc
 
 # Flights in which control is lost: a robot, a scenario, and what loses it.
 LOST: list[tuple[str, str, dict[str, object]]] = [
-    ("hexarotor_3link", "paper", {"motors": {"time_constant": 0.02}}),
-    ("decarotor_3link", "paper", {"motors": {"time_constant": 0.02}}),
+    ("hexarotor_3link", "paper", {"motors": {"time_constant": 0.02, "compensation": False}}),
+    ("decarotor_3link", "paper", {"motors": {"time_constant": 0.02, "compensation": False}}),
     (
         "octorotor_7link",
         "line",
         {
-            "motors": {"time_constant": 0.2},
+            "motors": {"time_constant": 0.2, "compensation": False},
             "control": {"frequency": 20},
             "start": {"offset": [0.3, 0, 0]},
         },
@@ -230,7 +230,10 @@ def test_a_lost_flight_ends_with_its_reason(
     assert re.match(
         r"at t = \S+ s control is lost: (the rate of )?\w+ is \S+ (rad|m)(/s)? off", flight.stopped
     )
-    assert "try a shorter motors.time_constant, a lower control.frequency" in flight.stopped
+    assert (
+        "try motors.compensation, a shorter motors.time_constant, a lower control.frequency"
+        in flight.stopped
+    )
     assert abs(stop_time(flight) - flight.time[-1]) <= 1.0 / scenario.integration.rate
     assert len(flight.time) > 1
     assert flight.time[-1] < 0.6

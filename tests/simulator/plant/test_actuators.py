@@ -34,8 +34,12 @@ attitude = "quaternion"
 [[rotor]]
 position = [0.3, 0, 0]
 limits = [-1, 12]
+drag = 0.02
+spin_inertia = 1e-4
+speed_per_sqrt_thrust = 300
 [[rotor]]
 position = [-0.3, 0, 0]
+drag = -0.02
 time_constant = 0.05
 [[link]]
 xyz = [0, 0, -0.1]
@@ -89,6 +93,8 @@ def test_the_robot_file_tells_what_the_scenario_does_not(
     assert found.joints[:, 1].tolist() == [0, inf]
     assert found.efforts.tolist() == [inf, 3]
     assert found.velocities.tolist() == [2.5, inf]
+    # A rotor with a positive drag spins clockwise, seen from the tip of its thrust.
+    assert found.spins.tolist() == [-0.03, 0]
     assert found.inputs.tolist() == [[-1, -inf, -inf, -3], [12, inf, inf, 3]]
 
 
@@ -163,7 +169,8 @@ def test_only_motors_with_a_time_constant_lag(folders: dict[str, Path]) -> None:
     """In open loop, along a path on which the thrusts change."""
     path = {"kind": "line", "start": [0, 0, 2], "end": [0, 0, 2.5], "duration": 0.5}
     finely = {"rate": 1000}
-    scenario = hover(control={"law": "open_loop"}, base={"path": path}, integration=finely)
+    control = {"control": {"law": "open_loop"}, "motors": {"compensation": False}}
+    scenario = hover(**control, base={"path": path}, integration=finely)
     arm = {"limits_deg": {Vehicle(load(folders["mixed"])).joint_names[0]: [-90, 90]}}
     scenario = replace(scenario, arm=hover(arm=arm).arm)
     flight = simulate(load(folders["mixed"], "c"), scenario)

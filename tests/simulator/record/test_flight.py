@@ -52,6 +52,28 @@ def test_a_flight_saved_before_robots_were_trees_is_read(flight: Flight, tmp_pat
     assert np.array_equal(again.errors, flight.errors)
 
 
+def test_wrenches_on_frames(flight: Flight, tmp_path: Path) -> None:
+    """Frames that nothing acts on have no columns, and older files have no wrenches."""
+    wrenches = flight.frame_wrenches.copy()
+    wrenches[:, 1] = np.arange(6) + flight.time[:, np.newaxis]
+    loaded = dataclasses.replace(flight, frame_wrenches=wrenches)
+    assert np.array_equal(loaded.frame_wrench("tip"), wrenches[:, 1])
+    with pytest.raises(UsageError, match="hand: no such frame; there are base, tip"):
+        loaded.frame_wrench("hand")
+    columns = {f"{name} [{unit}]": values for name, unit, values in loaded.columns()}
+    assert np.array_equal(columns["tip_force_z [N]"], wrenches[:, 1, 2])
+    assert np.array_equal(columns["tip_torque_x [N m]"], wrenches[:, 1, 3])
+    assert not any(name.startswith("base_force") for name in columns)
+    flight.write_npz(tmp_path / "now.npz")
+    with np.load(tmp_path / "now.npz") as stored:
+        older = {key: stored[key] for key in stored if not key.startswith("frame")}
+    np.savez(tmp_path / "old.npz", **older)
+    again = read_flight(tmp_path / "old.npz")
+    assert again.frames == ()
+    assert again.frame_wrenches.shape == (len(flight.time), 0, 6)
+    assert next(again.columns())[0] == "time"
+
+
 def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_path: Path) -> None:
     flight.write_csv(tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
@@ -74,6 +96,12 @@ def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_p
     assert np.array_equal(column["tip_z [m]"], flight.point("tip")[:, 2])
     assert np.array_equal(column["tip_z_desired [m]"], flight.tip_desired[:, 2])
     assert np.array_equal(column["work [J]"], flight.work)
+
+
+def test_the_weight_is_that_of_the_masses(flight: Flight) -> None:
+    """9 kg: a base of six arms of 0.5 m with 1 kg/m, and two links of 3 m with 1 kg/m."""
+    assert flight.weight == pytest.approx(9.0 * 9.81)
+    assert np.all(np.isinf(flight.input_limits))
 
 
 def test_errors_are_distances(flight: Flight) -> None:

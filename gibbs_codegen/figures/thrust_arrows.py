@@ -1,0 +1,60 @@
+"""Thrusts of a flight as arrows from the rotors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.figures.robot_drawing import rotor_radius, thrust_directions
+from gibbs_codegen.figures.scene import VIEW, seen_from
+from gibbs_codegen.figures.style import COLOURS
+from gibbs_codegen.simulator.record.flight import Array, Flight
+
+# Above robots.
+_LEVEL = 50
+# Of all thrusts, the share that arrows are not too short for: peaks would make the others dots.
+_USUAL = 0.95
+# The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
+_LONGEST, _HEAD = 4.0, np.array([0.15, 0.06])
+
+
+class ThrustArrows:
+    """Arrows along the thrusts, as long as these are large, but for peaks.
+
+    Args:
+        axes: 3-D axes in the usual view.
+        flight: the flight.
+    """
+
+    def __init__(self, axes: Any, flight: Flight) -> None:
+        self._flight = flight
+        thrusts = flight.applied[:, : flight.rotors]
+        known = np.abs(thrusts[np.isfinite(thrusts)])
+        usual = float(np.quantile(known, _USUAL)) if len(known) else 0.0
+        self.reach = _LONGEST * rotor_radius(flight)
+        self._lengths = self.reach * np.clip(thrusts / (usual or 1.0), -1.0, 1.0)
+        self._rotors = [flight.points.index(name) for name in flight.rotor_points]
+        (self._line,) = axes.plot(
+            [], [], [], color=COLOURS[3], linewidth=1.6, zorder=_LEVEL, label="thrust"
+        )
+
+    def show(self, sample: int) -> None:
+        """Put the arrows where the rotors are.
+
+        Args:
+            sample: Number of the sample of the flight.
+        """
+        flight = self._flight
+        along = thrust_directions(flight, sample) @ flight.base_rotation[sample].T
+        arrows = self._lengths[sample][:, np.newaxis] * along
+        starts = flight.positions[sample][self._rotors]
+        tips = starts + arrows
+        # The barbs lie as they are seen best, across the line of sight.
+        across = np.cross(along, seen_from(VIEW)[2])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        back = tips - np.sign(self._lengths[sample])[:, np.newaxis] * _HEAD[0] * self.reach * along
+        aside = _HEAD[1] * self.reach * across
+        gap = np.full_like(tips, np.nan)
+        points: Array = np.stack([starts, tips, back + aside, tips, back - aside, gap], axis=1)
+        self._line.set_data_3d(*points.reshape(-1, 3).T)

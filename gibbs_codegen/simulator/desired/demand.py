@@ -1,0 +1,249 @@
+"""What a motion demands of motors and joints, and how near that comes to their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+
+# Share of the range between least and greatest input, at its ends, in which a limit counts as
+# reached.
+_REACHED = 0.01
+_NEAR = 1.0 - _REACHED
+# Gaps shorter than this between times at which a limit is reached are not told, s.
+_GAP = 0.05
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the timing of a motion keeps to; infinite where there is no limit.
+
+    - `inputs` (2, nu): least and greatest thrusts, N, and torques or forces, N m or N
+    - `thrust_rate`: greatest rate of thrusts, N/s
+    - `velocities` (n): greatest rates of the joints, rad/s or m/s
+    """
+
+    inputs: Array
+    thrust_rate: float
+    velocities: Array
+
+    @property
+    def any(self) -> bool:
+        """Whether there is a limit at all."""
+        return bool(np.any(np.isfinite(self.inputs)) or np.any(np.isfinite(self.velocities)))
+
+
+def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
+    """Limits of the timing: those it says, and else those of motors and joints.
+
+    Args:
+        vehicle: The robot.
+        scenario: What is flown.
+
+    Returns:
+        The limits.
+
+    Raises:
+        UsageError: If the scenario names a joint that the robot does not have.
+    """
+    timing, actuators = scenario.timing, actuators_of(vehicle, scenario)
+    if timing.limits is not None:
+        actuators.thrusts[:] = np.transpose([timing.limits])
+    for values, given in (
+        (actuators.efforts, timing.effort),
+        (actuators.velocities, timing.velocity),
+    ):
+        for name, most in given.items():
+            values[joint_place(vehicle, name)] = most
+    rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
+    return Limits(actuators.inputs, rate, actuators.velocities)
+
+
+def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
+    """Inputs that a motion needs, with the thrusts of least norm and whatever their limits.
+
+    Wrenches that the rotors cannot produce are left out.
+
+    Args:
+        vehicle: The robot.
+        q, v, a: Coordinates (s, nq), velocities and accelerations (s, nv).
+
+    Returns:
+        Inputs (s, nu): thrusts, N, then torques or forces of the joints, N m or N.
+    """
+    force = vehicle.inverse_dynamics(q, v, a)
+    matrices = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    wrenches = vehicle.base_wrench(q, force)[..., np.newaxis]
+    thrusts = (np.linalg.pinv(matrices) @ wrenches)[..., 0]
+    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
+    efforts = force[..., vehicle.arm_rates] - (loads @ thrusts[..., np.newaxis])[..., 0]
+    return np.concatenate([thrusts, efforts], axis=-1)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a motion demands at times.
+
+    - `time` (s), s; `inputs` (s, nu), and `still` (s, nu): those for standing still there
+    - `rates` (s, N): of the thrusts, N/s; `velocities` (s, n): of the joints, rad/s or m/s
+    """
+
+    time: Array
+    inputs: Array
+    still: Array
+    rates: Array
+    velocities: Array
+
+
+def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array) -> Demand:
+    """What a motion demands.
+
+    Args:
+        vehicle: The robot.
+        motion: Coordinates (s, nq), velocities and accelerations (s, nv).
+        time: Times (s), s.
+
+    Returns:
+        The demand.
+    """
+    q, v, a = motion
+    inputs = needed_inputs(vehicle, q, v, a)
+    rates = np.gradient(inputs[:, : vehicle.rotors], time, axis=0)
+    return Demand(
+        time,
+        inputs,
+        needed_inputs(vehicle, q, 0.0 * v, 0.0 * v),
+        rates,
+        v[:, vehicle.arm_rates],
+    )
+
+
+def excess(demand: Demand, limits: Limits) -> Array:
+    """By how much squared speeds and accelerations of a motion are too great for its limits.
+
+    Args:
+        demand: What the motion demands.
+        limits: The limits, which it keeps when it stands still.
+
+    Returns:
+        The factor at each time (s); 1 where a limit is just reached.
+    """
+    least, most = limits.inputs
+    moving = demand.inputs - demand.still
+    room = np.where(moving > 0.0, most - demand.still, demand.still - least)
+    inputs = np.max(np.abs(moving) / room, axis=-1)
+    joints = np.max(np.abs(demand.velocities) / limits.velocities, axis=-1, initial=0.0)
+    worst: Array = np.maximum(inputs, joints**2)
+    return worst
+
+
+def keeps(demand: Demand, limits: Limits) -> bool:
+    """Whether a motion keeps limits.
+
+    Args:
+        demand: What the motion demands.
+        limits: The limits.
+
+    Returns:
+        Whether it does at all times.
+    """
+    least, most = limits.inputs
+    return bool(
+        np.all((demand.inputs >= least) & (demand.inputs <= most))
+        and np.all(np.abs(demand.velocities) <= limits.velocities)
+        and np.all(np.abs(demand.rates) <= limits.thrust_rate)
+    )
+
+
+def check_still(vehicle: Vehicle, demand: Demand, limits: Limits) -> None:
+    """See that the robot can stand still everywhere on its way.
+
+    Args:
+        vehicle: The robot.
+        demand: What a motion demands.
+        limits: The limits.
+
+    Raises:
+        UsageError: With the first input and time at which it cannot.
+    """
+    least, most = limits.inputs
+    margin = np.minimum(demand.still - least, most - demand.still)
+    if np.all(margin > 0.0):
+        return
+    instant, place = np.argwhere(margin <= 0.0)[0]
+    raise UsageError(
+        f"timing: at t = {demand.time[instant]:.6g} s of the scenario {vehicle.inputs[place]} is "
+        f"{demand.still[instant, place]:.4g} where the robot stands still, which is not within its "
+        f"limits, {least[place]:g} to {most[place]:g}: no timing is slow enough; widen the limits"
+    )
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A limit that is reached from `begin` to `end`, s: `what` names it."""
+
+    begin: float
+    end: float
+    what: str
+
+
+def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, ...]:
+    """Which limits a motion reaches, and when.
+
+    Args:
+        vehicle: The robot.
+        demand: What the motion demands.
+        limits: The limits.
+
+    Returns:
+        Limits and times, the earliest first.
+    """
+    least, most = limits.inputs
+    names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
+    with np.errstate(invalid="ignore"):
+        span = most - least
+        # Of one limit alone, its distance from what standing still takes.
+        alone = np.abs(np.where(np.isfinite(least), least, most) - demand.still.mean(axis=0))
+        margin = _REACHED * np.where(np.isfinite(span), span, alone)
+        reached = (
+            ("greatest", names, demand.inputs >= most - margin),
+            ("least", names, demand.inputs <= least + margin),
+            ("rate of", thrusts, np.abs(demand.rates) >= _NEAR * limits.thrust_rate),
+            (
+                "velocity of",
+                vehicle.joint_names,
+                np.abs(demand.velocities) >= _NEAR * limits.velocities,
+            ),
+        )
+    found = [
+        Binding(begin, end, f"{what} {name}")
+        for what, inputs, flags in reached
+        for name, series in zip(inputs, flags.T, strict=True)
+        for begin, end in _runs(demand.time, series)
+    ]
+    return tuple(sorted(found, key=lambda each: (each.begin, each.end, each.what)))
+
+
+def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
+    """Times from and to which something holds; gaps that are hardly any are closed.
+
+    Args:
+        time: Times (s), s.
+        flags: Whether it holds (s).
+
+    Returns:
+        Begin and end of each interval, s; none of an instant alone.
+    """
+    places = np.flatnonzero(flags)
+    if not len(places):
+        return []
+    times = time[places]
+    apart = np.flatnonzero(np.diff(times) > _GAP)
+    begins = times[np.concatenate([[0], apart + 1])]
+    ends = times[np.concatenate([apart, [len(times) - 1]])]
+    return [(float(b), float(e)) for b, e in zip(begins, ends, strict=True) if e > b]
