@@ -104,6 +104,15 @@ def test_a_path_that_sets_out_at_once_is_flown_from_the_swing_it_needs(quadrotor
         assert np.abs(thrusts - 3.679).max() < 0.5
 
 
+def test_a_joint_move_that_is_too_fast_is_told_as_one(fast: Callable[[str], ModuleType]) -> None:
+    vehicle = Vehicle(fast("quadrotor_arm_2link"))
+    name = vehicle.joint_names[0]
+    moves = {name: [{"to": 40, "begin": 1, "duration": 0.02}]}
+    arm = {"moves_deg": moves, "velocity": {name: 5.0}}
+    with pytest.raises(UsageError, match=f"{name} has to move at .*, faster than its limit of 5"):
+        desired_motion(vehicle, read_scenario("hover", {"arm": arm}))
+
+
 def test_pieces_whose_thrusts_leave_those_of_the_knots_are_found(quadrotor: Vehicle) -> None:
     """A jolt straight up needs no lateral force, and shows between knots only."""
     reference = desired_motion(quadrotor, read_scenario("hover", {"duration": 0.5}))
