@@ -56,6 +56,8 @@ class MoveTable(Table):
 
 
 def _one_after_the_other(moves: list[MoveTable]) -> list[MoveTable]:
+    if not moves:
+        raise fault("has no moves; give one, or leave the joint out")
     for place, (before, after) in enumerate(itertools.pairwise(moves), start=1):
         if after.begin < (end := before.begin + before.duration):
             words = f"must not be before {end:g}, when the move before it ends, not {after.begin:g}"
@@ -65,7 +67,7 @@ def _one_after_the_other(moves: list[MoveTable]) -> list[MoveTable]:
 
 Moves = Annotated[
     list[MoveTable],
-    Tables("arm.moves", _MOST_MOVES, "moves"),
+    Tables("arm.moves", _MOST_MOVES, "moves", "a list of moves, [{ to = …, duration = … }]"),
     AfterValidator(_one_after_the_other),
 ]
 
@@ -160,6 +162,24 @@ class ArmTable(Table):
         if faults:
             raise refusal(faults)
         return self
+
+    def late_moves(self, duration: float) -> list[tuple[Place, str]]:
+        """Faults of moves that begin when the flight has ended.
+
+        Args:
+            duration: Duration of the flight, s.
+
+        Returns:
+            Key and words of each.
+        """
+        words = f"must be before {duration:g}, when the flight ends, not "
+        return [
+            ((key, joint, place, "begin"), f"{words}{move.begin:g}")
+            for key in ("moves", "moves_deg")
+            for joint, moves in getattr(self, key).items()
+            for place, move in enumerate(moves)
+            if move.begin >= duration
+        ]
 
     def task(self, base: Path) -> ArmTask:
         """The task that the table describes.

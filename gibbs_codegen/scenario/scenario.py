@@ -31,8 +31,9 @@ class Move:
     duration: float
 
     def __post_init__(self) -> None:
-        require(self.begin >= 0.0, "arm: a move begins at 0 s or later")
-        require(self.duration > 0.0, "arm: a move takes more than 0 s")
+        require(math.isfinite(self.to), "arm: a move is to a finite value")
+        require(0.0 <= self.begin < math.inf, "arm: a move begins at 0 s or later")
+        require(0.0 < self.duration < math.inf, "arm: a move takes more than 0 s")
 
 
 @dataclass(frozen=True)

@@ -89,15 +89,16 @@ class Simulation:
             What the sensors tell.
 
         Raises:
-            UsageError: If q or v is not so many finite numbers.
+            UsageError: If q or v is not so many finite numbers, or the seed is no
+                integer of 0 or more.
         """
         given = [
             start if values is None else _numbers(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
+        self._sensing.reset(seed)
         self._begin = self._loop.vehicle.kinematics.normalised(given[0]), given[1]
         self._held.forget()
-        self._sensing.reset(seed)
         self._flown: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
