@@ -17,7 +17,7 @@ from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
 from gibbs_codegen.simulator.desired.feasible import feasible_motion
-from gibbs_codegen.simulator.desired.hanging import hanging_posture
+from gibbs_codegen.simulator.desired.hanging import commanding_posture, hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
 from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import knots
@@ -83,6 +83,8 @@ def _with_posture(
     task, time = scenario.arm, knots(scenario.duration)
     if task.posture is None:
         posture = hanging_posture(vehicle, limits)
+        if vehicle.rotors_move and scenario.control.law != "off":
+            posture = commanding_posture(vehicle, limits, posture)
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
         _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
