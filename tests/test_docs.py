@@ -121,9 +121,9 @@ def test_files_in_toml_are_accepted() -> None:
     rods, placed = map(parse_robot, blocks("docs/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
     assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (3, (0, 1), 1)
-    (text,) = blocks("docs/scenario-file.md", "toml")
-    scenario = parse_scenario(text)
+    scenario, *others = map(parse_scenario, blocks("docs/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
+    assert [other.name for other in others] == ["via", "quick"]
 
 
 @pytest.mark.parametrize(

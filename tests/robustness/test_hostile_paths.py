@@ -72,7 +72,7 @@ def quick(
 ) -> str:
     """Spare the derivation and the flight, which no path changes; the folder of a module."""
     monkeypatch.setattr(pipeline, "module_files", lambda *_: module_files)
-    monkeypatch.setattr(simulation, "simulate", lambda *_: flight)
+    monkeypatch.setattr(simulation, "simulate", lambda *_, **__: flight)
     return str(Path(shipped("hexarotor").__file__ or "").parent)
 
 

@@ -138,5 +138,5 @@ def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:
     Returns:
         Their names.
     """
-    wrenches = np.reshape(vehicle.thrust_wrenches(q), (-1, _ALL, vehicle.rotors))
+    wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
     return Allocation(wrenches[np.argmin(ranks(wrenches))]).missing

@@ -29,9 +29,9 @@ LateralForce = Callable[[Array, Array, Array, Array], Array]
 STENCIL = 5
 # Order of the derivative of the thrust axis that is to be small.
 _ROUGHNESS = 3
-# Frequency above which the path is left rather than the axis made to swing: as a multiple of that
-# with which the machine swings about its base centre, and at most, rad/s.
-_ABOVE_SWING, _FASTEST = 1.5, 60.0
+# Frequency above which the path is left rather than the axis made to swing, at most, rad/s; else it
+# is that with which the machine swings about its base centre, so that it does not swing for long.
+_FASTEST = 60.0
 # Steps of differences of the lateral force, for the four arguments.
 _STEPS = (1e-6, 1e-4, 1e-2, 1e-2)
 # Newton's method: most steps, and the change of the axis and the lateral force that end it.
@@ -143,9 +143,10 @@ def nearest_motion(
             normal, shift = found.reshape(2, count, 3)
             return normal / np.linalg.norm(normal, axis=-1, keepdims=True), shift
     worst = grid.time[np.argmax(np.abs(residual[: 2 * count]).reshape(-1, 2).max(axis=-1))]
+    # Before a flight begins its path rests: what fails there is how it sets out.
     raise UsageError(
-        f"at t = {worst:.6g} s no tilt is found with which the base follows its path, since its "
-        "rotors push along one axis only; choose a gentler motion"
+        f"at t = {max(worst, 0.0):.6g} s no tilt is found with which the base follows its path, "
+        "since its rotors push along one axis only; choose a gentler motion"
     )
 
 
@@ -216,7 +217,7 @@ def _cost(slopes: list[Array], grid: Grid, gravity: float) -> sparse.csr_array:
     """
     # A pendulum of length l, whose lateral force is −n − l n̈ / g, swings with √(g / l).
     swing = np.abs(slopes[2]).max() ** -0.5 if np.any(slopes[2]) else np.inf
-    frequency = min(_ABOVE_SWING * swing, _FASTEST)
+    frequency = min(swing, _FASTEST)
     rough = differences(_ROUGHNESS, grid.count, grid.step) / frequency**_ROUGHNESS
     near = (frequency**2 / gravity) ** 2 * sparse.eye_array(grid.count)
     parts = sparse.block_diag([rough.T @ rough, near])

@@ -142,22 +142,39 @@ def excess(demand: Demand, limits: Limits) -> Array:
     return worst
 
 
-def keeps(demand: Demand, limits: Limits) -> bool:
-    """Whether a motion keeps limits.
+def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
+    """The limit that a motion exceeds most, as a share of it.
 
     Args:
+        vehicle: The robot.
         demand: What the motion demands.
         limits: The limits.
 
     Returns:
-        Whether it does at all times.
+        A clause with the limit and the time; "" if the motion keeps all limits.
     """
     least, most = limits.inputs
-    return bool(
-        np.all((demand.inputs >= least) & (demand.inputs <= most))
-        and np.all(np.abs(demand.velocities) <= limits.velocities)
-        and np.all(np.abs(demand.rates) <= limits.thrust_rate)
-    )
+    joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
+    rates = vehicle.layout.v.units[vehicle.arm_rates]
+    units = ["N"] * vehicle.rotors + ["N m" if unit == "rad/s" else "N" for unit in rates]
+    worst, clause = 0.0, ""
+    for verb, names, series, limit, each in (
+        ("exceed", vehicle.inputs, demand.inputs, most, units),
+        ("fall below", vehicle.inputs, -demand.inputs, -least, units),
+        ("change faster than", thrusts, np.abs(demand.rates), limits.thrust_rate, ["N/s"]),
+        ("move faster than", joints, np.abs(demand.velocities), limits.velocities, rates),
+    ):
+        limit = np.broadcast_to(limit, series.shape[1:])
+        over = (series - limit) / (1.0 + np.where(np.isfinite(limit), np.abs(limit), 0.0))
+        if np.max(over, initial=0.0) <= worst:
+            continue
+        instant, place = np.unravel_index(np.argmax(over), over.shape)
+        worst = over[instant, place]
+        value = -limit[place] if verb == "fall below" else limit[place]
+        unit = each[place % len(each)]
+        at = f"at t = {demand.time[instant]:.4g} s"
+        clause = f"{names[place]} would {verb} {value:g} {unit} {at}"
+    return clause
 
 
 def check_still(vehicle: Vehicle, demand: Demand, limits: Limits) -> None:

@@ -17,6 +17,7 @@ from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.orientation import Orientation
 from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.simulator.desired.collocation import STENCIL, nearest_motion
+from gibbs_codegen.simulator.desired.demand import needed_inputs
 from gibbs_codegen.simulator.desired.knots import (
     Deviation,
     bounded_path,
@@ -24,7 +25,7 @@ from gibbs_codegen.simulator.desired.knots import (
     refined,
 )
 from gibbs_codegen.simulator.desired.leaning import Leaning
-from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
+from gibbs_codegen.simulator.plant.thrust_axis import force_axis, thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion
 
@@ -32,9 +33,15 @@ from gibbs_codegen.simulator.reference import Motion
 _SPAN, _OVERLAP = 4096, 1024
 # Fewest pieces, so that there are differences of third order.
 _FEWEST = 8
+# Knots of rest before and after a motion between rests, before they are refined: the base swings
+# there, ahead of its path and after it.
+_ROOM = 300
 # Greatest lateral force between knots, as a share of the weight, and greatest distance from the
 # path, m.
 _LATERAL, _FARTHEST = 1e-3, 0.1
+# Greatest distance of a thrust between knots from the mean of those at the knots, as a share of the
+# weight.
+_UNEVEN = 5e-3
 _TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
 
 
@@ -73,7 +80,9 @@ def feasible_motion(
         joints = joints_at(knots)
         axis = _axes(vehicle, joints)
         leaning = Leaning(vehicle, joints, axis, centre, turning)
-        motion = _solved(leaning, progress)
+        longer, own = leaning.with_room(_ROOM * refinement)
+        motion = _solved(longer, progress)
+        motion = Motion(knots, motion.q[own], motion.v[own], motion.a[own])
         deviation = _deviation(vehicle, motion, leaning.weight)
         if deviation is None:
             return motion
@@ -94,8 +103,7 @@ def _axes(vehicle: Vehicle, joints: Motion) -> Array:
         UsageError: With the first time at which there is none.
     """
     if not vehicle.rotors_move:
-        axis = thrust_axis(vehicle, joints.q[:1])
-        return np.broadcast_to(np.empty(0) if axis is None else axis, (len(joints.q), 3))
+        return np.broadcast_to(force_axis(vehicle.thrust_wrenches()), (len(joints.q), 3))
     axis = thrust_axis(vehicle, joints.q)
     if axis is not None:
         return axis
@@ -123,11 +131,6 @@ def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
     """
     axes, time = leaning.point_mass(), leaning.joints.time
     shift, held = np.zeros_like(axes), leaning.at_rest()
-    places = leaning.centre[:, 0]
-    for end, near in ((0, slice(0, STENCIL)), (-1, slice(-STENCIL, None))):
-        if held[end]:
-            # A path that sets out with a jerk is not at rest for long: it waits for the base.
-            axes[near], shift[near] = axes[end], places[end] - places[near]
     for begin in range(0, len(time), _SPAN):
         span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
         part = leaning.part(span)
@@ -154,7 +157,7 @@ def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
 
 
 def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | None:
-    """Where pieces between knots need the greatest lateral force.
+    """Where pieces between knots need lateral force, or other thrusts than at the knots beside.
 
     Args:
         vehicle: The robot.
@@ -162,14 +165,20 @@ def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | N
         weight: Weight of the robot, N.
 
     Returns:
-        The greatest lateral force; None if that is next to nothing.
+        Where one of them is farthest from what is allowed; None if both are next to nothing.
     """
-    middle = 0.5 * (motion.time[1:] + motion.time[:-1])
-    q, v, a = vehicle.kinematics.reference(motion)(middle)
+    time = refined(motion.time, 2)
+    q, v, a = vehicle.kinematics.reference(motion)(time)
     force = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))[:, :3]
-    axis = _axes(vehicle, Motion(middle, q, v, a))
-    lateral = np.linalg.norm(np.cross(axis, force), axis=-1)
-    place = int(np.argmax(lateral))
-    if lateral[place] <= _LATERAL * weight:
+    axis = _axes(vehicle, Motion(time, q, v, a))
+    lateral = np.linalg.norm(np.cross(axis, force), axis=-1)[1::2]
+    thrusts = needed_inputs(vehicle, q, v, a)[:, : vehicle.rotors]
+    between = thrusts[1::2] - 0.5 * (thrusts[:-1:2] + thrusts[2::2])
+    shares = np.stack(
+        [lateral / (_LATERAL * weight), np.abs(between).max(axis=-1) / (_UNEVEN * weight)]
+    )
+    kind, place = np.unravel_index(np.argmax(shares), shares.shape)
+    if shares[kind, place] <= 1.0:
         return None
-    return Deviation(place, middle[place], lateral[place], "N")
+    off = (_LATERAL, _UNEVEN)[kind] * weight * shares[kind, place]
+    return Deviation(int(place), time[1::2][place], off, "N")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.attitude import Turning
@@ -17,6 +18,7 @@ from gibbs_codegen.simulator.plant.thrust_axis import LEANS_BY_THRUST
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.simulator.reference import Motion
 
+Indices = NDArray[np.int64]
 # Share of gravity that thrust must at least make, and cosine of the greatest angle between the
 # thrust axis and that of the scenario's attitude.
 _LEAST_THRUST, _OPPOSITE = 0.05, -0.985
@@ -102,12 +104,34 @@ class Leaning:
         """
         if len(self.joints.time[span]) == self.grid.count:
             return self
+        return self._at(span, self.joints.time[span])
+
+    def with_room(self, count: int) -> tuple[Leaning, slice]:
+        """The same with time at rest before and after, where the machine rests at the ends.
+
+        A base swings before its path begins to move, and after it has ended.
+
+        Args:
+            count: How many knots more there are at each end at which it rests.
+
+        Returns:
+            The base on the longer path, and which knots are those of the path.
+        """
+        held, last = self.at_rest(), self.grid.count - 1
+        before, after = count * int(held[0]), count * int(held[-1])
+        places = np.arange(-before, last + after + 1)
+        time = self.joints.time[0] + self.grid.step * places
+        longer = self._at(np.clip(places, 0, last), time)
+        return longer, slice(before, before + last + 1)
+
+    def _at(self, places: slice | Indices, time: Array) -> Leaning:
+        """The same with what it has at some knots, at other times (s)."""
         joints, turning = self.joints, self._turning
-        joints = Motion(joints.time[span], joints.q[span], joints.v[span], joints.a[span])
+        joints = Motion(time, joints.q[places], joints.v[places], joints.a[places])
         turning = Turning(
-            turning.rotation[span], turning.velocity[span], turning.acceleration[span]
+            turning.rotation[places], turning.velocity[places], turning.acceleration[places]
         )
-        return Leaning(self.vehicle, joints, self._axis[span], self.centre[span], turning)
+        return Leaning(self.vehicle, joints, self._axis[places], self.centre[places], turning)
 
     def point_mass(self) -> Array:
         """Thrust axes (s, 3) of a point mass on the path, world axes.

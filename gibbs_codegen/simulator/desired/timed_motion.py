@@ -8,25 +8,26 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.retimed import retimed, stretched
-from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.scenario.scenario import MAX_DURATION, Scenario
 from gibbs_codegen.simulator.desired.demand import (
     Binding,
     Demand,
     Limits,
     binding,
+    check_still,
     demand_of,
-    keeps,
+    exceeded,
     limits_of,
 )
 from gibbs_codegen.simulator.desired.knots import check_times
 from gibbs_codegen.simulator.desired.timing import demand_at, fastest_motion, timed_reference
 from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
-from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Reference
 
 # Factor between durations that are tried, how many of them, and halvings of the last interval.
-_RATIO, _MOST, _HALVINGS = 1.5, 12, 4
+_RATIO, _MOST, _HALVINGS = 1.5, 12, 6
 
 _NOTHING = "nothing moves, so that there is nothing to time"
 
@@ -111,29 +112,32 @@ def _stretched_motion(
         UsageError: If none of the factors that are tried keeps the limits.
     """
     tried = _Tried(vehicle, scenario, limits, progress)
-    ratio = 1.0 / _RATIO if tried.kept(1.0) else _RATIO
+    if tried.kept(1.0) and _rests(tried.found[1.0][0]):
+        return TimedMotion(scenario, tried.found[1.0][0], _NOTHING)
+    ratio = 1.0 / _RATIO if tried.found else _RATIO
     factors = ratio ** np.arange(1, _MOST)
+    factors = np.append(1.0, factors[factors * scenario.duration <= MAX_DURATION])
     # Faster until limits are exceeded, or slower until they are kept.
-    last = next((f for f in factors if tried.kept(f) == (ratio > 1.0)), factors[-1])
+    last = next((f for f in factors[1:] if tried.kept(f) == (ratio > 1.0)), factors[-1])
     if not tried.found:
         raise UsageError(
             f"timing: {vehicle.name} does not keep its limits, even if all of {scenario.name!r} "
-            f"takes {last:.0f} times as long; widen the limits, or give a gentler motion"
+            f"takes {last:.3g} times as long: {tried.why_not}; widen the limits, or give a gentler "
+            "motion"
         )
     fast, slow = sorted((last, last / ratio))
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(fast * slow))
         fast, slow = (fast, middle) if tried.kept(middle) else (middle, slow)
     factor = min(tried.found)
+    bound = f"; any faster, {tried.why_not}" if tried.why_not else ""
     reference, demand = tried.found[factor]
-    if _rests(reference):
-        return TimedMotion(scenario, desired_motion(vehicle, scenario, progress), _NOTHING)
     return TimedMotion(
         stretched(scenario, factor),
         reference,
         f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: all of the motion is "
         f"stretched by one factor, {factor:.3g}, since the attitude of {vehicle.name} follows from "
-        f"the timing{tried.why_not_faster}",
+        f"the timing{bound}",
         binding(vehicle, demand, limits),
     )
 
@@ -153,26 +157,56 @@ class _Tried:
     ) -> None:
         self.vehicle, self.scenario, self.limits = vehicle, scenario, limits
         self.found: dict[float, tuple[Reference, Demand]] = {}
+        # Why there is no motion, or which limit it exceeds: a clause.
         self._failed: dict[float, str] = {}
         self._progress = progress
 
     @property
-    def why_not_faster(self) -> str:
-        """What makes the least of slower factors fail, other than limits: a clause, or ""."""
+    def why_not(self) -> str:
+        """What stops the slowest of the motions that fail: a clause, or ""."""
         return self._failed[max(self._failed)] if self._failed else ""
 
     def kept(self, factor: float) -> bool:
-        """Whether there is a motion by a factor of time, and it keeps the limits."""
-        self._progress("fastest timing", min(len(self.found) / _MOST, 1.0))
+        """Whether there is a motion by a factor of time, and it keeps the limits.
+
+        Args:
+            factor: The factor.
+
+        Returns:
+            Whether it does.
+
+        Raises:
+            UsageError: If the robot cannot stand still with its joints as they are on the way.
+        """
+        attempts = len(self.found) + len(self._failed)
+        self._progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
         try:
             reference = desired_motion(self.vehicle, stretched(self.scenario, factor))
         except UsageError as error:  # Too fast for the attitude or the arm to follow.
-            self._failed[factor] = f"; any faster, {error}"
+            self._failed[factor] = str(error)
             return False
         time = check_times(reference.knots)
         demand = demand_of(self.vehicle, reference(time), time)
-        if not keeps(demand, self.limits):
-            self._failed[factor] = ""
+        self._check_still(reference, time / factor)
+        if why := exceeded(self.vehicle, demand, self.limits):
+            self._failed[factor] = why
             return False
         self.found[factor] = reference, demand
         return True
+
+    def _check_still(self, reference: Reference, time: Array) -> None:
+        """See that the robot can stand still as the base is at the start.
+
+        Args:
+            reference: A motion.
+            time: Its check times in the scenario's time (s), s.
+
+        Raises:
+            UsageError: If it cannot.
+        """
+        q, v, a = reference(check_times(reference.knots))
+        arm = q[:, self.vehicle.arm].copy()
+        q[:] = q[0]
+        q[:, self.vehicle.arm] = arm
+        still = demand_of(self.vehicle, (q, 0.0 * v, 0.0 * a), time)
+        check_still(self.vehicle, still, self.limits)

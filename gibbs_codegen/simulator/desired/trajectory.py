@@ -51,17 +51,22 @@ def desired_motion(
     _check_units(vehicle, scenario.arm)
     actuators = actuators_of(vehicle, scenario)
     limits = actuators.joints[0], actuators.joints[1]
+    # The timing "fastest" slows down what is too fast.
+    fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
     if scenario.arm.tip is None:
-        motion = _with_posture(vehicle, scenario, limits, progress)
+        motion = _with_posture(vehicle, scenario, limits, fastest, progress)
     else:
         motion = _with_tip(vehicle, scenario, scenario.arm.tip, limits, progress)
-    if scenario.timing.law == "uniform":  # The other slows the motion down.
-        _check_rates(vehicle, motion, actuators.velocities)
+        _check_rates(vehicle, motion, fastest)
     return vehicle.kinematics.reference(motion)
 
 
 def _with_posture(
-    vehicle: Vehicle, scenario: Scenario, limits: Limits, progress: Progress
+    vehicle: Vehicle,
+    scenario: Scenario,
+    limits: Limits,
+    fastest: Array | float,
+    progress: Progress,
 ) -> Motion:
     """The motion of a scenario without a path of the tip.
 
@@ -69,6 +74,7 @@ def _with_posture(
         vehicle: The robot.
         scenario: What is flown.
         limits: Joint limits.
+        fastest: Greatest rates of the joints (n), or of all, rad/s or m/s.
         progress: Is told what is being done, and the share of it that is done.
 
     Returns:
@@ -86,6 +92,8 @@ def _with_posture(
             _check_limits(vehicle, "moves", held, limits, [name])
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
+    # What the base does then depends on the joints.
+    _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         return feasible_motion(vehicle, time, joints_at, *wanted, shown)
     base = desired_base(vehicle, time, *wanted, shown)
@@ -191,18 +199,19 @@ def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
         )
 
 
-def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
+def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
     """Raise an error where a joint is desired to move faster than it can.
 
     Args:
         vehicle: The robot.
         motion: The desired motion.
-        most: Greatest rates of the joints (n), rad/s or m/s.
+        most: Greatest rates of the joints (n), or of all, rad/s or m/s.
 
     Raises:
         UsageError: With the joint and the time at which it is fastest.
     """
     rates = np.abs(motion.v[:, vehicle.arm_rates])
+    most = np.broadcast_to(most, rates.shape[1:])
     for joint in np.flatnonzero(np.any(rates > most, axis=0)):
         instant, unit = np.argmax(rates[:, joint]), vehicle.layout.v.units[vehicle.arm_rates][joint]
         name = vehicle.joint_names[joint]

@@ -19,10 +19,11 @@ from gibbs_codegen.scenario.paths import Circle, Harmonic, Line, Path, Term
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.desired import feasible
 from gibbs_codegen.simulator.desired.collocation import differences
+from gibbs_codegen.simulator.desired.demand import needed_inputs
 from gibbs_codegen.simulator.desired.swing import swing
 from gibbs_codegen.simulator.desired.trajectory import desired_motion
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
-from gibbs_codegen.simulator.reference import Reference
+from gibbs_codegen.simulator.reference import Motion, Reference
 
 # Of the robot file.
 HANGS, GRAVITY = 0.01, 9.81
@@ -58,15 +59,70 @@ def test_a_line_is_flown_by_leaning_from_rest_to_rest(quadrotor: Vehicle, headin
     time = np.linspace(0.01, 2.99, 400)
     assert sideways(quadrotor, reference, time).max() < 0.02
     place, rotation = pose(quadrotor, reference, time)
-    assert np.linalg.norm(place - line(time)[:, 0], axis=-1).max() < 1e-4
+    assert np.linalg.norm(place - line(time)[:, 0], axis=-1).max() < 3e-4
+    # It leans a little ahead of its path and after it, and less the farther that is away.
     for instant in (0.0, 3.0):
-        q, v, a = reference(instant)
-        assert_allclose(quadrotor.base_rotation(q)[:, 2], [0, 0, 1], atol=1e-12)
-        assert_allclose(v, 0.0, atol=1e-9)
-        assert_allclose(a, 0.0, atol=1e-6)
+        q, v, _ = reference(instant)
+        assert_allclose(quadrotor.base_rotation(q)[:, 2], [0, 0, 1], atol=2e-3)
+        assert_allclose(v, 0.0, atol=0.1)
     # Turned back by the heading, the base is turned about a level axis only.
     tilt = rotation @ Rotation.from_rotvec([0.0, 0.0, -heading]).as_matrix()
     assert np.abs(Rotation.from_matrix(tilt).as_rotvec()[:, 2]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("begin", "before"), [(0.0, 0.7), (0.4, 0.8), (0.8, 0.4)])
+def test_an_arm_swings_ahead_of_a_path_gently(
+    begin: float, before: float, fast: Callable[[str], ModuleType]
+) -> None:
+    """Thrusts by the inverse dynamics, also between knots: near hover before the path sets out."""
+    vehicle = Vehicle(fast("quadrotor_arm_2link"))
+    path = {"begin": begin, "duration": 2.4}
+    scenario = read_scenario("line", {"base": {"path": path}, "duration": begin + 2.8})
+    reference = desired_motion(vehicle, scenario)
+    time = np.linspace(0.0, reference.end, 10 * len(reference.knots))
+    q, v, a = reference(time)
+    thrusts = needed_inputs(vehicle, q, v, a)[:, : vehicle.rotors]
+    hover = needed_inputs(vehicle, q[:1], 0.0 * v[:1], 0.0 * a[:1])[:, : vehicle.rotors]
+    # The last fifth of a second before it sets out is the swing that the start needs.
+    early = time <= max(begin - 0.2, 0.0)
+    assert np.abs(thrusts - hover)[early].max() < before
+    assert thrusts.min() > 4.0
+    assert thrusts.max() < 9.0
+    assert np.abs(np.gradient(thrusts, time, axis=0)).max() < 40.0
+    off = q[:, vehicle.layout.q.position] + vehicle.centre_offset(q) - scenario.base(time)[:, 0]
+    assert np.linalg.norm(off, axis=-1).max() < 2e-3
+
+
+def test_a_path_that_sets_out_at_once_is_flown_from_the_swing_it_needs(quadrotor: Vehicle) -> None:
+    """Waypoints and a hover, both from t = 0 on: thrusts stay near those of the acceleration."""
+    path = {"kind": "waypoints", "times": [0, 3], "points": [[0, 0, 0], [1, 0, 1]]}
+    for changes in ({"duration": 3.0, "base": {"path": path}}, {"duration": 0.05}):
+        scenario = read_scenario("line" if "base" in changes else "hover", changes)
+        reference = desired_motion(quadrotor, scenario)
+        time = np.linspace(0.0, reference.end, 2000)
+        thrusts = needed_inputs(quadrotor, *reference(time))[:, :4]
+        assert np.abs(thrusts - 3.679).max() < 0.5
+
+
+def test_a_joint_move_that_is_too_fast_is_told_as_one(fast: Callable[[str], ModuleType]) -> None:
+    vehicle = Vehicle(fast("quadrotor_arm_2link"))
+    name = vehicle.joint_names[0]
+    moves = {name: [{"to": 40, "begin": 1, "duration": 0.02}]}
+    arm = {"moves_deg": moves, "velocity": {name: 5.0}}
+    with pytest.raises(UsageError, match=f"{name} has to move at .*, faster than its limit of 5"):
+        desired_motion(vehicle, read_scenario("hover", {"arm": arm}))
+
+
+def test_pieces_whose_thrusts_leave_those_of_the_knots_are_found(quadrotor: Vehicle) -> None:
+    """A jolt straight up needs no lateral force, and shows between knots only."""
+    reference = desired_motion(quadrotor, read_scenario("hover", {"duration": 0.5}))
+    time = reference.knots
+    motion = Motion(time, *reference(time))
+    assert feasible._deviation(quadrotor, motion, 14.7) is None
+    motion.v[40, quadrotor.layout.v.position.stop - 1] = 1e-3
+    found = feasible._deviation(quadrotor, motion, 14.7)
+    assert found is not None
+    assert abs(found.piece - 39.5) < 1.0
 
 
 def test_on_a_circle_it_leans_as_its_centre_of_mass_does(quadrotor: Vehicle) -> None:
@@ -79,9 +135,9 @@ def test_on_a_circle_it_leans_as_its_centre_of_mass_does(quadrotor: Vehicle) -> 
     for _ in range(50):
         lean = np.arctan((2 * np.pi / 8) ** 2 * (2.0 + HANGS * np.sin(lean)) / GRAVITY)
     inwards = ([0.0, 0.0, 2.0] - place) / 2.0
-    assert_allclose(rotation[:, :, 2], np.sin(lean) * inwards + [0, 0, np.cos(lean)], atol=2e-6)
+    assert_allclose(rotation[:, :, 2], np.sin(lean) * inwards + [0, 0, np.cos(lean)], atol=5e-6)
     # A base without arms has its x axis along the path.
-    assert_allclose(rotation[:, :, 0], np.cross([0, 0, 1], inwards) * -1.0, atol=2e-6)
+    assert_allclose(rotation[:, :, 0], np.cross([0, 0, 1], inwards) * -1.0, atol=5e-6)
     assert_allclose(place, scenario.base(time)[:, 0], atol=1e-7)
 
 

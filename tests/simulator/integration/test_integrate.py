@@ -386,7 +386,8 @@ def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None
             assert theta_0 == pytest.approx(90.0 * sign, abs=1.0)
         flight = flight_of(loop, scenario, course)
         for name, series in vars(flight).items():
-            assert not isinstance(series, np.ndarray) or np.all(np.isfinite(series)), name
+            finite = not isinstance(series, np.ndarray) or np.all(np.isfinite(series))
+            assert finite or name == "input_limits", name
 
 
 @pytest.mark.parametrize("rate", [7.0, 40.0, 300.0, 5000.0])
