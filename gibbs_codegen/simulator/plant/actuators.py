@@ -66,7 +66,14 @@ class Actuators:
         return np.concatenate([self.thrusts, [-self.efforts, self.efforts]], axis=1)
 
     def reached(self, commanded: Array) -> Flags:
-        """Which of commanded inputs (nu) are at a limit, or beyond."""
+        """Which inputs are at a limit, or beyond.
+
+        Args:
+            commanded: Inputs (nu) that are commanded.
+
+        Returns:
+            Whether each of them is (nu).
+        """
         least, most = self.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
