@@ -5,10 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
+from gibbs_codegen.files.shipped import shipped_names
+
+if TYPE_CHECKING:
+    from gibbs_codegen.simulator.record.flight import Flight
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
@@ -29,7 +34,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         "--scenario",
         default="paper",
         metavar="NAME|FILE",
-        help="the scenario to fly: paper (default), hover, line, circle, or a scenario file",
+        help=f"the scenario to fly: {', '.join(shipped_names('scenarios'))} or a scenario file "
+        "(default: paper)",
     )
     simulate.add_argument(
         "--out",
@@ -66,6 +72,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")
+    from gibbs_codegen.cli.limits_report import reached_limits
     from gibbs_codegen.runtime.load import load
     from gibbs_codegen.simulator.simulation import simulate
 
@@ -87,14 +94,26 @@ def _simulate(options: argparse.Namespace) -> int:
         f"largest errors: base centre {max(flight.centre_error):.2g} m, "
         f"{tip}energy balance {energy:.2g} J"
     )
+    if limits := reached_limits(flight):
+        print(f"at their limits: {printable(limits, 400)}")
+    _print_timing(flight, printable(options.out))
+    if flight.stopped:
+        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _print_timing(flight: Flight, folder: str) -> None:
+    """Say how the desired motion was timed, and which limits it reaches.
+
+    Args:
+        flight: The flight.
+        folder: Where its results are.
+    """
     if flight.timing:
         print(f"timing: {printable(flight.timing)}")
     times = flight.binding_times[:_MOST_LIMITS]
     for (begin, end), what in zip(times, flight.binding, strict=False):
         print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
     if more := len(flight.binding) - len(times):
-        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
-    if flight.stopped:
-        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
-        return 1
-    return 0
+        print(f"  and {more} more: `binding` of {folder}/flight.npz has all")

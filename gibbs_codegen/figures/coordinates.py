@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gibbs_codegen.figures.curves import ROUND_OFF, Curves, explain, finished, plot, symbol
+from gibbs_codegen.figures.curves import Curves, explain, finished, plot, round_off, symbol
 from gibbs_codegen.figures.style import FULL, style
 from gibbs_codegen.simulator.record.flight import Flight
 
@@ -116,7 +116,7 @@ def _by_range(curves: Curves) -> list[Curves]:
     """The curves in one panel, or in two if the larger would make the smaller look flat."""
     actual = np.where(np.isfinite(curves.values), curves.values, curves.values[0])
     ranges = np.ptp(actual, axis=0)
-    ranked = np.sort(ranges[ranges > ROUND_OFF])
+    ranked = np.sort(ranges[ranges > round_off(curves.label)])
     if not len(ranked) or ranked[-1] < _RATIO * ranked[0]:
         return [curves]
     # Between the two that differ most.

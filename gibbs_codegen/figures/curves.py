@@ -20,12 +20,16 @@ LOG_FLOOR, _LEAST_REACH = 1e-12, 1e3
 
 SOLID: dict[str, Any] = {"linewidth": 1.7, "solid_capstyle": "butt"}
 DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
-# What varies less than this, in the unit of its axis, is drawn as constant.
-ROUND_OFF = 1e-3
+# What varies less than this, in the unit of its axis, is drawn as constant; in degrees, less than
+# anybody could see.
+ROUND_OFF, _ROUND_OFF_DEGREES = 1e-3, 0.1
 # What the range of linear axes is at least, as a share of the sum of their ends.
 _LEAST_RANGE = 0.1
 # Of names beside curves.
-_LONGEST_NAME = 12
+_LONGEST_NAME = 11
+# Of a figure's width: a legend, beside names at the ends of curves and numbers at the axis.
+_KEY_WIDTH = 0.65
+_MOST_COLUMNS = 4
 
 
 class Curves(NamedTuple):
@@ -119,7 +123,7 @@ def label_axes(axes: Axes, label: str) -> None:
     """
     axes.set_ylabel(label)
     low, high = axes.get_ylim()
-    least = max(ROUND_OFF, _LEAST_RANGE * abs(low + high))
+    least = max(round_off(label), _LEAST_RANGE * abs(low + high))
     if axes.get_yscale() == "linear" and high - low < least:
         axes.set_ylim((low + high - least) / 2.0, (low + high + least) / 2.0)
     place = axes.get_subplotspec()
@@ -128,14 +132,29 @@ def label_axes(axes: Axes, label: str) -> None:
     axes.set_xlabel("time (s)" if lowest else "")
 
 
+def round_off(label: str) -> float:
+    """What varies by less is drawn as constant.
+
+    Args:
+        label: Label of an axis, with its unit.
+
+    Returns:
+        The least range, in that unit.
+    """
+    return _ROUND_OFF_DEGREES if label.endswith("(deg)") else ROUND_OFF
+
+
 def add_key(axes: Axes, **key: Any) -> None:
-    """Put a legend above axes, on the right.
+    """Put a legend above axes, on the right, in as few rows as there is width for.
 
     Args:
         axes: The axes.
         **key: Matplotlib's properties of the legend.
     """
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, **key)
+    for columns in range(_MOST_COLUMNS, 0, -1):
+        legend = axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **key)
+        if legend.get_window_extent().width < _KEY_WIDTH * axes.figure.bbox.width:
+            break
 
 
 def explain(axes: Axes, solid: str, dashed: str) -> None:

@@ -139,7 +139,7 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
 
 
 def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
-    """Shade the times at which a frame is acted on, if it is not all the time.
+    """Shade the times at which a frame is acted on, if it is not all the time, or a gust blows.
 
     Args:
         axes: The axes.
@@ -150,6 +150,8 @@ def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
     """
     acts = np.any(flight.frame_wrenches != 0.0, axis=2)
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
+    for begin, end in flight.gusts:
+        now |= (begin <= flight.time) & (flight.time <= end)
     if not now.any():
         return {}
     edges = np.flatnonzero(np.diff(now, prepend=False, append=False))

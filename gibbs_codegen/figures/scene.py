@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.scenario.paths import plane
 
 # Elevation above the horizon and azimuth from which a robot looks like one, degrees.
 VIEW = (22.0, -62.0)
+_WALL = "#8a6d3b"
 _METRES = ("$x$ (m)", "$y$ (m)", "$z$ (m)")
 
 
@@ -40,7 +43,7 @@ def set_scene(
         axes.set(**{f"{name}lim": (begin, end), f"{name}label": label})
         bins = max(2, round(ticks * (end - begin) / extent.max()))
         axes.locator_params(name, nbins=bins, steps=[1, 2, 5, 10])
-        getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else -1.5
+        getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else 3.0
     axes.tick_params(pad=0.5)
     axes.set_proj_type("ortho")
     axes.set_box_aspect(extent)
@@ -69,6 +72,36 @@ def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> N
         scale = float(np.min(room / (high - low)))
         origin = middle + scale * (place.p0 - (low + high) / 2.0)
         axes.set_position((*origin, *(scale * place.size)))
+
+
+def draw_plane(
+    axes: Any, box: tuple[Array, Array], point: Array, normal: Array, label: str
+) -> None:
+    """Draw as much of a plane as is in a box, behind all else.
+
+    Args:
+        axes: The 3-D axes.
+        box: Lowest and highest coordinates (3) each.
+        point: A point (3) of the plane.
+        normal: Its normal (3), of any length.
+        label: Its name in the legend, or empty.
+    """
+    corners = np.array(list(itertools.product(*np.transpose(box))))
+    across = np.array(plane(normal))
+    heights = (corners - point) @ normal
+    # An edge joins corners that differ in one coordinate, and crosses the plane or does not.
+    crossings = [
+        corners[i] + heights[i] / (heights[i] - heights[j]) * (corners[j] - corners[i])
+        for i, j in itertools.combinations(range(8), 2)
+        if (i ^ j) in (1, 2, 4) and heights[i] * heights[j] < 0.0
+    ]
+    if not crossings:
+        return
+    flat = (np.array(crossings) - np.mean(crossings, axis=0)) @ across.T
+    ring = np.array(crossings)[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
+    axes.add_collection3d(Poly3DCollection([ring], facecolor=_WALL, alpha=0.25, zorder=-1))
+    edge = np.vstack([ring, ring[:1]]).T
+    axes.plot(*edge, color=_WALL, linewidth=0.8, label=label or None, zorder=-1)
 
 
 def project(axes: Any, points: Array) -> Array:

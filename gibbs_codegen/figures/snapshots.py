@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
-from gibbs_codegen.figures.scene import VIEW, extent, fit, project, seen_from, set_scene
+from gibbs_codegen.figures.scene import VIEW, draw_plane, extent, fit, project, seen_from, set_scene
 from gibbs_codegen.figures.style import FULL, add_legend, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
@@ -27,10 +28,13 @@ _VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0,
 _LABEL_LEVEL = 1000
 # Instants that differ by less, in m, are one in the picture.
 _SAME_PLACE = 0.02
-# Half the width of a letter and half the height of a line of labels, with margins; and how far
-# from a robot a label may be; points.
-_LETTER, _LINE = 2.4, 7.0
-_LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0)
+# What labels keep clear around them, and how far from a robot they may be; points.
+_MARGIN = 2.0
+# What a point of distance counts, against a point of the drawing that is covered.
+_DISTANCE = 0.03
+# Of the base's path, which labels had better not cover.
+_PATH_POINTS = 200
+_LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
 
 
 def snapshots(flight: Flight) -> Figure:
@@ -55,6 +59,7 @@ def snapshots(flight: Flight) -> Figure:
         figure = Figure(figsize=_scale(box, view) * extent(box, view) + _AROUND)
         axes: Any = figure.add_subplot(projection="3d")
         set_scene(axes, box, view)
+        _draw_walls(axes, flight, box)
         PathDrawing(axes, flight).show(instants[-1])
         colours = _colours(samples)
         outlines = []
@@ -62,6 +67,7 @@ def snapshots(flight: Flight) -> Figure:
             robot = RobotDrawing(axes, flight, rank, colours[place], scale=0.9)
             robot.show(samples[place])
             outlines.append(robot.outline(samples[place]))
+        outlines.append(flight.point(flight.centre)[:: len(flight.time) // _PATH_POINTS + 1])
         fit(axes, *add_legend(axes, flight))
         _write_times(axes, centres, list(labels.values()), colours, np.concatenate(outlines))
         return figure
@@ -128,13 +134,26 @@ def _panel(
     """
     axes: Any = figure.add_subplot(projection="3d")
     set_scene(axes, *scene, ticks=4)
+    _draw_walls(axes, flight, scene[0])
     PathDrawing(axes, flight, scale=0.6).show(sample)
     RobotDrawing(axes, flight, colour=colour, scale=0.6).show(sample)
     axes.tick_params(labelsize=6, pad=-3)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.labelpad = -7.5
+        axis.labelpad = -7.5 if axis is axes.zaxis else -6.0
         axis.label.set_fontsize(6.5)
     return axes
+
+
+def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
+    """Draw the walls.
+
+    Args:
+        axes: The 3-D axes.
+        flight: The flight.
+        box: Lowest and highest coordinates (3) that are shown, m.
+    """
+    for rank, wall in enumerate(flight.walls):
+        draw_plane(axes, box, wall[:3], wall[3:], "" if rank else "wall")
 
 
 def _instants(flight: Flight) -> list[int]:
@@ -191,7 +210,7 @@ def _write_times(
         centres: Base centres (s, 3), m.
         labels: Labels (s) of the robots.
         colours: Colours (s, 4) of the labels.
-        outline: Points (p, 3) of all robots, which labels had better not cover, m.
+        outline: Points (p, 3) of robots and their path, which labels had better not cover, m.
     """
 
     def on_paper(points: Array) -> Array:
@@ -199,6 +218,8 @@ def _write_times(
         places: Array = axes.transData.transform(project(axes, points)) * 72.0 / axes.figure.dpi
         return places
 
+    # Places the axes where they will be drawn.
+    axes.apply_aspect()
     taken = on_paper(outline)
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -206,16 +227,10 @@ def _write_times(
     written, halves = np.empty((0, 2)), np.empty((0, 2))
     low, high = (20.0, 10.0), axes.figure.get_size_inches() * 72.0 - (20.0, 30.0)
     for centre, label, colour in zip(centres, labels, colours, strict=True):
-        half = np.array([_LETTER * len(label), _LINE])
-        places = on_paper(centre) + offsets
-        crowd = _cover(places, taken, half) + 9.0 * _cover(places, written, half + halves)
-        crowd[np.any((places - half < low) | (places + half > high), axis=1)] += 1e3
-        best = int((crowd + 0.01 * np.hypot(*offsets.T)).argmin())
-        written, halves = np.vstack([written, places[best]]), np.vstack([halves, half])
-        axes.annotate(
+        name = axes.annotate(
             label,
             xy=project(axes, centre),
-            xytext=offsets[best],
+            xytext=(0.0, 0.0),
             textcoords="offset points",
             color=colour,
             horizontalalignment="center",
@@ -224,6 +239,17 @@ def _write_times(
             path_effects=[withStroke(linewidth=1.5, foreground="white")],
             zorder=_LABEL_LEVEL,
         )
+        # Without the line from it to the robot.
+        size = np.array(Text.get_window_extent(name).size) * 72.0 / axes.figure.dpi
+        half = size / 2.0 + _MARGIN
+        places = on_paper(centre) + offsets
+        crowd = _cover(places, taken, half) + _DISTANCE * np.hypot(*offsets.T)
+        # Off the paper, or over another label.
+        crowd[np.any((places - half < low) | (places + half > high), axis=1)] += 1e3
+        crowd[_cover(places, written, half + halves) > 0.0] += 1e3
+        best = int(crowd.argmin())
+        name.set_position(tuple(offsets[best]))
+        written, halves = np.vstack([written, places[best]]), np.vstack([halves, half])
 
 
 def _cover(places: Array, points: Array, reach: Array) -> Array:

@@ -101,11 +101,15 @@ def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
 
 @dataclass(frozen=True)
 class Tables:
-    """Metadata of the array of tables `key`: at most `most` of them, which are `what`."""
+    """Metadata of the array of tables `key`: at most `most` of them, which are `what`.
+
+    `form` says how to write them, if not as `[[key]]`.
+    """
 
     key: str
     most: int
     what: str
+    form: str = ""
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -117,7 +121,8 @@ class Tables:
 
     def _checked(self, value: object) -> object:
         if not isinstance(value, list):
-            raise fault(f"must be an array of tables, [[{self.key}]], not {kind_of(value)}")
+            form = self.form or f"an array of tables, [[{self.key}]]"
+            raise fault(f"must be {form}, not {kind_of(value)}")
         return at_most(value, self.most, self.what)
 
 

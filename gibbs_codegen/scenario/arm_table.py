@@ -44,6 +44,8 @@ JointName = Annotated[
 ]
 
 _MOST_MOVES = 1000
+# Tables of travels in m, which with _deg have angles in degrees.
+_BOTH_UNITS = ("posture", "guess", "limits", "moves")
 _FILE = "default: as the robot file has them"
 
 
@@ -56,6 +58,8 @@ class MoveTable(Table):
 
 
 def _one_after_the_other(moves: list[MoveTable]) -> list[MoveTable]:
+    if not moves:
+        raise fault("has no moves; give one, or leave the joint out")
     for place, (before, after) in enumerate(itertools.pairwise(moves), start=1):
         if after.begin < (end := before.begin + before.duration):
             words = f"must not be before {end:g}, when the move before it ends, not {after.begin:g}"
@@ -65,7 +69,7 @@ def _one_after_the_other(moves: list[MoveTable]) -> list[MoveTable]:
 
 Moves = Annotated[
     list[MoveTable],
-    Tables("arm.moves", _MOST_MOVES, "moves"),
+    Tables("arm.moves", _MOST_MOVES, "moves", "a list of moves, [{ to = …, duration = … }]"),
     AfterValidator(_one_after_the_other),
 ]
 
@@ -161,6 +165,24 @@ class ArmTable(Table):
             raise refusal(faults)
         return self
 
+    def late_moves(self, duration: float) -> list[tuple[Place, str]]:
+        """Faults of moves that begin when the flight has ended.
+
+        Args:
+            duration: Duration of the flight, s.
+
+        Returns:
+            Key and words of each.
+        """
+        words = f"must be before {duration:g}, when the flight ends, not "
+        return [
+            ((key, joint, place, "begin"), f"{words}{move.begin:g}")
+            for key in ("moves", "moves_deg")
+            for joint, moves in getattr(self, key).items()
+            for place, move in enumerate(moves)
+            if move.begin >= duration
+        ]
+
     def task(self, base: Path) -> ArmTask:
         """The task that the table describes.
 
@@ -177,10 +199,8 @@ class ArmTable(Table):
             joint: (math.radians(low), math.radians(high))
             for joint, (low, high) in self.limits_deg.items()
         }
-        travels = (self.posture or {}, self.guess or {}, self.limits, self.moves)
-        angles = (self.posture_deg or {}, self.guess_deg or {}, self.limits_deg, self.moves_deg)
-        named = [(joint, "m") for table in travels for joint in table]
-        named += [(joint, "rad") for table in angles for joint in table]
+        tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
+        named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
         return ArmTask(
             tip,
             _joint_values(self.posture, self.posture_deg),

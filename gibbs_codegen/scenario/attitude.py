@@ -122,7 +122,8 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
     if np.any(singular):
         raise SingularAttitudeError(
             f"the attitude reaches the singularity of the sequence {sequence} (its second angle "
-            "to ±90°); choose another sequence in the robot file, or a gentler path",
+            "to ±90°); choose another sequence in the robot file, or "
+            'attitude = "quaternion" where none serves, or a gentler path',
             int(np.argmax(singular)),
         )
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler(sequence.upper())

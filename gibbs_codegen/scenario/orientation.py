@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.attitude import Turning
+from gibbs_codegen.scenario.checks import require
 from gibbs_codegen.scenario.paths import Line, Path, Vector
 
 Array = NDArray[np.float64]
@@ -69,10 +71,15 @@ class Turn:
     begin: float = 0.0
     heading: float = 0.0
 
+    def __post_init__(self) -> None:
+        is_axis = len(self.axis) == 3 and 0.0 < math.hypot(*self.axis) < math.inf
+        require(is_axis, "attitude: the axis of a turn must be a direction, not zero")
+        require(0.0 < self.duration < math.inf, "attitude: a turn takes more than 0 s")
+
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s)."""
         time = np.asarray(time, dtype=np.float64)
-        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        axis = np.array(self.axis) / math.hypot(*self.axis)
         # Angle, rate and acceleration, as of a point on a line.
         way = Line((0.0, 0.0, 0.0), (self.angle, 0.0, 0.0), self.duration, self.begin)(time)
         angle, rate, growth = (way[..., order, :1] * axis for order in range(3))

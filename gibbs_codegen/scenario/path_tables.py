@@ -22,15 +22,14 @@ from gibbs_codegen.files.fields import Tables, at_most, by_kind, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
-from gibbs_codegen.scenario.waypoints import Waypoints, velocity_faults
+from gibbs_codegen.scenario.waypoints import WORDS, Waypoints, velocity_faults
 
 # A path that rests at both ends needs no more.
 _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
 _MOST_TERMS = 100
 _KIND = "the kind of path"
-_WORDS = ("rest", "free")
-_DIRECTION = needed(
+DIRECTION = needed(
     lambda vector: math.hypot(*vector) >= LEAST,
     "a direction of length zero; give at least one entry that is not 0",
 )
@@ -115,7 +114,7 @@ class CircleTable(Table):
     period: Annotated[Number, needed(lambda period: abs(period) >= LEAST, "must not be 0")] = Field(
         description="the time of a turn, in s; negative: the other way round"
     )
-    normal: Annotated[Vector, _DIRECTION] = Field(
+    normal: Annotated[Vector, DIRECTION] = Field(
         default=(0.0, 0.0, 1.0), description="direction of the axis, [x, y, z]"
     )
     phase_deg: Number = Field(default=0.0, description="angle at which it begins, degrees")
@@ -128,8 +127,8 @@ class CircleTable(Table):
 
 def _velocity(value: object, vector: ValidatorFunctionWrapHandler) -> object:
     if isinstance(value, str):
-        if value not in _WORDS:
-            raise fault(f"{not_one_of(value, _WORDS)}; or a velocity [x, y, z] in m/s")
+        if value not in WORDS:
+            raise fault(f"{not_one_of(value, WORDS)}; or a velocity [x, y, z] in m/s")
         return value
     return vector(value)
 
@@ -141,7 +140,7 @@ _Velocity = Annotated[
     WithJsonSchema(
         {
             "anyOf": [
-                {"enum": list(_WORDS)},
+                {"enum": list(WORDS)},
                 {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
             ]
         }

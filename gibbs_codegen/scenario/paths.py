@@ -191,7 +191,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
             raise UsageError(f"{what}: its {name} is not the derivative of what comes before it")
 
 
-def plane(normal: Vector) -> tuple[Array, Array]:
+def plane(normal: Vector | Array) -> tuple[Array, Array]:
     """Two unit vectors that with the direction of a vector make a right-handed frame.
 
     Args:

@@ -31,8 +31,9 @@ class Move:
     duration: float
 
     def __post_init__(self) -> None:
-        require(self.begin >= 0.0, "arm: a move begins at 0 s or later")
-        require(self.duration > 0.0, "arm: a move takes more than 0 s")
+        require(math.isfinite(self.to), "arm: a move is to a finite value")
+        require(0.0 <= self.begin < math.inf, "arm: a move begins at 0 s or later")
+        require(0.0 < self.duration < math.inf, "arm: a move takes more than 0 s")
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class ArmTask:
     the greatest torque or force (N m or N), `velocity` to the greatest rate (rad/s or m/s). A joint
     left out of `posture` is at 0; one left out of a limit has that of the robot file, if any.
     `moves` lists moves of joints from the posture on, one after the other for each joint.
-    `units` has joints with the units that they were given in, for a robot to be checked against.
+    `named` has joints with the tables of the scenario file that name them, such as
+    "posture_deg", so that faults of a robot's joints can be told as the file has them.
     """
 
     tip: Path | None = None
@@ -54,7 +56,7 @@ class ArmTask:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     effort: Mapping[str, float] = field(default_factory=dict)
     velocity: Mapping[str, float] = field(default_factory=dict)
-    units: frozenset[tuple[str, str]] = frozenset()
+    named: frozenset[tuple[str, str]] = frozenset()
     moves: Mapping[str, Sequence[Move]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Integral
 
 from gibbs_codegen.scenario.checks import require
 
@@ -31,3 +32,4 @@ class Sensors:
         for each in fields(self):
             value = getattr(self, each.name)
             require(0.0 <= value < math.inf, f"sensors: {each.name}: 0 or more")
+        require(isinstance(self.seed, Integral), "sensors: seed: an integer")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import Field
@@ -44,6 +45,11 @@ class SensorsTable(Table):
     seed: Annotated[int, Bounds(0, 2**63 - 1)] = Field(
         default=Sensors.seed, description="flights of the same seed have the same noise"
     )
+
+    @classmethod
+    def synonyms(cls) -> Mapping[str, str]:
+        """Shorter names."""
+        return {"pos": "position", "vel": "velocity", "gyro": "angular_velocity"}
 
     def sensors(self) -> Sensors:
         """The sensors that the table describes."""

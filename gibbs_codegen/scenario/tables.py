@@ -35,7 +35,7 @@ from gibbs_codegen.scenario.environment_tables import (
 )
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
-from gibbs_codegen.scenario.path_tables import PathTable
+from gibbs_codegen.scenario.path_tables import DIRECTION, PathTable
 from gibbs_codegen.scenario.push_tables import PushTable, TipForceTable
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
@@ -76,7 +76,7 @@ class TurnTable(Table):
     """The base level at first, then turned about an axis, from rest to rest with minimum jerk."""
 
     kind: Literal["turn"] = Field(description=_KIND)
-    axis: Annotated[Vector, needed(any, "must not be zero")] = Field(
+    axis: Annotated[Vector, DIRECTION] = Field(
         description="the axis that the base is turned about, in world axes"
     )
     angle_deg: Number = Field(description="how far it is turned, degrees; more than 360 is allowed")
@@ -231,6 +231,13 @@ class ScenarioTable(Table):
         """
         if "push" in values and "tip_force" in values:
             yield "tip_force", "must be left out, since push says what pushes the robot"
+
+    @field_validator("arm")
+    @classmethod
+    def _moves_in_time(cls, table: ArmTable, info: ValidationInfo) -> ArmTable:
+        if faults := table.late_moves(info.data.get("duration", math.inf)):
+            raise refusal(faults)
+        return table
 
     @field_validator("integration")
     @classmethod

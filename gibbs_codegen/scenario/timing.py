@@ -33,7 +33,15 @@ class Timing:
     def __post_init__(self) -> None:
         laws = get_args(TimingLaw)
         require(self.law in laws, f"timing: law {self.law!r}: one of {', '.join(laws)}")
+        is_limited = bool(
+            self.limits is not None or self.thrust_rate or self.effort or self.velocity
+        )
+        require(
+            self.law == "fastest" or not is_limited,
+            'timing: limits are for the law "fastest"; with "uniform" leave them out',
+        )
         if self.limits is not None:
+            require(len(self.limits) == 2, "timing: limits: a least and a greatest thrust")
             least, most = self.limits
             require(least < most, "timing: the least thrust must be below the greatest")
         if self.thrust_rate is not None:

@@ -18,10 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BPoly, make_interp_spline
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.checks import require
 from gibbs_codegen.scenario.paths import ORDERS, Array
 
 Flags = NDArray[np.bool_]
-Velocity = Sequence[float] | Literal["rest", "free"]
+Velocity = Sequence[float] | Array | Literal["rest", "free"]
+
+WORDS = ("rest", "free")  # in place of a velocity
 
 _DEGREE = 9
 _GIVEN = 5  # values at each end of a piece: position and four derivatives
@@ -51,18 +54,18 @@ class Waypoints:
         points: Sequence[Sequence[float]],
         velocities: Sequence[Velocity] | None = None,
     ) -> None:
-        places = np.asarray(points, dtype=np.float64)
+        since, places = _numbers(times, points)
         if velocities is None:
             free: Velocity = "free"
             velocities = ["rest", *[free] * (len(places) - 2), "rest"]
-        for place, words in velocity_faults(points, velocities):
+        for place, words in velocity_faults(places, velocities):
             raise UsageError(f"waypoints: velocities[{place}]: {words}")
-        self._begin, self._end = float(times[0]), float(times[-1])
+        self._begin, self._end = float(since[0]), float(since[-1])
         self._duration = self._end - self._begin
         try:
             with np.errstate(all="raise", under="ignore"):
                 # In a time from 0 to 1, so that the unit does not matter to the numbers.
-                since = (np.asarray(times, dtype=np.float64) - self._begin) / self._duration
+                since = (since - self._begin) / self._duration
                 if not np.all(np.diff(since) > 0.0):
                     raise ValueError("the times must increase")
                 nodes = _derivatives(since, places, velocities, self._duration)
@@ -87,7 +90,7 @@ class Waypoints:
 
 
 def velocity_faults(
-    points: Sequence[Sequence[float]], velocities: Sequence[Velocity]
+    points: Sequence[Sequence[float]] | Array, velocities: Sequence[Velocity]
 ) -> Iterator[tuple[int, str]]:
     """What is wrong with the velocities at points.
 
@@ -104,10 +107,49 @@ def velocity_faults(
         return
     repeated = _repeated(np.asarray(points, dtype=np.float64))
     for place, velocity in enumerate(velocities):
-        if velocity == "free" and place in (0, len(points) - 1):
+        if not _is_velocity(velocity):
+            yield place, 'must be a velocity [x, y, z] in m/s, "rest" or "free"'
+        elif not isinstance(velocity, str):
+            if repeated[place] and np.any(velocity):
+                yield place, 'this point is repeated, so that the path rests here: give "rest"'
+        elif velocity == "free" and place in (0, len(points) - 1):
             yield place, 'the path ends here: give a velocity, or "rest"'
-        if not isinstance(velocity, str) and any(velocity) and repeated[place]:
-            yield place, 'this point is repeated, so that the path rests here: give "rest"'
+
+
+def _is_velocity(value: object) -> bool:
+    """Whether a value is a word, or three finite numbers."""
+    if isinstance(value, str):
+        return value in WORDS
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return numbers.shape == (3,) and bool(np.all(np.isfinite(numbers)))
+
+
+def _numbers(times: Sequence[float], points: Sequence[Sequence[float]]) -> tuple[Array, Array]:
+    """Times (s) and points (s, 3) as arrays of finite numbers.
+
+    Args:
+        times: The times, s.
+        points: The points, m.
+
+    Returns:
+        Both.
+
+    Raises:
+        UsageError: If they are something else.
+    """
+    try:
+        since, places = np.asarray(times, np.float64), np.asarray(points, np.float64)
+    except (TypeError, ValueError):
+        since = places = np.zeros(0)
+    is_right = since.ndim == 1 and len(since) > 1 and places.shape == (len(since), 3)
+    require(
+        is_right and bool(np.all(np.isfinite(since)) and np.all(np.isfinite(places))),
+        "waypoints: give a list of times, s, and a point [x, y, z], m, for each, two or more",
+    )
+    return since, places
 
 
 def _repeated(places: Array) -> Flags:
@@ -133,7 +175,8 @@ def _derivatives(
     """
     nodes = np.zeros((len(places), _GIVEN, 3))
     nodes[:, 0] = places
-    free = np.array([velocity == "free" for velocity in velocities]) & ~_repeated(places)
+    words = [velocity if isinstance(velocity, str) else "" for velocity in velocities]
+    free = np.array([word == "free" for word in words]) & ~_repeated(places)
     for place, velocity in enumerate(velocities):
         if not isinstance(velocity, str):
             nodes[place, 1] = np.multiply(velocity, duration)

@@ -303,6 +303,44 @@ def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
     assert "external force" in legend_texts(axes)
 
 
+def test_gusts_are_told_in_a_wind_that_never_ceases(paper: Flight) -> None:
+    wrenches = np.ones((len(paper.time), 1, 6))
+    gust = paper.time[[10, 30]]
+    blown = replace(paper, frames=("base",), frame_wrenches=wrenches, gusts=gust[np.newaxis])
+    axes = figures.inputs(blown).axes[0]
+    (span,) = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert span.get_x() == gust[0]
+
+
+@pytest.mark.filterwarnings("error")
+def test_long_names_and_every_key_leave_room_for_the_axes(paper: Flight) -> None:
+    rotors = [f"F_{end}_{side}" for end in ("front", "rear") for side in ("left", "right")]
+    names = (*rotors, "F_upper_left", "F_upper_right", *paper.input_names[6:])
+    wrenches = np.zeros((len(paper.time), 1, 6))
+    wrenches[10:30] = 5.0
+    limits = paper.input_limits.copy()
+    limits[:, :6] = [[-3.0], [40.0]]
+    crowded = replace(
+        paper, input_names=names, frames=("tip",), frame_wrenches=wrenches, input_limits=limits
+    )
+    figure = figures.inputs(crowded)
+    axes = figure.axes[0]
+    assert len(legend_texts(axes)) == 5
+    box = axes.get_legend().get_window_extent()
+    assert box.x0 >= 0.0
+    assert max(box.x1, axes.get_window_extent().x1) <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    assert all(each.get_position().width >= 0.6 for each in figure.axes)
+
+
+def test_angles_that_hardly_vary_look_constant(paper: Flight) -> None:
+    q = paper.q.copy()
+    q[:, 3:6] = 1e-5 * np.sin(paper.time)[:, np.newaxis]
+    still = replace(paper, q=q, q_desired=0.0 * q)
+    low, high = panel(figures.coordinates(still), "joints (deg)").get_ylim()
+    assert high - low == pytest.approx(0.1)
+
+
 def test_constraint_torques_are_the_flight(paper: Flight, drawn: Drawn) -> None:
     (axes,) = drawn(figures.constraint_torques, "paper").axes
     assert np.array_equal(solid(axes), paper.constraint_torques.T)

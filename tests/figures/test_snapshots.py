@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
@@ -165,3 +166,30 @@ def test_gold_arm_follows_the_path(paper: Flight) -> None:
     first = replace(paper, tangent_arm=5, time=paper.time[:1])
     axes = snapshots_panels(first).axes[0]
     assert np.array_equal(gold_arm(axes)[1], paper.point("motor5")[0])
+
+
+def test_no_label_covers_another(paper: Flight) -> None:
+    """Twelve instants within half a metre."""
+    middle = paper.positions.mean(axis=0)
+    near = replace(paper, positions=middle + 0.1 * (paper.positions - middle))
+    figure = snapshots(near)
+    figure.draw_without_rendering()
+    axes: Any = figure.axes[0]
+    boxes = [Text.get_window_extent(text) for text in axes.texts if text.get_text()]
+    assert len(boxes) > 9
+    for one, other in itertools.combinations(boxes, 2):
+        assert not one.overlaps(other)
+
+
+def test_a_wall_is_drawn_where_it_is(paper: Flight) -> None:
+    normal, point = np.array([1.0, -0.5, 0.2]), np.array([0.3, 0.0, 1.0])
+    walls = np.array([[*point, *normal], [0.0, 0.0, 500.0, 0.0, 0.0, 1.0]])
+    figure = snapshots(replace(paper, walls=walls))
+    axes: Any = figure.axes[0]
+    (edge,) = [line for line in axes.get_lines() if line.get_label() == "wall"]
+    corners = np.transpose(edge.get_data_3d())
+    assert np.allclose((corners - point) @ normal, 0.0, atol=1e-12)
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    on_side = np.isclose(corners[..., np.newaxis], limits).any(axis=2)
+    assert np.all(on_side.sum(axis=1) >= 2)  # on edges of the box
+    assert "wall" in [text.get_text() for text in figure.legends[0].get_texts()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import string
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -19,7 +19,7 @@ from gibbs_codegen.files.changes import changes_of
 from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.environment import Gust, Payload, Wall, Wind
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
-from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
@@ -169,7 +169,15 @@ def test_all_keys() -> None:
             limits={"d_8": (0, 0.5), "theta_9": (np.radians(-120), 0)},
             effort={"theta_7": 20, "d_8": 30},
             velocity={"theta_9": 3},
-            units=frozenset({("d_8", "m"), ("theta_7", "rad"), ("theta_9", "rad")}),
+            named=frozenset(
+                {
+                    ("d_8", "guess"),
+                    ("d_8", "limits"),
+                    ("theta_7", "guess_deg"),
+                    ("theta_9", "guess_deg"),
+                    ("theta_9", "limits_deg"),
+                }
+            ),
         ),
         start=StartOffset(
             (0.1, -0.2, 0.3), (pytest.approx(5 * degree), 0, pytest.approx(-15 * degree))
@@ -778,10 +786,13 @@ def test_moves_of_joints() -> None:
     after = {"to": 0.0, "begin": 3, "duration": 1}
     arm = read_scenario("hover", {"arm": {"moves_deg": {"theta_7": [leg, after]}}}).arm
     assert arm.moves == {"theta_7": [Move(math.pi / 2, 1, 2), Move(0.0, 3, 1)]}
-    assert arm.units == {("theta_7", "rad")}
+    assert arm.named == {("theta_7", "moves_deg")}
     for moves, words in (
         ([leg, leg], r"begin: must not be before 3, when the move before it ends, not 1"),
         ([{"to": 90, "duration": 0}], r"arm\.moves_deg\.theta_7 1: duration"),
+        ([], r"theta_7: has no moves; give one, or leave the joint out"),
+        ({"to": 3, "duration": 1}, r"must be a list of moves, \[\{ to = …, duration = … \}\], not"),
+        ([leg | {"begin": 5}], r"theta_7 1: begin: must be before 5, when the flight ends, not 5"),
         ([{"begin": 1, "duration": 1}], r"arm\.moves_deg\.theta_7 1: to"),
     ):
         with pytest.raises(ScenarioFileError, match=words):
@@ -789,3 +800,26 @@ def test_moves_of_joints() -> None:
     beyond = {"moves_deg": {"theta_7": [leg]}, "limits_deg": {"theta_7": [-10, 80]}}
     with pytest.raises(ScenarioFileError, match="to: must be within its limits, -10 to 80, not 90"):
         read_scenario("hover", {"arm": beyond})
+
+
+def test_a_turn_about_an_axis_that_is_next_to_nothing() -> None:
+    turn = {"kind": "turn", "axis": [0, 1e-200, 0], "angle_deg": 90, "duration": 1}
+    with pytest.raises(ScenarioFileError, match="axis: a direction of length zero"):
+        read_scenario("hover", {"base": {"attitude": turn}})
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        lambda: Move(math.nan, 0.0, 1.0),
+        lambda: Move(1.0, math.inf, 1.0),
+        lambda: Move(1.0, 0.0, math.inf),
+        lambda: Turn((0.0, 0.0, 0.0), 1.0, 1.0),
+        lambda: Turn((0.0, math.nan, 0.0), 1.0, 1.0),
+        lambda: Turn((0.0, 0.0, 1.0), 1.0, 0.0),
+        lambda: Sensors(seed=1.5),  # type: ignore[arg-type]
+    ],
+)
+def test_parts_made_in_python_that_mean_nothing(part: Callable[[], object]) -> None:
+    with pytest.raises(UsageError):
+        part()

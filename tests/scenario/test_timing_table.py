@@ -55,10 +55,12 @@ def test_what_is_wrong_is_told(table: dict[str, Any], words: str) -> None:
     "values",
     [
         {"law": "quickest"},
-        {"limits": (1.0, 0.0)},
-        {"thrust_rate": 0.0},
-        {"effort": {"theta_8": 0.0}},
-        {"velocity": {"theta_8": -1.0}},
+        {"law": "fastest", "limits": (1.0, 0.0)},
+        {"law": "fastest", "limits": (1.0,)},
+        {"law": "fastest", "thrust_rate": 0.0},
+        {"law": "fastest", "effort": {"theta_8": 0.0}},
+        {"law": "fastest", "velocity": {"theta_8": -1.0}},
+        {"law": "uniform", "limits": (0.0, 1.0)},
     ],
 )
 def test_python_is_told_too(values: dict[str, Any]) -> None:

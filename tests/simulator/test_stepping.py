@@ -120,6 +120,8 @@ def test_what_is_refused(fast: Load) -> None:
     for wrong in ([1.0], [np.inf] * 6, "fast"):
         with pytest.raises(UsageError, match="v: must be 6 finite numbers"):
             simulation.reset(v=wrong)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="q: its quaternion has length 0"):
+        simulation.reset(q=np.zeros(7))
     simulation.reset()
     simulation.step(np.zeros(4), 1.0)
     assert "control is lost" in simulation.stopped
@@ -143,3 +145,15 @@ def test_a_flight_that_ends_within_a_step_is_still_observed(fast: Load) -> None:
     flight = simulation.flight()
     before = np.interp(simulation.time - 0.02, flight.time, flight.q[:, 2])
     assert seen.q[2] == pytest.approx(before, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", [-1, "a", 1.5])
+def test_a_seed_that_is_none_changes_nothing(seed: Any, fast: Load) -> None:
+    simulation = Simulation(fast("quadrotor"), hover())
+    simulation.step(np.full(4, 4.0))
+    time, q = simulation.time, simulation.q
+    with pytest.raises(UsageError, match="seed: must be an integer of 0 or more, not"):
+        simulation.reset(q=[*q[:-1], 9.0], seed=seed)
+    assert simulation.time == time
+    assert np.array_equal(simulation.q, q)
+    assert np.array_equal(simulation.reset().q, Simulation(fast("quadrotor"), hover()).reset().q)

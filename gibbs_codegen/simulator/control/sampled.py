@@ -165,6 +165,9 @@ def law_in_time(
         if rate is None and sensors is None:
             return law
     else:
+        if isinstance(controller, type):
+            name = controller.__name__
+            raise UsageError(f"controller: {name} is a class: give an instance, such as {name}()")
         if not callable(controller):
             raise UsageError(
                 f"controller: {printable(repr(controller), 60)} cannot be called; give a function "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.attitude import rate_matrix
 from gibbs_codegen.scenario.sensors import Sensors
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
@@ -48,7 +49,7 @@ class Sensing:
         found = sensors or Sensors()
         self._vehicle, self._reference = vehicle, reference
         self.delay = found.delay
-        self._seed: int = found.seed
+        self._seed: int | np.integer = found.seed
         places = vehicle.layout.v
         # Standard deviations of displacements, and of velocities (2, nv).
         self._deviations = np.zeros((2, places.size))
@@ -62,9 +63,15 @@ class Sensing:
 
         Args:
             seed: Of the noise from now on; as before if None.
+
+        Raises:
+            UsageError: If it is no integer, or less than 0.
         """
-        self._seed = self._seed if seed is None else seed
-        self._noise = np.random.default_rng(self._seed)
+        wanted = self._seed if seed is None else seed
+        if not (isinstance(wanted, int | np.integer) and wanted >= 0):
+            shown = printable(repr(seed), 60)
+            raise UsageError(f"seed: must be an integer of 0 or more, not {shown}")
+        self._seed, self._noise = wanted, np.random.default_rng(wanted)
 
     def __call__(self, time: float, q: Array, v: Array) -> Observation:
         """What a controller is told of a state.

@@ -54,12 +54,9 @@ def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
     timing, actuators = scenario.timing, actuators_of(vehicle, scenario)
     if timing.limits is not None:
         actuators.thrusts[:] = np.transpose([timing.limits])
-    for values, given in (
-        (actuators.efforts, timing.effort),
-        (actuators.velocities, timing.velocity),
-    ):
-        for name, most in given.items():
-            values[joint_place(vehicle, name)] = most
+    for key, values in (("effort", actuators.efforts), ("velocity", actuators.velocities)):
+        for name, most in getattr(timing, key).items():
+            values[joint_place(vehicle, name, f"timing.{key}")] = most
     rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
     return Limits(actuators.inputs, rate, actuators.velocities)
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
+from gibbs_codegen.simulator.plant.allocation import ranks
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 
 # Postures that the search starts from, besides the first.
@@ -21,6 +22,9 @@ _HALVINGS = 6
 _FLATTEST = 1e-7
 # Step of the differences that give the Hessian, rad.
 _DIFFERENCE = 1e-5
+# Parts of the range of a joint at whose ends commanding postures are looked for, how often all
+# joints are gone through, and what counts as no better.
+_PARTS, _ROUNDS, _BETTER = 6, 4, 1.0 + 1e-6
 # Keeps divisors from being 0.
 _TINY = 1e-300
 
@@ -76,6 +80,50 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
         if energy(trial) <= least:
             best = trial
     return posture(_equilibrium(gradient, best, low, high))[vehicle.arm]
+
+
+def commanding_posture(vehicle: Vehicle, limits: Limits, posture: Array) -> Array:
+    """The posture near another in which rotors that joints move command wrenches most evenly.
+
+    One revolute joint after the other is put to where, of some places between its limits, the
+    weakest direction is strongest, until none makes it stronger.
+
+    Args:
+        vehicle: The robot.
+        limits: Joint limits.
+        posture: Joint coordinates (n) to begin with, rad or m.
+
+    Returns:
+        Joint coordinates (n); `posture` itself if no other commands more directions.
+    """
+    shares = np.linspace(1.0, 0.0, _PARTS + 1)[1:-1]
+    best, (directions, strength) = posture, _command(vehicle, posture)
+    begin = directions
+    for _ in range(_ROUNDS):
+        before = best
+        for joint in np.flatnonzero(vehicle.is_angle[vehicle.arm]):
+            low, high = (np.clip(limit[joint], -np.pi, np.pi) for limit in limits)
+            for angle in low + shares * (high - low):
+                trial = best.copy()
+                trial[joint] = angle
+                found, value = _command(vehicle, trial)
+                if (found, value) > (directions, strength * _BETTER):
+                    best, directions, strength = trial, found, value
+        if best is before:
+            break
+    return best if directions > begin else posture
+
+
+def _command(vehicle: Vehicle, posture: Array) -> tuple[int, float]:
+    """How many directions rotors command in a posture (n), and how strongly the weakest one."""
+    q = vehicle.neutral
+    q[vehicle.arm] = posture
+    wrenches = vehicle.thrust_wrenches(q)
+    count = int(ranks(wrenches))
+    force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
+    # Torque is divided by the mean lever arm, so that it compares with force.
+    wrenches = np.concatenate([wrenches[:3], wrenches[3:] * (force / max(torque, _TINY))])
+    return count, float(np.linalg.svd(wrenches, compute_uv=False)[count - 1])
 
 
 def _energy_minima(

@@ -30,7 +30,7 @@ def joint_motion(
     joints = np.zeros((len(time), 3, vehicle.joints))
     joints[:, 0] = posture
     for name, legs in moves.items():
-        place = joint_place(vehicle, name)
+        place = joint_place(vehicle, name, "arm.moves")
         start = posture[place]
         for leg in legs:
             # How far it has come, as of a point on a line.

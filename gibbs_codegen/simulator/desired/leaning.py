@@ -145,9 +145,15 @@ class Leaning:
         size = np.linalg.norm(needed, axis=-1)
         if self.gravity == 0.0:
             raise UsageError(
-                f"{self.vehicle.name}: at t = {time[0]:.6g} s nothing holds the robot without "
+                f"{self.vehicle.name}: at t = 0 s nothing holds the robot without "
                 f"gravity, and {LEANS_BY_THRUST}; give parameters.gravity another value than 0"
             )
+        falls = needed[:, 2] * self.gravity < -_LEAST_THRUST * self.gravity**2
+        check_none(
+            time,
+            falls & (self.upright[0][:, 2] * self.gravity > 0.0),
+            "the path of the base falls faster than freely, for which thrust has to push down",
+        )
         check_none(
             time,
             size < _LEAST_THRUST * abs(self.gravity),

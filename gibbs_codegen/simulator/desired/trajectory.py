@@ -17,7 +17,7 @@ from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
 from gibbs_codegen.simulator.desired.feasible import feasible_motion
-from gibbs_codegen.simulator.desired.hanging import hanging_posture
+from gibbs_codegen.simulator.desired.hanging import commanding_posture, hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
 from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import knots
@@ -83,13 +83,15 @@ def _with_posture(
     task, time = scenario.arm, knots(scenario.duration)
     if task.posture is None:
         posture = hanging_posture(vehicle, limits)
+        if vehicle.rotors_move and scenario.control.law != "off":
+            posture = commanding_posture(vehicle, limits, posture)
     else:
-        posture = _joint_values(vehicle, task.posture)
-        _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
+        posture = _joint_values(vehicle, task.posture, "arm.posture")
+        _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
     for name, moves in task.moves.items():
         for move in moves:
             held = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
-            _check_limits(vehicle, "moves", held, limits, [name])
+            _check_limits(vehicle, task, "moves", held, limits, [name])
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
     # What the base does then depends on the joints.
@@ -128,9 +130,9 @@ def _with_tip(
         )
     guess = None
     if task.guess is not None:
-        guess = _joint_values(vehicle, task.guess)
+        guess = _joint_values(vehicle, task.guess, "arm.guess")
         # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
-        _check_limits(vehicle, "guess", guess, limits, task.guess)
+        _check_limits(vehicle, task, "guess", guess, limits, task.guess)
 
     def base_at(knots: Array) -> Motion:
         # Progress is shown for the first time only: what follows is the arm's.
@@ -189,13 +191,14 @@ def starting_state(
 
 def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
     """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
-    for name, unit in sorted(task.units):
-        if vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name)] == unit:
+    for name, table in sorted(task.named):
+        unit = vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name, f"arm.{table}")]
+        if (unit == "rad") == table.endswith("_deg"):
             continue
-        other, where = ("revolute", "that end in _deg"), ("prismatic", "without _deg")
-        kind, tables = other if unit == "m" else where
+        revolute, prismatic = ("revolute", "end in _deg"), ("prismatic", "do not end in _deg")
+        kind, place = revolute if unit == "rad" else prismatic
         raise UsageError(
-            f"arm: {name} is the coordinate of a {kind} joint: it belongs in the tables {tables}"
+            f"arm.{table}.{name}: the joint is {kind}, and belongs in the tables that {place}"
         )
 
 
@@ -222,20 +225,31 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
         )
 
 
-def _joint_values(vehicle: Vehicle, values: Mapping[str, float]) -> Array:
+def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> Array:
+    """Coordinates of all joints, of which a table gives some.
+
+    Args:
+        vehicle: The robot.
+        values: Coordinates by name, rad or m; those left out are 0.
+        table: The table, for a message.
+
+    Returns:
+        The coordinates (n).
+    """
     found = np.zeros(vehicle.joints)
     for name, value in values.items():
-        found[joint_place(vehicle, name)] = value
+        found[joint_place(vehicle, name, table)] = value
     return found
 
 
 def _check_limits(
-    vehicle: Vehicle, key: str, values: Array, limits: Limits, joints: Iterable[str]
+    vehicle: Vehicle, task: ArmTask, key: str, values: Array, limits: Limits, joints: Iterable[str]
 ) -> None:
     """Raise an error for the first of some joints whose value is outside its limits.
 
     Args:
         vehicle: The robot.
+        task: What the arm is to do: angles of a file are told in degrees.
         key: Key of the scenario file's arm table that gives the values.
         values: Joint coordinates (n), rad or m.
         limits: Joint limits.
@@ -248,8 +262,12 @@ def _check_limits(
         joint = joint_place(vehicle, name)
         value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
         if not lower <= value <= upper:
-            unit = vehicle.layout.q.units[vehicle.arm][joint]
+            unit = f" {vehicle.layout.q.units[vehicle.arm][joint]}"
+            if task.named and unit == " rad":
+                key, unit = f"{key}_deg", "°"
+                value, lower, upper = np.degrees([value, lower, upper])
+            hint = "" if value else "; a joint left out of a posture is at 0"
             raise UsageError(
-                f"arm: {key}: {name} = {value:.6g} {unit} is outside its limits, "
-                f"{lower:.6g} to {upper:.6g} {unit}; a joint left out of a posture is at 0"
+                f"arm.{key}.{name}: {value:.6g}{unit} is outside its limits, "
+                f"{lower:.6g} to {upper:.6g}{unit}{hint}"
             )

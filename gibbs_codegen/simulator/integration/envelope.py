@@ -9,6 +9,8 @@ motors escapes to infinity within a finite time, hardly off its path.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
@@ -71,11 +73,12 @@ class Envelope:
         """
         lost = f"at t = {time:.6g} s control is lost: "
         if not np.all(np.isfinite(state)):
-            return f"{lost}the state is no longer finite; {self._advice()}"
+            return f"{lost}the state is no longer finite; {self._advice([])}"
         excess = self._errors(time, state) / self.bounds
         worst = int(np.argmax(excess))
         if excess[worst] > 1.0:
-            return f"{lost}{self._in_words(worst, excess[worst])}; {self._advice()}"
+            advice = self._advice(self.loop.saturated(time, state))
+            return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
         vehicle = self.loop.vehicle
         if vehicle.layout.is_quaternion:
             return ""
@@ -110,20 +113,42 @@ class Envelope:
             )
         return f"{name} is {off} off, more than {divergence}"
 
-    def _advice(self) -> str:
+    def _advice(self, saturated: Sequence[str]) -> str:
+        """What to try, given the inputs that are at their limits."""
         loop = self.loop
-        limited = np.split(np.isfinite(loop.actuators.inputs), [loop.vehicle.rotors], axis=1)
-        lost_to_lag = loop.lags and (loop.limited or not loop.compensates)
+        if too_weak := self._too_weak():
+            return too_weak
+        law, held = loop.controller.law, loop.held is not None
+        lagging = loop.lags and not loop.compensates
+        thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
+        at_limits = {name in thrusts for name in saturated}
+        gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
         remedies = [
-            *(["motors.compensation"] if loop.lags and not loop.compensated else []),
-            *(["a shorter motors.time_constant"] if lost_to_lag else []),
-            *(["wider motors.limits"] if np.any(limited[0]) else []),
-            *(["a greater arm.effort"] if np.any(limited[1]) else []),
+            *(["wider motors.limits"] if True in at_limits else []),
+            *(["a greater arm.effort"] if False in at_limits else []),
+            *(gains if held and lagging and law in CORRECTING else []),
+            *(["motors.compensation"] if lagging and not held and not loop.compensated else []),
+            *(["a shorter motors.time_constant"] if lagging else []),
             *(loop.environment.remedies if loop.environment else []),
-            *(["a higher rate of control"] if loop.held is not None else []),
-            _OTHER_CONTROL.get(loop.controller.law, "a lower control.frequency"),
+            *(["a higher rate of control"] if held else []),
+            _OTHER_CONTROL.get(law, "a lower control.frequency"),
         ]
-        return f"try {', '.join(remedies)} or a gentler motion"
+        limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
+        return f"{limits}try {', '.join(dict.fromkeys(remedies))} or a gentler motion"
+
+    def _too_weak(self) -> str:
+        """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""
+        vehicle = self.loop.vehicle
+        most = float(np.sum(np.max(np.abs(self.loop.actuators.thrusts), axis=0)))
+        still = np.zeros(vehicle.layout.v.size)
+        force = vehicle.inverse_dynamics(vehicle.neutral, still, still)
+        weight = float(np.linalg.norm(vehicle.base_wrench(vehicle.neutral, force)[:3]))
+        if not vehicle.rotors or most >= weight:
+            return ""
+        return (
+            f"all thrusts together reach {most:.4g} N, less than the weight of {weight:.4g} N: "
+            "widen the limits (motors.limits, or those of the rotors in the robot file)"
+        )
 
 
 def _peak_response(gains: Gains) -> Array:

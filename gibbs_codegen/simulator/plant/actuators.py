@@ -104,19 +104,20 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
     if motors.time_constant is not None:
         found.lag[:] = motors.time_constant
     for name, limits in arm.limits.items():
-        found.joints[:, joint_place(vehicle, name)] = limits
-    for values, given in ((found.efforts, arm.effort), (found.velocities, arm.velocity)):
-        for name, most in given.items():
-            values[joint_place(vehicle, name)] = most
+        found.joints[:, joint_place(vehicle, name, "arm.limits")] = limits
+    for key, values in (("effort", found.efforts), ("velocity", found.velocities)):
+        for name, most in getattr(arm, key).items():
+            values[joint_place(vehicle, name, f"arm.{key}")] = most
     return found
 
 
-def joint_place(vehicle: Vehicle, name: str) -> int:
+def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
     """The place of a joint among the joints.
 
     Args:
         vehicle: The robot.
         name: Name of the joint's coordinate.
+        table: Table of the scenario file that names it, for the message.
 
     Returns:
         The place, from 0.
@@ -126,7 +127,8 @@ def joint_place(vehicle: Vehicle, name: str) -> int:
     """
     if name not in vehicle.joint_names:
         known = ", ".join(vehicle.joint_names) or "none"
-        raise UsageError(f"{vehicle.name}: has no joint {name}; its joints: {known}")
+        where = f"{table}.{name}: {vehicle.name}" if table else f"{vehicle.name}:"
+        raise UsageError(f"{where} has no joint {name}; its joints: {known}")
     return vehicle.joint_names.index(name)
 
 

@@ -55,9 +55,8 @@ class Vehicle:
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
-            unknown = {*(parameters or ())} - {*module.PARAMETERS}
-            known = f"; its parameters: {', '.join(module.PARAMETERS)}" if unknown else ""
-            raise UsageError(f"{module.NAME}: {key}: {error}{known}") from None
+            words = f"{error}{_about_parameters(module, parameters or {}, str(error))}"
+            raise UsageError(f"{module.NAME}: {key}: {words}") from None
         self.module = module
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
@@ -233,3 +232,27 @@ def _check(module: ModuleType) -> None:
         raise UsageError(
             f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
         )
+
+
+def _about_parameters(module: ModuleType, given: Mapping[str, float], words: str) -> str:
+    """What to add to the words in which `prepare` of a module rejects parameters.
+
+    Args:
+        module: The module.
+        given: The parameters.
+        words: What `prepare` says.
+
+    Returns:
+        A clause that begins with "; ", or "": names that may be meant, or all that were given.
+    """
+    names = list(module.PARAMETERS)
+    unknown = [name for name in given if name not in names]
+    if not unknown:
+        listed = ", ".join(f"{name} = {value:g}" for name, value in given.items())
+        return "" if any(name in words for name in given) else f"; given: {listed}"
+    ends = {f"_{name.rpartition('_')[2]}" for name in unknown if "_" in name}
+    alike = [name for name in names if name.endswith(tuple(ends)) and name not in words]
+    if not alike and "did you mean" not in words:
+        return f"; its parameters: {', '.join(names)}"
+    also = f"; others that end alike: {', '.join(alike)}" if alike else ""
+    return f"{also}; PARAMETERS of the module lists all {len(names)}"

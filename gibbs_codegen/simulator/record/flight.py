@@ -23,6 +23,10 @@ StrPath = str | os.PathLike[str]
 
 # Rows of the CSV that are written at a time.
 _ROWS = 4096
+# Fields that are one number, and those of several that have no row per sample.
+_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
+_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
+_OF_NO_TIME |= {"binding_times", "walls", "gusts"}
 
 
 @dataclass(frozen=True)
@@ -90,17 +94,35 @@ def read_flight(path: StrPath) -> Flight:
             values: dict[str, Any] = dict(lacking(stored))
             names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
             values |= {name: stored[name] for name in names}
+        return Flight(**_checked(values))
     except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
         raise UsageError(
             f"{printable(path)}: is not a flight that was saved: {printable(error)}"
         ) from None
-    for name, value in values.items():
-        if value.dtype.kind == "U":
+
+
+def _checked(stored: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a flight from the arrays of a file.
+
+    Args:
+        stored: The arrays by the names of the fields.
+
+    Returns:
+        The fields.
+
+    Raises:
+        ValueError: If an array is not what its field must be.
+        TypeError: Likewise.
+    """
+    values = dict(stored)
+    for name, value in stored.items():
+        if name in _NUMBERS:
+            values[name] = _NUMBERS[name](value)
+        elif value.dtype.kind == "U":
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
-    values["control_rate"] = float(values["control_rate"])
-    values["tangent_arm"] = int(values["tangent_arm"])
-    values["weight"] = float(values["weight"])
-    return Flight(**values)
+        elif name not in _OF_NO_TIME and value.shape[:1] != np.shape(stored["time"]):
+            raise ValueError(f"{name} has not as many rows as there are times")
+    return values
 
 
 def is_flight(path: StrPath) -> bool:

@@ -32,6 +32,8 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "timing": np.array(""),
         "binding": np.array([], dtype=str),
         "binding_times": np.zeros((0, 2)),
+        "walls": np.zeros((0, 6)),
+        "gusts": np.zeros((0, 2)),
         "frames": np.array([], dtype=str),
         "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }

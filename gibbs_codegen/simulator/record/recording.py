@@ -65,7 +65,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        weight=_weight(vehicle),
+        **_surroundings(vehicle, scenario),
         **_energies(vehicle, q, v, parts.work),
     )
 
@@ -75,6 +75,18 @@ def _base(vehicle: Vehicle, q: Array) -> dict[str, Any]:
     measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
     arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
     return {**arms, "base_rotation": vehicle.base_rotation(q)}
+
+
+def _surroundings(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
+    """Weight, walls, and times of gusts, by the names of the fields."""
+    gusts = scenario.wind.gusts if scenario.wind else ()
+    walls = [[*wall.point, *wall.normal] for wall in scenario.walls]
+    blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
+    return {
+        "weight": _weight(vehicle),
+        "walls": np.array(walls, dtype=np.float64).reshape(-1, 6),
+        "gusts": np.array(blowing, dtype=np.float64).reshape(-1, 2),
+    }
 
 
 def _weight(vehicle: Vehicle) -> float:

@@ -54,6 +54,8 @@ class Series:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
+    `walls` (w, 6) are a point, m, and the normal of each wall; `gusts` (g, 2) are from when to when
+    each gust of the wind blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
@@ -104,6 +106,8 @@ class Series:
     timing: str = ""
     binding: tuple[str, ...] = field(default=(), repr=False)
     binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
 
     @property
     def rotors(self) -> int:

@@ -231,6 +231,10 @@ def test_wrong_attributes(attribute: str, value: object, fast: Load) -> None:
         simulate(fast("quadrotor"), hover(0.1), own)
     with pytest.raises(UsageError, match="cannot be called"):
         simulate(fast("quadrotor"), hover(0.1), 3.0)  # type: ignore[arg-type]
+    with pytest.raises(
+        UsageError, match=r"Damper is a class: give an instance, such as Damper\(\)"
+    ):
+        simulate(fast("quadrotor"), hover(0.1), Damper)  # type: ignore[arg-type]
 
 
 def test_any_robot_is_flown_and_may_be_lost(fast: Load) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from types import ModuleType
@@ -86,22 +87,34 @@ def test_the_paper_s_motion_takes_no_more_knots_and_little_time(hexa: Vehicle) -
     [
         (
             ArmTask(posture={"theta_8": 1.2}, limits={"theta_8": (-1.0, 1.0)}),
-            "arm: posture: theta_8 = 1.2 rad is outside its limits, -1 to 1 rad",
+            "arm.posture.theta_8: 1.2 rad is outside its limits, -1 to 1 rad",
         ),
         (
             ArmTask(posture={"theta_7": 0.1}, limits={"theta_9": (0.5, 1.0)}),
-            "arm: posture: theta_9 = 0 rad is outside its limits, 0.5 to 1 rad; a joint left out",
+            "arm.posture.theta_9: 0 rad is outside its limits, 0.5 to 1 rad; a joint left out",
         ),
         (
             ArmTask(
                 Fixed((2.0, 0.0, 0.0)), guess={"theta_7": -0.5}, limits={"theta_7": (0.0, 1.0)}
             ),
-            "arm: guess: theta_7 = -0.5 rad is outside its limits, 0 to 1 rad",
+            "arm.guess.theta_7: -0.5 rad is outside its limits, 0 to 1 rad",
         ),
-        (ArmTask(posture={"theta_3": 0.0}), "has no joint theta_3"),
         (
-            ArmTask(posture={"theta_7": 0.0}, units=frozenset({("theta_7", "m")})),
-            "theta_7 is the coordinate of a revolute joint: it belongs in the tables that end",
+            ArmTask(
+                posture={"theta_8": math.radians(170)},
+                limits={"theta_8": (-1.0, math.radians(150))},
+                named=frozenset({("theta_8", "posture_deg")}),
+            ),
+            "arm.posture_deg.theta_8: 170° is outside its limits, -57.2958 to 150°",
+        ),
+        (ArmTask(posture={"theta_3": 0.0}), "arm.posture.theta_3: .* has no joint theta_3"),
+        (
+            ArmTask(posture={"theta_3": 0.0}, named=frozenset({("theta_3", "posture_deg")})),
+            "arm.posture_deg.theta_3: hexarotor_3link has no joint theta_3; its joints: theta_7",
+        ),
+        (
+            ArmTask(posture={"theta_7": 0.0}, named=frozenset({("theta_7", "posture")})),
+            "arm.posture.theta_7: the joint is revolute, and belongs in the tables that end",
         ),
     ],
 )

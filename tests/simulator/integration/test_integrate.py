@@ -499,6 +499,30 @@ def test_a_pushed_flight_in_c_is_that_of_python(
         assert ours == pytest.approx(theirs, rel=0, abs=1e-10 * np.abs(theirs).max()), name
 
 
+@pytest.mark.parametrize(
+    ("changes", "advice"),
+    [
+        ({"motors": {"limits": [0, 5]}}, "together reach 30 N, less than the weight of 88.29 N: w"),
+        (
+            {"motors": {"limits": [-45, 45]}, "start": {"offset": [2, 0, 0]}},
+            r"inputs at their limits: F_1.*; try wider motors.limits, a lower control.frequency or",
+        ),
+        (
+            {
+                "motors": {"time_constant": 0.05, "compensation": False},
+                "control": {"rate": 300, "frequency": 10, "attitude_frequency": 40},
+                "start": {"offset": [0.3, 0, 0]},
+            },
+            "; try a lower control.attitude_frequency, a lower control.frequency, a shorter motors",
+        ),
+    ],
+)
+def test_advice_is_what_applies(changes: dict[str, object], advice: str, fast: Load) -> None:
+    settings = {"method": "rk4", "divergence": 1}
+    scenario = read_scenario("hover", {**changes, "duration": 2, "integration": settings})
+    assert re.search(advice, simulate(fast("hexarotor_3link"), scenario).stopped)
+
+
 # Flights that adaptive steps cannot take
 
 STIFF: list[tuple[str, dict[str, object], str]] = [

@@ -127,3 +127,17 @@ def test_a_folder_that_is_not_there(flight: Flight, tmp_path: Path) -> None:
     for write in (flight.write_csv, flight.write_npz):
         with pytest.raises(OutputError, match="cannot be written"):
             write(tmp_path / "none" / "a")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("weight", "x"), ("weight", [1.0, 2.0]), ("q", np.zeros((2, 9))), ("work", np.zeros(()))],
+)
+def test_a_malformed_field_is_told(
+    flight: Flight, name: str, value: object, tmp_path: Path
+) -> None:
+    flight.write_npz(tmp_path / "good.npz")
+    with np.load(tmp_path / "good.npz") as stored:
+        np.savez(tmp_path / "bad.npz", **{**stored, name: np.array(value)})
+    with pytest.raises(UsageError, match=r"bad\.npz: is not a flight that was saved"):
+        read_flight(tmp_path / "bad.npz")

@@ -1,0 +1,42 @@
+"""What the command line tells of limits that inputs reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+from support.synthetic_flight import synthetic_flight
+
+from gibbs_codegen.cli.limits_report import reached_limits
+from gibbs_codegen.simulator.record.flight import Flight
+
+
+@pytest.fixture(scope="module")
+def flight(shipped: Callable[[str], ModuleType]) -> Flight:
+    """Commands in a range of 1 to 9, for limits of 0 to 10."""
+    plain = synthetic_flight(shipped("hexarotor_3link"))
+    shape = plain.commanded.shape
+    limits = np.array([[0.0], [10.0]]) * np.ones(shape[1])
+    least, greatest = np.full(shape, 1.0), np.full(shape, 9.0)
+    return replace(plain, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
+
+
+def test_nothing_is_told_where_nothing_is_reached(flight: Flight) -> None:
+    endless = np.array([[-np.inf], [np.inf]]) * np.ones(len(flight.input_names))
+    assert reached_limits(flight) == ""
+    assert reached_limits(replace(flight, input_limits=endless)) == ""
+
+
+def test_the_worst_is_told_with_its_time(flight: Flight) -> None:
+    greatest, least = flight.commanded_greatest.copy(), flight.commanded_least.copy()
+    greatest[5, 0], least[7, 2], greatest[9, 6] = 10.0, -12.0, 15.0
+    greatest[-1, 1] = np.nan
+    asked = replace(flight, commanded_greatest=greatest, commanded_least=least)
+    assert reached_limits(asked) == (
+        f"F_1, F_3, tau_7 (F_3 was asked for -12 N of 0 N at t = {flight.time[7]:.3g} s)"
+    )
+    greatest[3, 6] = 88.0
+    assert "(tau_7 was asked for 88 N m of 10 N m at t =" in reached_limits(asked)
