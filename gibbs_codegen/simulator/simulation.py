@@ -77,7 +77,9 @@ def simulate(
     """
     start = prepared(robot, scenario, progress, own=controller is not None)
     loop, scenario = start.loop, start.scenario
-    loop = replace(loop, controller=law_in_time(loop.controller, scenario, controller))
+    loop = replace(
+        loop, controller=law_in_time(loop.controller, scenario, loop.actuators, controller)
+    )
     history = integrate(
         loop,
         loop.start(start.q, start.v),

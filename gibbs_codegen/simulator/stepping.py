@@ -89,13 +89,16 @@ class Simulation:
             What the sensors tell.
 
         Raises:
-            UsageError: If q or v is not so many finite numbers, or the seed is no
-                integer of 0 or more.
+            UsageError: If q or v is not so many finite numbers, a quaternion is 0, or the seed
+                is no integer of 0 or more.
         """
         given = [
             start if values is None else _numbers(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
+        layout = self._loop.vehicle.layout
+        if layout.is_quaternion and not np.any(given[0][layout.q.attitude]):
+            raise UsageError("q: its quaternion has length 0 and is no attitude; give it length 1")
         self._sensing.reset(seed)
         self._begin = self._loop.vehicle.kinematics.normalised(given[0]), given[1]
         self._held.forget()

@@ -120,6 +120,8 @@ def test_what_is_refused(fast: Load) -> None:
     for wrong in ([1.0], [np.inf] * 6, "fast"):
         with pytest.raises(UsageError, match="v: must be 6 finite numbers"):
             simulation.reset(v=wrong)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="q: its quaternion has length 0"):
+        simulation.reset(q=np.zeros(7))
     simulation.reset()
     simulation.step(np.zeros(4), 1.0)
     assert "control is lost" in simulation.stopped

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from gibbs_codegen.scenario.control import Control, Law
+from gibbs_codegen.simulator.control.error_polynomials import check_integral
 from gibbs_codegen.simulator.control.geometric import GeometricLaw
-from gibbs_codegen.simulator.control.integral import check_integral
 from gibbs_codegen.simulator.control.laws import CORRECTING, ControlLaw, Controller, Gains
 from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError, listed, ranks
 from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
@@ -48,23 +48,23 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
     purpose = f"{vehicle.name}: to fly {scenario!r} under "
     if full:
         raise AllocationError(
-            f"{purpose}the geometric law the rotors must push along one axis, but they command all "
-            'directions; set control.law to "tracking" or "computed_torque"',
+            f"{purpose}the geometric law, the rotors must push along one axis, but they command "
+            'all directions; set control.law to "tracking" or "computed_torque"',
             (),
         )
     missing = _missing(vehicle, q)
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(
-            f"{purpose}computed torque the base must be fully actuated, {lacks}; set control.law "
+            f"{purpose}computed torque, the base must be fully actuated, {lacks}; set control.law "
             'to "tracking" or "geometric", by which a base flies that pushes along one axis and '
             "commands three moments",
             missing,
         )
     raise AllocationError(
-        f"{purpose}control the rotors must command all directions, or the force along one axis and "
-        f"three moments, {lacks}; tilt some thrusts in the robot file, add rotors, or set "
-        'control.law to "open_loop"',
+        f"{purpose}control, the rotors must command all directions, or the force along one axis "
+        f"and three moments, {lacks}{_posture(vehicle, q)} tilt some thrusts in the robot file, "
+        'add rotors, or set control.law to "open_loop"',
         missing,
     )
 
@@ -83,8 +83,12 @@ def control_law(
 
     Returns:
         The law.
+
+    Raises:
+        UsageError: If integral action makes errors grow, or the geometric law is to fly a motion
+            without thrust.
     """
-    geometric = law == "geometric"
+    geometric, allocation = law == "geometric", allocation.in_flight()
     attitude = control.attitude_frequency
     if attitude is None:
         attitude = control.frequency * (_FASTER if geometric else 1.0)
@@ -94,11 +98,34 @@ def control_law(
     gains = Gains.of(frequencies, control.damping_ratio, places.size)
     memory = 0
     if control.integral and law in CORRECTING:
-        check_integral(control.integral, gains.damping)
         gains, memory = replace(gains, integral=control.integral), places.size
+    found: Controller | GeometricLaw
     if geometric:
-        return GeometricLaw(vehicle, reference, allocation, gains, memory=memory)
-    return Controller(vehicle, reference, allocation, gains, law, memory)
+        found = GeometricLaw(vehicle, reference, allocation, gains, memory=memory)
+        found.check_thrust()
+    else:
+        found = Controller(vehicle, reference, allocation, gains, law, memory)
+    check_integral(found)
+    return found
+
+
+def _posture(vehicle: Vehicle, q: Array) -> str:
+    """Where rotors that joints move command least, and how to choose another posture.
+
+    Args:
+        vehicle: The robot.
+        q: Configurations (s, nq).
+
+    Returns:
+        What comes before other remedies; a semicolon alone if no joint moves rotors.
+    """
+    if not vehicle.rotors_move:
+        return ";"
+    worst = np.argmin(ranks(vehicle.thrust_wrenches(q)))
+    at = np.reshape(q, (-1, q.shape[-1]))[worst][vehicle.arm]
+    joints = zip(vehicle.joint_names, at.tolist(), strict=True)
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in joints)
+    return f" where {values} (rad or m); choose another posture (arm.posture_deg or arm.moves), or"
 
 
 def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:

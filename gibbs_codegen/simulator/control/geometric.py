@@ -17,22 +17,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.simulator.control.inverse_dynamics import inputs_of
 from gibbs_codegen.simulator.control.laws import Gains
 from gibbs_codegen.simulator.plant.allocation import Allocation
 from gibbs_codegen.simulator.plant.quaternion_kinematics import times, transposed
-from gibbs_codegen.simulator.plant.thrust_axis import force_axis
+from gibbs_codegen.simulator.plant.thrust_axis import LEANS_BY_THRUST, force_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
 _AUTHORITY = 0.8
+# Share of the greatest thrust of a motion that is none.
+_NO_THRUST = 1e-9
 # Least sum of 1 and the cosine of an angle by which a direction is turned: none is turned round.
 _LEAST = 1e-9
 
 
-class Push(NamedTuple):
+class WantedForce(NamedTuple):
     """Force (…, 3) that the motion needs, and the rate of its part that corrects errors.
 
     N and N/s, world axes. `correction` is that part.
@@ -75,8 +78,8 @@ class GeometricLaw:
         if memory is not None and self.memory:
             learned = self.gains.integral * memory
         aimed[..., vehicle.arm] -= learned[..., vehicle.arm_rates]
-        centre = vehicle.centre_of_mass(q) - learned[..., places.position]
-        push = self._push(time, centre, times(jacobian, v), along)
+        centre = vehicle.centre_of_mass(q)
+        push = self._push(time, (centre, times(jacobian, v)), learned[..., places.position], along)
         desired = self.reference(time)
         a = np.zeros_like(v)
         a[..., places.joints] = self._joints(aimed, v, desired)
@@ -108,6 +111,17 @@ class GeometricLaw:
         found[..., places.position] = self.centre(time)[0] - self.vehicle.centre_of_mass(q)
         return found
 
+    def check_thrust(self) -> None:
+        """Raise `UsageError` with the first time at which the motion needs no thrust."""
+        time = self.reference.knots
+        size = np.linalg.norm(self.mass * self.centre(time)[2] + self.weight, axis=-1)
+        none = size <= _NO_THRUST * np.max(size)
+        if np.any(none):
+            raise UsageError(
+                f"{self.vehicle.name}: at t = {time[none][0]:.6g} s the desired motion needs no "
+                f"thrust, and {LEANS_BY_THRUST}; choose another motion, or a gravity that is not 0"
+            )
+
     @cached_property
     def weight(self) -> Array:
         """The force (3) that holds the robot, N, world axes."""
@@ -133,12 +147,15 @@ class GeometricLaw:
         generalised = self.vehicle.inverse_dynamics(q, *rates)
         return self.vehicle.kinematics.wrench(q, generalised)[0]
 
-    def _push(self, time: float | Array, position: Array, velocity: Array, along: Array) -> Push:
+    def _push(
+        self, time: float | Array, moving: tuple[Array, Array], learned: Array, along: Array
+    ) -> WantedForce:
         """The force that the centre of mass needs.
 
         Args:
             time: Times (…), s.
-            position, velocity: Of the centre of mass (…, 3), world axes.
+            moving: Position and velocity of the centre of mass (…, 3), world axes.
+            learned: What integral action adds to its error (…, 3), m.
             along: Thrust axis (…, 3), world axes.
 
         Returns:
@@ -148,12 +165,14 @@ class GeometricLaw:
         stiffness, damping = self.gains.stiffness[place], self.gains.damping[place]
         wanted, speed, acceleration = self.centre(time)
         desired = self.mass * acceleration + self.weight
-        off, drift = wanted - position, speed - velocity
+        off, drift = wanted - moving[0], speed - moving[1]
         most = _AUTHORITY * np.linalg.norm(desired, axis=-1, keepdims=True)
-        wish = self.mass * (stiffness * off + damping * drift)
+        wish = self.mass * (stiffness * (off + learned) + damping * drift)
         share = 1.0 / np.sqrt(1.0 + _dot(wish, wish) / most**2)
-        push = Push(desired + share * wish, share * wish, np.zeros_like(wish))
-        growth = stiffness * self.mass * drift + damping * (desired - _thrust(push, along))
+        push = WantedForce(desired + share * wish, share * wish, np.zeros_like(wish))
+        learning = self.gains.integral * off
+        growth = stiffness * self.mass * (drift + learning)
+        growth += damping * (desired - _thrust(push, along))
         bend = _dot(wish, growth) * share**3 / most**2
         return push._replace(rate=share * growth - bend * wish)
 
@@ -178,7 +197,12 @@ class GeometricLaw:
         return accelerations
 
     def _turning(
-        self, q: Array, v: Array, desired: tuple[Array, Array, Array], axis: Array, push: Push
+        self,
+        q: Array,
+        v: Array,
+        desired: tuple[Array, Array, Array],
+        axis: Array,
+        push: WantedForce,
     ) -> Array:
         """Angular acceleration by which the base leans as the force needs it.
 
@@ -231,7 +255,7 @@ class GeometricLaw:
         return weighed + gains[places.position] * heading
 
 
-def _thrust(push: Push, along: Array) -> Array:
+def _thrust(push: WantedForce, along: Array) -> Array:
     """The part (…, 3) of a force that thrust makes along its axis, which never pulls."""
     thrust: Array = np.maximum(_dot(push.force, along), 0.0) * along
     return thrust
@@ -260,7 +284,7 @@ def _attitude_error(carried: Array, axis: Array, unit: Array) -> Array:
     quaternion = Rotation.from_matrix(whole.reshape(-1, 3, 3)).as_quat()
     quaternion = quaternion.reshape(*axis.shape[:-1], 4)
     about, cosine = _dot(quaternion[..., :3], axis), quaternion[..., 3:]
-    heading = 2.0 * np.arctan2(about * np.sign(cosine), np.abs(cosine))
+    heading = 2.0 * np.arctan2(about * np.copysign(1.0, cosine), np.abs(cosine))
     lean = swing * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
     error: Array = lean + axis * heading * (about**2 + cosine**2)
     return error

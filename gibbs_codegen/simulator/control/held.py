@@ -61,6 +61,8 @@ class HeldInputs:
         """
         names = self.vehicle.inputs
         wanted = f"{len(names)} inputs: {', '.join(names)}"
+        if command is None:
+            return f"None, and not {wanted}"
         try:
             numbers = np.asarray(command, dtype=np.float64)
         except (TypeError, ValueError):

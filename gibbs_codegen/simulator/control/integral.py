@@ -3,33 +3,15 @@
 A law remembers the integral z of each error e, and corrects as if the error were e + i z, with
 a rate i that is given. So ë + d ė + k (e + i z) = 0 where the model is exact, and under a constant
 disturbance e⃛ + d ë + k ė + i k e = 0, which comes to rest at no error. By Routh that is stable
-where i is less than d. While an input is at a limit, what is remembered may shrink but not grow.
+where i is less than d; of the geometric law, `error_polynomials` tells. While an input is at a
+limit, what is remembered may shrink but not grow.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
-
-
-def check_integral(integral: float, damping: Array) -> None:
-    """Raise an error unless errors decay.
-
-    Args:
-        integral: Rate of integral action, 1/s.
-        damping: Damping (nv) of the errors, 1/s.
-
-    Raises:
-        UsageError: If it is too fast, with the bound.
-    """
-    bound = float(np.min(damping))
-    if integral and integral >= bound:
-        raise UsageError(
-            f"control.integral: {integral:g} 1/s makes errors grow; must be below {bound:g} 1/s"
-            ", 2 × damping_ratio × the least frequency"
-        )
 
 
 def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:

@@ -9,8 +9,10 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.control.held import HeldInputs
+from gibbs_codegen.simulator.control.integral import kept_from_winding
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.control.sensing import Observation, Sensing
+from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Samples a second where a law has to be sampled and nobody says how often.
@@ -35,11 +37,12 @@ class LawAsController:
 
     Args:
         law: the law.
+        actuators: at whose limits nothing that is remembered grows.
         rate: samples a second, Hz.
     """
 
-    def __init__(self, law: ControlLaw, rate: float) -> None:
-        self._law, self._rate = law, rate
+    def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
+        self._law, self._actuators, self._rate = law, actuators, rate
         self.reset()
 
     def reset(self) -> None:
@@ -50,7 +53,9 @@ class LawAsController:
         """Inputs u (nu) for an observation; what is remembered grows as in the period after it."""
         seen = observation.time, observation.q, observation.v, self._memory
         inputs = self._law(*seen)
-        self._memory = self._memory + self._law.growth(*seen) / self._rate
+        at_limit = np.any(self._actuators.reached(inputs))
+        growth = kept_from_winding(self._law.growth(*seen), self._memory, at_limit)
+        self._memory = self._memory + growth / self._rate
         return inputs
 
 
@@ -58,12 +63,12 @@ class Sampled(HeldInputs):
     """A law of control that samples another, or a controller of a user.
 
     Args:
-        law: what is known of the robot, the desired motion and the decay of errors; without
-            `controller` also the law that is sampled.
+        law: what is known of the robot, the desired motion and the decay of errors.
         rate: samples a second, Hz.
         delay: time from a sample until its command takes effect, s.
         sensing: what is observed.
-        controller: the controller of a user, if there is one.
+        controller: what is sampled.
+        name: of the law.
     """
 
     def __init__(
@@ -72,11 +77,11 @@ class Sampled(HeldInputs):
         rate: float,
         delay: float,
         sensing: Sensing,
-        controller: OwnController | None = None,
+        controller: OwnController,
+        name: str = "own",
     ) -> None:
-        super().__init__(law, law.law if controller is None else "own", delay, rate)
-        self._sensing = sensing
-        self._controller = controller or LawAsController(law, rate)
+        super().__init__(law, name, delay, rate)
+        self._sensing, self._controller = sensing, controller
         self._taken = 0
 
     def start(self, q: Array, v: Array) -> None:
@@ -135,13 +140,17 @@ class Sampled(HeldInputs):
 
 
 def law_in_time(
-    law: ControlLaw, scenario: Scenario, controller: OwnController | None = None
+    law: ControlLaw,
+    scenario: Scenario,
+    actuators: Actuators,
+    controller: OwnController | None = None,
 ) -> ControlLaw:
     """A law as a scenario evaluates it: at all times, or at a rate.
 
     Args:
         law: The law.
         scenario: What is flown, with rate, delay and sensors.
+        actuators: Limits of motors and joints.
         controller: What commands instead of the law, if given.
 
     Returns:
@@ -168,6 +177,8 @@ def law_in_time(
         delay = _number(controller, "delay", delay, least=0.0) or 0.0
     rate = rate or DEFAULT_RATE
     sensing = Sensing(law.vehicle, law.reference, sensors)
+    if controller is None:
+        return Sampled(law, rate, delay, sensing, LawAsController(law, actuators, rate), law.law)
     return Sampled(law, rate, delay, sensing, controller)
 
 
@@ -191,7 +202,8 @@ def _number(
     found = getattr(controller, name, None)
     if found is None:
         return otherwise
-    if not (isinstance(found, int | float | np.number) and least <= found < np.inf):
+    number = isinstance(found, int | float | np.number) and not isinstance(found, bool)
+    if not (number and least <= found < np.inf):
         unit = {"rate": "Hz", "delay": "s"}[name]
         raise UsageError(
             f"controller: its {name} must be a number of {least:g} {unit} or more, not "

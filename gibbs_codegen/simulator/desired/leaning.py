@@ -14,6 +14,7 @@ from gibbs_codegen.simulator.desired.collocation import STENCIL, Grid
 from gibbs_codegen.simulator.desired.joint_moves import with_joints
 from gibbs_codegen.simulator.desired.knots import check_none
 from gibbs_codegen.simulator.desired.swing import Derivatives, applied, product, skew, swing
+from gibbs_codegen.simulator.plant.thrust_axis import LEANS_BY_THRUST
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.simulator.reference import Motion
 
@@ -50,7 +51,8 @@ class Leaning:
         self.upright = product(applied, self._wanted, own)
         self._sides = np.stack([np.stack(plane(tuple(each))) for each in axis])
         self.weight = float(np.linalg.norm(self._force(vehicle.neutral, 0.0)))
-        self.gravity = self.weight / (float(self._force(vehicle.neutral, 1.0)[2]) - self.weight)
+        held, lifted = (float(self._force(vehicle.neutral, each)[2]) for each in (0.0, 1.0))
+        self.gravity = held / (lifted - held)
 
     def _force(self, q: Array, upwards: float) -> Array:
         """Force (3) on the level base that accelerates upwards, m/s², N."""
@@ -141,6 +143,11 @@ class Leaning:
         time = self.joints.time
         needed = self.centre[:, 2] + np.array([0.0, 0.0, self.gravity])
         size = np.linalg.norm(needed, axis=-1)
+        if self.gravity == 0.0:
+            raise UsageError(
+                f"{self.vehicle.name}: at t = 0 s nothing holds the robot without "
+                f"gravity, and {LEANS_BY_THRUST}; give parameters.gravity another value than 0"
+            )
         falls = needed[:, 2] * self.gravity < -_LEAST_THRUST * self.gravity**2
         check_none(
             time,
@@ -149,7 +156,7 @@ class Leaning:
         )
         check_none(
             time,
-            size < _LEAST_THRUST * self.gravity,
+            size < _LEAST_THRUST * abs(self.gravity),
             "the path of the base is next to free fall, in which no thrust turns the base",
         )
         axis: Array = needed / size[:, np.newaxis]

@@ -24,7 +24,7 @@ from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.environment import Environment
-from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
 class Parts(NamedTuple):
@@ -176,16 +176,8 @@ class ClosedLoop:
         if not self.limited:
             return []
         commanded = self.commanded(time, self.parts(state))
-        reached = self._at_limits(commanded)
+        reached = self.actuators.reached(commanded)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
-
-    def _at_limits(self, commanded: Array) -> Flags:
-        """Which of commanded inputs (nu) are at a limit, or beyond."""
-        least, most = self.actuators.inputs
-        # Allocation within limits comes to them but for roundoff.
-        margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
-        at_limits: Flags = (commanded <= least + margin) | (commanded >= most - margin)
-        return at_limits
 
     def wrenches(
         self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
@@ -264,7 +256,7 @@ class ClosedLoop:
             growth = np.zeros_like(thrusts)
             rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
         growth = self.controller.growth(time, q, v, memory)
-        rates.append(kept_from_winding(growth, memory, np.any(self._at_limits(commanded))))
+        rates.append(kept_from_winding(growth, memory, np.any(self.actuators.reached(commanded))))
         return np.concatenate(rates)
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:

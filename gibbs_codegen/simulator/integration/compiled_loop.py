@@ -66,8 +66,7 @@ class CompiledLoop:
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so" or law not in LAWS:
             return None
-        # What the geometric law remembers is for Python.
-        if law == "geometric" and (closed.controller.memory or not vehicle.layout.is_quaternion):
+        if law == "geometric" and not vehicle.layout.is_quaternion:
             return None
         try:
             rk4 = _rk4(find_compiler(os.environ.get("CC") or None))

@@ -1,21 +1,20 @@
 """Linear modes of a closed loop: how fast tracking errors and lagging thrusts decay.
 
-Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. With motors of time
-constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. Under the geometric law that holds for
-joints, heading and height; sideways, what the position's error asks for is what the thrust axis
-follows by the gains of the attitude. These eigenvalues tell the steps that an integrator can take.
+Errors decay by the roots of `control.error_polynomials`, lagging thrusts by their time constants.
+To them come frames that lean on walls, and drag. These eigenvalues tell the steps that an
+integrator can take.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from gibbs_codegen.simulator.control.laws import CORRECTING, ControlLaw
+from gibbs_codegen.simulator.control.error_polynomials import error_polynomials
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Instants of the desired motion at which masses that walls feel are looked at.
 _INSTANTS = 33
@@ -37,7 +36,8 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: of lagging thrusts, of errors that a law corrects at all times, of walls.
+    """Modes that decay: of lagging thrusts, of errors that a law corrects at all times, of walls
+    and drag.
 
     Args:
         loop: The closed loop.
@@ -59,7 +59,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
         if root.real < 0.0
     ]
-    return sorted([*found, *_wall_modes(loop)], reverse=True)
+    return sorted([*found, *_wall_modes(loop), *_drag_modes(loop)], reverse=True)
 
 
 def _wall_modes(loop: ClosedLoop) -> list[Mode]:
@@ -71,9 +71,8 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
     """
     if loop.environment is None or not loop.environment.wall:
         return []
-    walls, reference = loop.environment.walls, loop.controller.reference
-    q = reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
-    masses = np.min(walls.effective_masses(loop.vehicle, q), axis=0)
+    walls = loop.environment.walls
+    masses = np.min(walls.effective_masses(loop.vehicle, _configurations(loop)), axis=0)
     found = []
     for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
         cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
@@ -84,38 +83,28 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
     return found
 
 
-def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[np.ndarray]:
-    """Characteristic polynomials of the errors under a law.
+def _drag_modes(loop: ClosedLoop) -> list[Mode]:
+    """The fastest mode by which drag slows the machine, along the desired motion.
 
-    Args:
-        controller: The law.
-        lags: Time constants of motors, s.
-
-    Returns:
-        Coefficients of each, highest power first; none if the law does not correct errors.
+    Velocities obey M v̇ = −Jᵀ C J v with the Jacobian J of the frames and their coefficients C.
     """
-    if controller.law not in CORRECTING:
+    drag = loop.environment.drag if loop.environment else None
+    if drag is None:
         return []
-    gains, places = controller.gains, controller.vehicle.layout.v
-    every = np.stack([gains.damping, gains.stiffness], axis=-1)
-    attitude = every[places.attitude]
-    if controller.law == "geometric":
-        every = np.delete(every, places.attitude, axis=0)
-    found = []
-    for pair in np.unique(every, axis=0):
-        # Joint torques do not lag, so errors of joints are as without.
-        rest = [*pair, gains.integral * pair[1]] if gains.integral else pair
-        found.append(np.array([1.0, *rest]))
-        found += [np.array([lag, 1.0, *rest]) / lag for lag in lags]
-    if controller.law == "geometric":
-        pairs = np.concatenate([every[places.position], attitude], axis=-1)
-        for *position, damping, stiffness in np.unique(pairs, axis=0):
-            asked = np.polymul([damping, stiffness], position)
-            for lag in (0.0, *lags):
-                lean = np.trim_zeros(np.array([lag, 1.0, damping, stiffness]), "f")
-                whole = np.polyadd(np.polymul(lean, np.array([1.0, 0.0, 0.0])), asked)
-                found.append(whole / whole[0])
-    return found
+    q = _configurations(loop)
+    jacobians = loop.vehicle.function("frame_jacobians")(q)
+    coefficients = drag.coefficients[..., np.newaxis]
+    slowing = np.einsum("sfai,sfaj->sij", jacobians, coefficients * jacobians)
+    values = np.linalg.eigvals(np.linalg.solve(loop.vehicle.mass_matrix(q), slowing))
+    rate = float(np.max(values.real))
+    remedy = "less drag (wind.drag, wind.rotational_drag)"
+    return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []
+
+
+def _configurations(loop: ClosedLoop) -> Array:
+    """Coordinates (s, nq) at instants of the desired motion."""
+    reference = loop.controller.reference
+    return reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
 
 
 def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:

@@ -127,7 +127,7 @@ def _rotors(vehicle: Vehicle) -> Values:
 
 class _Sharing(ctypes.Structure):
     _fields_ = (
-        *(("limited", _FLAG), ("lacks", _FLAG), ("distribution", POINTER)),
+        *(("limited", _FLAG), ("refuses", _FLAG), ("distribution", POINTER)),
         *(("least", POINTER), ("most", POINTER)),
     )
 
@@ -138,7 +138,7 @@ def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
     least, most = (np.broadcast_to(each, count) for each in limits)
     return {
         "limited": allocation.limits is not None,
-        "lacks": bool(allocation.missing),
+        "refuses": allocation.refuses and (bool(allocation.missing) or closed.vehicle.rotors_move),
         "distribution": allocation.inverse,
         "least": least,
         "most": most,

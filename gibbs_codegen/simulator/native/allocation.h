@@ -146,8 +146,7 @@ static int allocate(const Loop *f, const double *q, const Attitude *a, const dou
             inputs[k] = dot(BASE, f->sharing.distribution + k * BASE, wrench);
         }
     }
-    const int doubtful = f->known.move || f->sharing.lacks;
-    if (doubtful && !produced(n, columns, wrench, inputs)) {
+    if (f->sharing.refuses && !produced(n, columns, wrench, inputs)) {
         return REFUSED;
     }
     if (f->sharing.limited && keep_within(f, columns, wrench, inputs, room) == REFUSED) {

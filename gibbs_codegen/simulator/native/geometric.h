@@ -26,23 +26,38 @@ typedef struct {
     double thrust;
 } Need;
 
-/* The thrust axis in the base's frame: that of the first rotor. */
+/* The thrust axis in the base's frame, along what equal thrusts of all rotors make. */
 static void axis_of(const Loop *f, const double *q, double *axis, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t width = inputs_of(f);
-    memcpy(axis, f->known.wrenches, 3 * sizeof *axis);
+    double *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
+    double sum[3] = {0.0, 0.0, 0.0}, most = 0.0;
     if (f->known.move) {
-        double *const matrix = take(&room, at->velocities * width);
         f->functions.input_matrix(f->model, q, matrix);
+    }
+    for (ptrdiff_t k = 0; k < at->rotors; ++k) {
+        double force[3];
         for (int i = 0; i < 3; ++i) {
-            axis[i] = matrix[(at->position + i) * width];
+            force[i] = f->known.move ? matrix[(at->position + i) * width + k]
+                                     : f->known.wrenches[k * BASE + i];
+            sum[i] += force[i];
+        }
+        if (dot(3, force, force) > most) {
+            most = dot(3, force, force);
+            memcpy(axis, force, sizeof force);
         }
     }
-    const double size = sqrt(dot(3, axis, axis));
+    const double size = copysign(sqrt(most), dot(3, sum, axis));
     for (int i = 0; i < 3; ++i) {
         axis[i] /= size;
     }
+}
+
+/* What integral action adds to an error, by the place of its rate in the velocities. */
+static double learned(const Loop *f, const Moment *now, ptrdiff_t place)
+{
+    return f->layout.memory ? f->gains.integral * now->memory[place] : 0.0;
 }
 
 /* The force that errors and the desired motion ask for. `jacobian` is that of the centre of mass,
@@ -51,7 +66,7 @@ static Need need_of(const Loop *f, const Moment *now, const double *jacobian, co
 {
     const ptrdiff_t m = f->layout.velocities, position = f->layout.position;
     const double mass = f->centre.mass;
-    double place[3], path[9], desired[3], drift[3], wish[3], growth[3];
+    double place[3], path[9], desired[3], off[3], drift[3], wish[3], growth[3];
     Need need;
     f->functions.centre_of_mass(f->model, now->q, place);
     evaluate(&f->desired, f->centre.coefficients, 3, now->time, path);
@@ -59,7 +74,8 @@ static Need need_of(const Loop *f, const Moment *now, const double *jacobian, co
         const double k = f->gains.stiffness[position + i], d = f->gains.damping[position + i];
         desired[i] = mass * path[6 + i] + f->centre.weight[i];
         drift[i] = path[3 + i] - dot(m, jacobian + i * m, now->v);
-        wish[i] = mass * (k * (path[i] - place[i]) + d * drift[i]);
+        off[i] = path[i] - place[i];
+        wish[i] = mass * (k * (off[i] + learned(f, now, position + i)) + d * drift[i]);
     }
     const double most = AUTHORITY * AUTHORITY * dot(3, desired, desired);
     const double share = 1.0 / sqrt(1.0 + dot(3, wish, wish) / most);
@@ -70,7 +86,8 @@ static Need need_of(const Loop *f, const Moment *now, const double *jacobian, co
     need.thrust = fmax(dot(3, need.force, along), 0.0);
     for (int i = 0; i < 3; ++i) {
         const double k = f->gains.stiffness[position + i], d = f->gains.damping[position + i];
-        growth[i] = k * mass * drift[i] + d * (desired[i] - need.thrust * along[i]);
+        growth[i] = k * mass * (drift[i] + f->gains.integral * off[i]) +
+                    d * (desired[i] - need.thrust * along[i]);
     }
     const double bend = dot(3, wish, growth) * share * share * share / most;
     for (int i = 0; i < 3; ++i) {
@@ -165,6 +182,22 @@ static void lean_to(const Loop *f, const Moment *now, const double *axis, const 
     weigh(at, f->gains.stiffness, sum, axis, out);
 }
 
+/* How what the law remembers grows: by the errors of the centre of mass and of the joints. */
+static void remember_centre(const Loop *f, const Moment *now, double *growth)
+{
+    const Layout *const at = &f->layout;
+    double place[3], path[9];
+    f->functions.centre_of_mass(f->model, now->q, place);
+    evaluate(&f->desired, f->centre.coefficients, 3, now->time, path);
+    memset(growth, 0, (size_t)at->memory * sizeof *growth);
+    for (int i = 0; i < 3; ++i) {
+        growth[at->position + i] = path[i] - place[i];
+    }
+    for (ptrdiff_t i = at->joints; i < at->joints + at->velocities - BASE; ++i) {
+        growth[i] = now->wanted[i + 1] - now->q[i + 1];
+    }
+}
+
 /* Inputs by which the centre of mass, the attitude and the joints follow the desired motion. */
 static int geometric(const Loop *f, const Moment *now, double *inputs, Room room)
 {
@@ -181,7 +214,8 @@ static int geometric(const Loop *f, const Moment *now, double *inputs, Room room
     lean_to(f, now, axis, &need, a + at->attitude);
     for (ptrdiff_t i = at->joints; i < at->joints + m - BASE; ++i) {
         a[i] = now->wanted[n + m + i] +
-               f->gains.stiffness[i] * (now->wanted[i + 1] - now->q[i + 1]) +
+               f->gains.stiffness[i] *
+                   (now->wanted[i + 1] - now->q[i + 1] + learned(f, now, i)) +
                f->gains.damping[i] * (now->wanted[n + i] - now->v[i]);
     }
     f->functions.inverse_dynamics(f->model, now->q, now->v, a, generalised);

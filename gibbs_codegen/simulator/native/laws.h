@@ -19,7 +19,7 @@ static void corrected(const Loop *f, const Moment *now, double *restrict out, Ro
     double *const off = take(&room, 2 * m);
     errors_of(at, wanted, now->q, now->v, off);
     for (ptrdiff_t i = 0; i < m; ++i) {
-        off[i] += at->memory ? f->gains.integral * now->memory[i] : 0.0;
+        off[i] += learned(f, now, i);
         off[i] = f->gains.stiffness[i] * off[i] + f->gains.damping[i] * off[m + i];
         out[i] = wanted[n + m + i] + off[i];
     }
@@ -80,7 +80,9 @@ static ptrdiff_t room_of_law(const Loop *f)
 /* How what a law remembers grows: the integrals of the errors, if there are any. */
 static void remember(const Loop *f, const Moment *now, double *growth, Room room)
 {
-    if (f->layout.memory) {
+    if (f->layout.memory && f->law == GEOMETRIC) {
+        remember_centre(f, now, growth);
+    } else if (f->layout.memory) {
         double *const off = take(&room, 2 * f->layout.velocities);
         errors_of(&f->layout, now->wanted, now->q, now->v, off);
         memcpy(growth, off, (size_t)f->layout.memory * sizeof *growth);

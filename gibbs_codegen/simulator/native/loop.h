@@ -81,7 +81,7 @@ typedef struct {
 /* How the rotors that the law knows share a wrench on the base. */
 typedef struct {
     int limited;
-    int lacks;                  /* whether there are directions that rotors cannot command */
+    int refuses;                /* whether a wrench that no thrusts produce is refused */
     const double *distribution; /* [rotors][6]: thrusts of a force and a torque */
     const double *least;        /* [rotors]: limits of the thrusts */
     const double *most;

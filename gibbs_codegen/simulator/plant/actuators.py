@@ -17,7 +17,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Scenario
-from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 
 _NO_LIMITS = (-math.inf, math.inf)
 
@@ -64,6 +64,21 @@ class Actuators:
     def inputs(self) -> Array:
         """Least and greatest inputs (2, nu): thrusts, N, then torques and forces of the joints."""
         return np.concatenate([self.thrusts, [-self.efforts, self.efforts]], axis=1)
+
+    def reached(self, commanded: Array) -> Flags:
+        """Which inputs are at a limit, or beyond.
+
+        Args:
+            commanded: Inputs (nu) that are commanded.
+
+        Returns:
+            Whether each of them is (nu).
+        """
+        least, most = self.inputs
+        # Allocation within limits comes to them but for roundoff.
+        margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
+        reached: Flags = (commanded <= least + margin) | (commanded >= most - margin)
+        return reached
 
 
 def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:

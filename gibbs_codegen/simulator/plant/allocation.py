@@ -7,7 +7,9 @@ one matrix serves; of rotors that joints move, `moving_rotors` tells.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,9 @@ class Allocation:
         limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
     """
 
+    # Whether a wrench that no thrusts produce is refused.
+    refuses = True
+
     def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
@@ -58,6 +63,16 @@ class Allocation:
         weighted = self._weights[:, np.newaxis] * wrenches
         preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
+
+    def in_flight(self) -> Self:
+        """The same, which refuses no wrench but comes as near to it as thrusts can.
+
+        What rotors lack is looked at before a flight. In flight, what thrusts do not produce is
+        rounding, next to which the wrenches of a machine that tumbles are great.
+        """
+        found = copy.copy(self)
+        found.refuses = False
+        return found
 
     def thrusts(self, wrenches: Array) -> Array:
         """Thrusts that produce wrenches, or within limits come nearest to them.
@@ -72,12 +87,13 @@ class Allocation:
             AllocationError: For a wrench in a direction that the rotors cannot command.
         """
         found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
-        if self.missing:
+        if self.missing and self.refuses:
             self._check_produced(wrenches)
         if self.limits is None:
             return found
         least, most = self.limits
         beyond = np.any((found < least) | (found > most), axis=-1)
+        beyond &= np.all(np.isfinite(wrenches), axis=-1)
         for index in np.argwhere(beyond):
             place = tuple(index)
             desired = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])

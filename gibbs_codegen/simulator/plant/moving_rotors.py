@@ -37,13 +37,15 @@ class MovingAllocation(Allocation):
         """
         matrices, inverses = self._at(q)
         thrusts: Array = (inverses @ wrenches[..., np.newaxis])[..., 0]
-        doubtful = unproduced(matrices, inverses, wrenches) > 0.0
+        doubtful = self.refuses & (unproduced(matrices, inverses, wrenches) > 0.0)
         if self.limits is not None:
             least, most = self.limits
             doubtful |= np.any((thrusts < least) | (thrusts > most), axis=-1)
         for index in np.argwhere(doubtful):
             place = tuple(index)
-            thrusts[place] = Allocation(matrices[place], self.limits).thrusts(wrenches[place])
+            here = Allocation(matrices[place], self.limits)
+            here.refuses = self.refuses
+            thrusts[place] = here.thrusts(wrenches[place])
         return thrusts
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:

@@ -9,6 +9,8 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 # Of the wrenches that such rotors command: the force along the axis, and three moments.
 _DIRECTIONS = 4
+# Why such a base cannot fly without thrust.
+LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 
 
 def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
@@ -19,8 +21,8 @@ def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
         q: Configurations (…, nq).
 
     Returns:
-        Unit vectors (…, 3) in the base's frame, along the thrust of the first rotor; None if at
-        some configuration the rotors command other wrenches.
+        Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors
+        make; None if at some configuration the rotors command other wrenches.
     """
     wrenches = vehicle.thrust_wrenches(q)
     if np.any(ranks(wrenches) != _DIRECTIONS) or np.any(ranks(wrenches[..., :3, :]) != 1):
@@ -29,7 +31,7 @@ def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
 
 
 def force_axis(wrenches: Array) -> Array:
-    """The axis along which the first rotor pushes, as all do of those that have one.
+    """The axis along which rotors push, in the direction of what equal thrusts of all make.
 
     Args:
         wrenches: Wrenches of unit thrusts (…, 6, N), as `Vehicle.thrust_wrenches` has them.
@@ -37,6 +39,11 @@ def force_axis(wrenches: Array) -> Array:
     Returns:
         Unit vectors (…, 3) in the base's frame.
     """
-    force = wrenches[..., :3, 0]
-    axis: Array = force / np.linalg.norm(force, axis=-1, keepdims=True)
+    forces = wrenches[..., :3, :]
+    sizes = np.linalg.norm(forces, axis=-2, keepdims=True)
+    largest = np.argmax(sizes, axis=-1, keepdims=True)
+    force = np.take_along_axis(forces, largest, axis=-1)
+    # Rotors may push either way; where as many push up as down, the greatest one decides.
+    along = np.sum(forces * force, axis=(-2, -1), keepdims=True)
+    axis: Array = (force / np.copysign(np.max(sizes, axis=-1, keepdims=True), along))[..., 0]
     return axis

@@ -49,14 +49,14 @@ def test_the_rotors_decide(name: str, law: Law, chosen: Law, shipped: Load) -> N
         (
             "quadrotor",
             "computed_torque",
-            "quadrotor: to fly 'hover' under computed torque the base must be fully actuated, but "
+            "quadrotor: to fly 'hover' under computed torque, the base must be fully actuated, but "
             "the rotors cannot command force along x and force along y (in the base's frame, about "
             'the base centre); set control.law to "tracking" or "geometric"',
         ),
         (
             "hexarotor",
             "geometric",
-            "hexarotor: to fly 'hover' under the geometric law the rotors must push along one "
+            "hexarotor: to fly 'hover' under the geometric law, the rotors must push along one "
             "axis, but they command all directions; set control.law to",
         ),
         ("quadrotor_2link", "tracking", "cannot command force along y and torque about x (in"),

@@ -13,19 +13,21 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.tools import missing
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.scenario.control import Control
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.scenario import Scenario, Settings
 from gibbs_codegen.simulator.control.choice import control_law
+from gibbs_codegen.simulator.control.error_polynomials import error_polynomials
 from gibbs_codegen.simulator.control.geometric import GeometricLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
-from gibbs_codegen.simulator.integration.error_modes import error_polynomials
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
+from gibbs_codegen.simulator.plant.thrust_axis import force_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 from gibbs_codegen.simulator.simulation import simulate
@@ -144,6 +146,28 @@ def test_small_errors_decay_by_the_polynomials(name: str, lag: float, machines: 
     assert max(found.real) < -1.0
 
 
+def test_integrals_decay_by_the_polynomials(machines: Load) -> None:
+    """As before, of position and its integral; that of the attitude is not remembered."""
+    vehicle = Vehicle(machines("quadrotor"))
+    control = replace(CONTROL, integral=2.0)
+    law = law_of(vehicle, resting(vehicle, vehicle.neutral), control)
+    loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle))
+    rest = loop.start(*law.reference(0.0)[:2])
+    attitude = loop.memory_place + np.arange(vehicle.layout.v.size)[vehicle.layout.v.attitude]
+    scalar = vehicle.layout.q.attitude.stop - 1
+    keep = np.setdiff1d(np.arange(loop.size), [loop.work_place, scalar, *attitude])
+    size = 1e-5
+    slopes = [
+        (loop.derivative(0.5, rest + step) - loop.derivative(0.5, rest - step))[keep] / (2.0 * size)
+        for step in size * np.eye(loop.size)[keep]
+    ]
+    found = np.linalg.eigvals(np.transpose(slopes))
+    wanted = np.concatenate([np.roots(each) for each in error_polynomials(law, [])])
+    assert sorted(len(each) - 1 for each in error_polynomials(law, [])) == [2, 3, 5]
+    for one, other in ((found, wanted), (wanted, found)):
+        assert max(np.min(np.abs(one - each)) for each in other) < 1e-3
+
+
 @pytest.mark.parametrize("name", ["quadrotor", ANGLES, "dual_arm", "hydrus"])
 def test_from_any_state_joints_and_centre_of_mass_move_as_the_law_says(
     name: str, machines: Load, motions: Callable[[str], Motion]
@@ -207,17 +231,18 @@ def test_angles_and_a_quaternion_get_the_same_inputs(machines: Load) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "limits", "lag"),
+    ("name", "limits", "lag", "integral"),
     [
-        ("quadrotor", (0.0, 8.5), 0.0),
-        ("dual_arm", (-1e6, 1e6), 0.05),
-        ("hydrus", (-1e6, 1e6), 0.0),
+        ("quadrotor", (0.0, 8.5), 0.0, 0.0),
+        ("dual_arm", (-1e6, 1e6), 0.05, 1.0),
+        ("hydrus", (-1e6, 1e6), 0.0, 0.5),
     ],
 )
 def test_every_step_in_c_is_that_of_python(
     name: str,
     limits: tuple[float, float],
     lag: float,
+    integral: float,
     machines: Load,
     motions: Callable[[str], Motion],
 ) -> None:
@@ -227,7 +252,8 @@ def test_every_step_in_c_is_that_of_python(
         missing("nothing compiles")
     reference = vehicle.kinematics.reference(motions(name))
     allocation = allocation_of(vehicle, limits=limits)
-    law = control_law("geometric", CONTROL, vehicle, reference, allocation)
+    control = replace(CONTROL, integral=integral)
+    law = control_law("geometric", control, vehicle, reference, allocation)
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[:] = lag
     closed = ClosedLoop(vehicle, law, actuators)
@@ -268,6 +294,58 @@ def test_the_heading_may_be_the_opposite(fast: Load) -> None:
     flight = simulate(fast("quadrotor"), hover((0.0, 0.0, 180.0), 3.0))
     assert flight.centre_error.max() < 0.05
     assert np.abs(flight.errors[-1]).max() < 1e-3
+
+
+def test_a_heading_exactly_opposite_turns(machines: Load) -> None:
+    """By half a turn, about which quaternions say nothing more; as fast in C as in Python."""
+    vehicle = Vehicle(machines("quadrotor"))
+    law = law_of(vehicle, resting(vehicle, vehicle.neutral))
+    loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle))
+    state = loop.start(*law.reference(0.0)[:2])
+    state[vehicle.layout.q.attitude] = [0.0, 0.0, 1.0, 0.0]
+    rate = loop.derivative(0.0, state)
+    spin = rate[len(vehicle.neutral) + vehicle.layout.v.attitude.stop - 1]
+    assert np.abs(spin) == pytest.approx(np.pi * CONTROL.frequency**2)
+    compiled = CompiledLoop.of(loop, np.inf)
+    if compiled is not None:
+        found = compiled.rate(0.0, state)
+        assert found is not None
+        assert np.abs(found) == pytest.approx(np.abs(rate), abs=1e-9)  # Either way round.
+
+
+def test_the_axis_is_that_of_all_rotors() -> None:
+    wrenches = np.zeros((6, 4))
+    wrenches[2] = [-1.0, 2.0, 2.0, 0.0]
+    assert force_axis(wrenches).tolist() == [0.0, 0.0, 1.0]
+    assert force_axis(np.stack([wrenches, -wrenches]))[:, 2].tolist() == [1.0, -1.0]
+    wrenches[2] = [0.0, -1.0, -1.0, -1.0]
+    assert force_axis(wrenches).tolist() == [0.0, 0.0, -1.0]
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+@pytest.mark.parametrize("push", [{"torque": [0, 10, 0]}, {"force": [1e4, 0, 0]}])
+def test_a_machine_that_tumbles_ends_with_the_reason_and_its_data(
+    method: str, push: dict[str, object], fast: Load
+) -> None:
+    acts = {"frame": "base", "begin": 0.1, "end": 0.5, **push}
+    integration = {"method": method, "rate": 50}
+    flight = simulate(
+        fast("quadrotor"), read_scenario("hover", {"push": acts, "integration": integration})
+    )
+    assert "control is lost" in flight.stopped
+    assert flight.time[-1] > 0.1
+    assert np.all(np.isfinite(flight.commanded))
+
+
+def test_without_gravity_nothing_tells_how_the_base_must_lean(fast: Load) -> None:
+    words = (
+        r"quadrotor: at t = 0 s .*nothing tells how the base must lean; give parameters\.gravity"
+    )
+    with pytest.raises(UsageError, match=words):
+        simulate(fast("quadrotor"), read_scenario("hover", {"parameters": {"gravity": 0}}))
+    vehicle = Vehicle(fast("quadrotor"), {"gravity": 0})
+    with pytest.raises(UsageError, match="needs no thrust, and without thrust nothing tells"):
+        law_of(vehicle, resting(vehicle, vehicle.neutral))
 
 
 def hover(turn: tuple[float, float, float], duration: float) -> Scenario:

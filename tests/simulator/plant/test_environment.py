@@ -204,6 +204,14 @@ def test_steps_that_are_too_long_for_a_wall_are_refused_with_those_that_serve(fa
     assert flight.point(flight.centre)[:, 2].max() < 2.01
 
 
+def test_steps_that_are_too_long_for_drag_are_refused(fast: Load) -> None:
+    rk4 = {"method": "rk4", "step": 0.002}
+    wind = {"drag": {"base": 3000.0}}
+    scenario = read_scenario("hover", {"duration": 0.05, "wind": wind, "integration": rk4})
+    with pytest.raises(UsageError, match="makes errors grow, because of the drag; use steps of"):
+        simulate(fast("hexarotor"), scenario)
+
+
 def test_inspection_pushes_with_the_force_of_two_springs_in_a_row(fast: Load) -> None:
     """Wall and controller: the controller's stiffness at the tip is that of the mass it moves."""
     module = fast("hexarotor_3link")
