@@ -447,7 +447,8 @@ int main(void)
         f.layout.placed = f.layout.position;
         f.desired.pieces = 1 + draw(4);
         f.law = (int)draw(turning ? 5 : 4);
-        f.layout.memory = draw(3);
+        f.layout.memory = draw(2) ? n : 0; /* with integral action, one for each velocity */
+        f.gains.integral = 0.5;
         double *wrenches = filled(FRAMES * BASE), *rows = filled(15 + 27 + 18 + 6);
         surroundings(&f.environment, wrenches, rows);
         const ptrdiff_t acting = rotors + n - BASE;
