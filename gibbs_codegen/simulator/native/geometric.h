@@ -33,6 +33,7 @@ static void axis_of(const Loop *f, const double *q, double *axis, Room room)
     const ptrdiff_t width = inputs_of(f);
     double *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
     double sum[3] = {0.0, 0.0, 0.0}, most = 0.0;
+    memset(axis, 0, 3 * sizeof *axis);
     if (f->known.move) {
         f->functions.input_matrix(f->model, q, matrix);
     }

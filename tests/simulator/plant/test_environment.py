@@ -206,7 +206,7 @@ def test_steps_that_are_too_long_for_a_wall_are_refused_with_those_that_serve(fa
 
 def test_steps_that_are_too_long_for_drag_are_refused(fast: Load) -> None:
     rk4 = {"method": "rk4", "step": 0.002}
-    wind = {"drag": {"base": 3000.0}}
+    wind = {"drag": {"base": 9000.0}}
     scenario = read_scenario("hover", {"duration": 0.05, "wind": wind, "integration": rk4})
     with pytest.raises(UsageError, match="makes errors grow, because of the drag; use steps of"):
         simulate(fast("hexarotor"), scenario)
