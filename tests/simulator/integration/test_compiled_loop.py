@@ -488,7 +488,7 @@ int main(void)
         f.flown.wrenches = f.known.wrenches = columns;
         f.known.move = draw(2) == 0;
         f.sharing.limited = draw(2) == 0;
-        f.sharing.lacks = draw(8) == 0;
+        f.sharing.refuses = draw(8) == 0;
         f.sharing.least = lowest;
         f.sharing.most = highest;
         double *stiffness = filled(n), *damping = filled(n), *losses = filled(n);
