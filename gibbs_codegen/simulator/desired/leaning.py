@@ -148,10 +148,10 @@ class Leaning:
                 f"{self.vehicle.name}: at t = 0 s nothing holds the robot without "
                 f"gravity, and {LEANS_BY_THRUST}; give parameters.gravity another value than 0"
             )
-        falls = needed[:, 2] * self.gravity < -_LEAST_THRUST * self.gravity**2
+        against = np.sum(needed * self.upright[0], axis=-1) < _OPPOSITE * size
         check_none(
             time,
-            falls & (self.upright[0][:, 2] * self.gravity > 0.0),
+            against & (needed[:, 2] * self.gravity < 0.0),
             "the path of the base falls faster than freely, for which thrust has to push down",
         )
         check_none(
@@ -160,7 +160,6 @@ class Leaning:
             "the path of the base is next to free fall, in which no thrust turns the base",
         )
         axis: Array = needed / size[:, np.newaxis]
-        against = np.sum(axis * self.upright[0], axis=-1) < _OPPOSITE
         if np.any(against):
             raise UsageError(
                 f"at t = {time[against][0]:.6g} s the path of the base needs thrust against that "
