@@ -128,7 +128,9 @@ def label_axes(axes: Axes, label: str) -> None:
         axes.set_ylim((low + high - least) / 2.0, (low + high + least) / 2.0)
     place = axes.get_subplotspec()
     lowest = place is None or place.is_last_row()
-    axes.tick_params(labelbottom=lowest)
+    # Axes that do not reach over the whole width have times of their own.
+    narrow = place is not None and len(place.colspan) < place.get_gridspec().ncols
+    axes.tick_params(labelbottom=lowest or narrow)
     axes.set_xlabel("time (s)" if lowest else "")
 
 
@@ -174,7 +176,8 @@ def explain(axes: Axes, solid: str, dashed: str) -> None:
 def symbol(name: str) -> str:
     """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
 
-    Other names stay as they are, shortened to their ends where they are long.
+    Other names lose what says thrust or torque, as the axis does, and their beginnings where they
+    are long.
 
     Args:
         name: Its name in the generated module.
@@ -184,6 +187,7 @@ def symbol(name: str) -> str:
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
     if found is None:
+        name = re.sub(r"^(F|tau|tau_prime)_", "", name)
         return name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
     letter, index, *_ = (part for part in (*found.groups(), "") if part is not None)
     letters = {"theta": r"\theta", "tau": r"\tau", "tau_prime": r"\tau\prime"}
