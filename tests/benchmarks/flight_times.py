@@ -36,7 +36,6 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from c_times import machine, ratio_text  # noqa: E402
 from family import benchmark_robot  # noqa: E402
-from peers.contender import position_first  # noqa: E402
 from peers.mujoco_peer import model_text  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
@@ -124,7 +123,7 @@ class MuJoCoFlight:
             (1 << mujoco.mjtDisableBit.mjNDISABLE.value) - 1
         )
         self.data = mujoco.MjData(self.model)
-        self.order = position_first(tree.coordinates)
+        self.order = tree.layout.order
         self.start = flight.q[list(self.order)], flight.v[list(self.order)]
         self.time_calls = time_calls
         (binary,) = Path(mujoco.__file__).parent.glob("libmujoco.so*")
