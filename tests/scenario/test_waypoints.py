@@ -63,7 +63,7 @@ def test_points_and_velocities_are_exact_and_derivatives_those(
 def test_four_derivatives_are_continuous(steps: list[float], seed: int) -> None:
     times, points, velocities = chosen(steps, seed)
     path = Waypoints(times.tolist(), points.tolist(), velocities)
-    h = 1e-4
+    h = 1e-5
     for time in times:
         # The slope of the jerk from both sides; outside, the path has none.
         before, here, after = (path(time + by)[3] for by in (-h, 0.0, h))
