@@ -1,0 +1,1 @@
+"""Studies of many flights: cases, their chunks on any executor, and tables of what they gave."""
