@@ -1,4 +1,4 @@
-"""Many flights of one robot: those that can be integrated side by side are, the others one by one."""
+"""Many flights of one robot: side by side where that is possible, and else one by one."""
 
 from __future__ import annotations
 
