@@ -124,30 +124,12 @@ class _Run:
         self._problem = problem
         self._real = _REALS[problem.precision]
         self._owned: list[Any] = []
-        count, motors, feedback = len(problem.q), problem.motors, problem.feedback
-        samples = 1 + problem.steps // problem.every
-        lags = motors is not None and bool(np.any(motors.time_constants))
-        self.settings = _SETTINGS[problem.precision](
-            constants=self._read(_constants(problem)),
-            dt=problem.dt,
-            method=_METHODS.index(problem.method),
-            every=problem.every,
-            inputs=self._rows(problem.inputs),
-            bounds=self._read(problem.bounds),
-        )
-        if problem.wrenches is not None:
-            self.settings.wrenches = self._rows(problem.wrenches)
-        if feedback is not None:
-            self.settings.gain = self._read(feedback.gain)
-            self.settings.desired_q = self._rows(feedback.q)
-            self.settings.desired_v = self._rows(feedback.v)
-        if motors is not None:
-            self.settings.least = self._read(motors.least)
-            self.settings.most = self._read(motors.most)
+        count, samples = len(problem.q), 1 + problem.steps // problem.every
         self._steps, self._ended = np.zeros(count, np.uintp), np.zeros(count, np.uint8)
         self._q = np.empty((count, samples, problem.q.shape[1]), self._real)
         self._v = np.empty((count, samples, problem.v.shape[1]), self._real)
         self._thrusts: Reals | None = None
+        self.settings = self._settings()
         self.states = _States(
             q=self._written(problem.q),
             v=self._written(problem.v),
@@ -157,12 +139,35 @@ class _Run:
             q_samples=self._q.ctypes.data,
             v_samples=self._v.ctypes.data,
         )
-        if motors is not None and lags:
+        motors = problem.motors
+        if motors is not None and np.any(motors.time_constants):
             rotors = motors.thrusts.shape[1]
             self._thrusts = np.empty((count, samples, rotors), self._real)
             self.settings.time_constants = self._rows(motors.time_constants[:, None])
             self.states.thrusts = self._written(np.broadcast_to(motors.thrusts, (count, rotors)))
             self.states.thrust_samples = self._thrusts.ctypes.data
+
+    def _settings(self) -> ctypes.Structure:
+        """What is computed, but for the lag of thrusts."""
+        problem, motors, feedback = self._problem, self._problem.motors, self._problem.feedback
+        settings = _SETTINGS[problem.precision](
+            constants=self._read(_constants(problem)),
+            dt=problem.dt,
+            method=_METHODS.index(problem.method),
+            every=problem.every,
+            inputs=self._rows(problem.inputs),
+            bounds=self._read(problem.bounds),
+        )
+        if problem.wrenches is not None:
+            settings.wrenches = self._rows(problem.wrenches)
+        if feedback is not None:
+            settings.gain = self._read(feedback.gain)
+            settings.desired_q = self._rows(feedback.q)
+            settings.desired_v = self._rows(feedback.v)
+        if motors is not None:
+            settings.least = self._read(motors.least)
+            settings.most = self._read(motors.most)
+        return settings
 
     def rollout(self) -> Rollout:
         """What the calls have left in the arrays."""

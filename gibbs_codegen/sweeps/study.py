@@ -235,13 +235,17 @@ def read_study(folder: StrPath) -> Study:
     try:
         table = np.load(place / _TABLE, allow_pickle=False)
         cases = [Case(**case) for case in json.loads((place / _CASES).read_text("utf-8"))]
-        if len(cases) != len(table):
-            raise ValueError(f"{len(table)} rows of {len(cases)} cases")
     except (OSError, TypeError, ValueError) as error:
-        raise UsageError(
-            f"{printable(folder)}: holds no study that a sweep finished: {printable(error)}"
-        ) from None
+        raise _no_study(folder, error) from None
+    if len(cases) != len(table):
+        raise _no_study(folder, f"{len(table)} rows of {len(cases)} cases")
     return Study(place, cases, table)
+
+
+def _no_study(folder: StrPath, why: object) -> UsageError:
+    return UsageError(
+        f"{printable(folder)}: holds no study that a sweep finished: {printable(why)}"
+    )
 
 
 def _toml(value: Any) -> str:
