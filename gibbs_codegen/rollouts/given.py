@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.emitted.evaluation import real_numbers
+from gibbs_codegen.emitted.preparation import first_of, real_numbers
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.rollouts.problem import Array, Feedback, Motors
@@ -280,10 +280,10 @@ class Given:
             return
         if not wrong.any():
             return
-        place = np.unravel_index(np.argmax(wrong), wrong.shape)
-        where = f"[{', '.join(map(str, place))}]" if wrong.ndim else ""
+        place, words = first_of("value", wrong)
+        where = f": {words}" if wrong.ndim else ""
         shown = "" if values is None else f", not {printable(values[place])}"
-        raise UsageError(f"{name}{where}: must be {wanted}{shown}")
+        raise UsageError(f"{name}{where} must be {wanted}{shown}")
 
 
 def whole(name: str, value: Any) -> int:

@@ -133,7 +133,9 @@ def test_progress_gets_to_its_end_and_can_interrupt(module: ModuleType) -> None:
 
 WRONG = {
     "q0: its shape must be (9,) or (states, 9), not (8,)": {"q0": np.zeros(8)},
-    "q0[1, 2]: must be finite, not nan": {"q0": [[0.0] * 9, [0.0, 0.0, np.nan] + [0.0] * 6]},
+    "q0: value [1, 2] of 18 must be finite, not nan": {
+        "q0": [[0.0] * 9, [0.0, 0.0, np.nan] + [0.0] * 6]
+    },
     "q0: has no states": {"q0": np.zeros((0, 9))},
     "v0 must be real numbers: not str": {"v0": "v"},
     "4 in v0, 2 in control; give equally many, or one": {
@@ -144,7 +146,9 @@ WRONG = {
         "control": np.zeros((5, 9))
     },
     "what the controller returned: its shape must be (9,)": {"control": lambda *_: np.zeros(3)},
-    "what the controller returned[0]: must be finite": {"control": lambda *_: np.full(9, np.inf)},
+    "what the controller returned: value 0 of 9 must be finite": {
+        "control": lambda *_: np.full(9, np.inf)
+    },
     "control.gain: its shape must be (9, 18), not (9, 9)": {
         "control": Feedback(np.eye(9), np.zeros(9), np.zeros(9))
     },
@@ -154,7 +158,9 @@ WRONG = {
     "method: 'rk5' is unknown; known: euler, rk4": {"method": "rk5"},
     "precision: 'half' is unknown; known: double, single": {"precision": "half"},
     "threads: must be a whole number of 1 or more, not 0": {"threads": 0},
-    "time_constants[1, 0]: must be 0 or more, in s": {"time_constants": [[0.1] * 6, [-1.0] * 6]},
+    "time_constants: value [1, 0] of 12 must be 0 or more, in s": {
+        "time_constants": [[0.1] * 6, [-1.0] * 6]
+    },
     "thrusts: without time_constants": {"thrusts": 1.0},
     "limits: entry 8: the least value 3 must not be above the greatest, 2": {
         "limits": (3.0, [3.0] * 8 + [2.0])
@@ -165,7 +171,7 @@ WRONG = {
     "hexarotor_3link: parameters: unknown parameter 'link2_lenght'": {
         "parameters": {"link2_lenght": 1.0}
     },
-    "parameters: link2_length[17]: must be finite, not inf": {
+    "parameters: link2_length: value 17 of 1000 must be finite, not inf": {
         "parameters": {"link2_length": np.where(np.arange(1000) == 17, np.inf, 1.0)}
     },
 }
