@@ -23,6 +23,13 @@ _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
 # How many times as great as the least the greatest value is from which an axis is logarithmic.
 _DECADES = 100.0
 
+# Flights, those that ended early, and lines from the worst to their names.
+_DOTS: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "color": COLOURS[0]}
+_DOTS |= {"alpha": 0.5, "markeredgewidth": 0}
+_CROSSES: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 4, "color": COLOURS[1]}
+_CROSSES |= {"markeredgewidth": 0.8, "label": "ended early"}
+_LINE: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}
+
 
 def distributions(study: Study) -> Figure:
     """Draw how each measure is spread over the flights that went on to their end.
@@ -145,9 +152,15 @@ def write_study_figures(
 
 
 def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
-    """Points of all flights of a measure, the worst of them with their numbers."""
-    worst = study.worst(measure, _WORST)
-    numbers = [key for key in study.keys if study.table[key].dtype.kind in "fi"]
+    """Points of all flights of a measure, the worst of them with their numbers.
+
+    Args:
+        axes: The axes.
+        study: The study.
+        measure: The measure.
+    """
+    worst, table = study.worst(measure, _WORST), study.table
+    numbers = [key for key in study.keys if table[key].dtype.kind in "fi"]
     explaining = [each.key for each in study.sensitivity(measure) if each.key in numbers]
     across = (explaining or numbers or ["case"])[0]
     axes.set_xlabel(across, parse_math=False)
@@ -155,27 +168,10 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
     if not worst:
         _say(axes, "no flight has this measure")
         return
-    table = study.table
     early = table["stopped"] != ""
-    dots: dict[str, Any] = {"linestyle": "", "rasterized": len(table) > _MOST_POINTS}
-    axes.plot(
-        *(table[name][~early] for name in (across, measure)),
-        **dots,
-        marker=".",
-        markersize=2.5,
-        color=COLOURS[0],
-        alpha=0.5,
-        markeredgewidth=0,
-    )
-    axes.plot(
-        *(table[name][early] for name in (across, measure)),
-        **dots,
-        marker="x",
-        markersize=4,
-        color=COLOURS[1],
-        markeredgewidth=0.8,
-        label="ended early",
-    )
+    for which, look in ((~early, _DOTS), (early, _CROSSES)):
+        points = [table[name][which] for name in (across, measure)]
+        axes.plot(*points, rasterized=len(table) > _MOST_POINTS, **look)
     axes.margins(0.03)
     if early.any():
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
@@ -185,7 +181,7 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
     for each in worst:
         # Out to the right, where names stand that no points cover.
         place = table[across][each.case]
-        axes.hlines(each.value, place, right, color="0.6", linewidth=0.5, zorder=1)
+        axes.hlines(each.value, place, right, zorder=1, **_LINE)
         axes.annotate(
             f"case {each.case}",
             xy=(right, each.value),
@@ -193,7 +189,7 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
             textcoords="offset points",
             verticalalignment="center",
             annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": "0.6", "lw": 0.5, "relpos": (0.0, 0.5)},
+            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), **_LINE},
         )
 
 
