@@ -48,16 +48,11 @@ class Fleet:
         precision: Precision,
         threads: int,
     ) -> None:
-        nq, nv, nu = (len(n) for n in (vehicle.coordinates, vehicle.layout.v.names, vehicle.inputs))
-        actuators = robot_file_actuators(vehicle)
-        least, most = actuators.inputs if limits is None else limits
-        lag = actuators.lag if time_constants is None else time_constants
+        nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
         self.vehicle, self._threads = vehicle, threads
         self._hover = _filled("hover", vehicle.neutral if hover is None else hover, (nq,))
-        least, most = _filled("limits", least, (nu,)), _filled("limits", most, (nu,))
-        self._begin = np.clip(_holding_inputs(vehicle, self._hover), least, most)
-        lag = _filled("time_constants", lag, (vehicle.rotors,))
-        _check(vehicle, least, most, lag)
+        self.motors = motors = _motors(vehicle, limits, time_constants)
+        self._begin = np.clip(_holding_inputs(vehicle, self._hover), motors.least, motors.most)
         self._problem = Problem(
             vehicle.module,
             vehicle.constants,
@@ -71,9 +66,7 @@ class Fleet:
             bounds=None if bounds is None else _filled("bounds", bounds, (2, nq + nv)),
             precision=precision,
         )
-        rotors = vehicle.rotors
-        self._thrusts = np.tile(self._begin[:rotors], (count, 1))
-        self.motors = Motors(least, most, lag[np.newaxis], self._thrusts)
+        self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
         self.decisions = np.zeros(count, dtype=np.int64)
         self.parameters: dict[str, Array] = {}
 
@@ -157,23 +150,55 @@ def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
     return np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0])
 
 
-def _check(vehicle: Vehicle, least: Array, most: Array, lag: Array) -> None:
-    """Raise `UsageError` for limits that leave nothing between them, and for lag below zero."""
+def _motors(
+    vehicle: Vehicle, limits: tuple[ArrayLike, ArrayLike] | None, time_constants: ArrayLike | None
+) -> Motors:
+    """Limits and lag of a fleet's machines, with thrusts of zero.
+
+    Args:
+        vehicle, limits, time_constants: As of `Fleet`.
+
+    Returns:
+        The motors.
+
+    Raises:
+        UsageError: If limits leave nothing between them, or lag is less than none.
+    """
+    actuators = robot_file_actuators(vehicle)
+    least, most = (
+        _filled("limits", ends, (len(vehicle.inputs),))
+        for ends in (actuators.inputs if limits is None else limits)
+    )
     for name, low, high in zip(vehicle.inputs, least, most, strict=True):
         if not low < high:
             raise UsageError(
                 f"limits: {name}: its least, {low:g}, is not below its greatest, {high:g}"
             )
+    lag = actuators.lag if time_constants is None else time_constants
+    lag = _filled("time_constants", lag, (1, vehicle.rotors))
     if np.any(lag < 0.0) or np.any(np.isinf(lag)):
         raise UsageError(f"time_constants: 0 s or more, not {printable(lag)}")
+    return Motors(least, most, lag, np.zeros_like(lag))
 
 
 def _filled(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Values of an argument in the shape that they are to have; raises `UsageError`."""
+    """Values of an argument in the shape that they are to have.
+
+    Args:
+        name: Of the argument.
+        values: What is given, which is broadcast.
+        shape: What is wanted.
+
+    Returns:
+        The values.
+
+    Raises:
+        UsageError: If they are no numbers, or do not broadcast.
+    """
     try:
-        given = np.asarray(values, dtype=np.float64)
-        if np.isnan(given).any():
-            raise ValueError("nan")
-        return np.array(np.broadcast_to(given, shape))
+        filled = np.array(np.broadcast_to(np.asarray(values, dtype=np.float64), shape))
     except (TypeError, ValueError):
-        raise UsageError(f"{name}: numbers of shape {shape}, not {printable(values)}") from None
+        filled = np.array(np.nan)
+    if np.isnan(filled).any():
+        raise UsageError(f"{name}: numbers of shape {shape}, not {printable(values)}")
+    return filled

@@ -100,7 +100,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         precision: Precision = "double",
         threads: int = 1,
     ) -> None:
-        _check(num_envs, steps, dt=dt, duration=duration)
+        _check(num_envs, steps, dt, duration)
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self.num_envs = num_envs
         self._fleet = Fleet(
@@ -108,24 +108,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             *(num_envs, hover, limits, time_constants, dt, steps),
             *(method, bounds, precision, threads),
         )
-        self._velocities = tuple(module.VELOCITIES)
-        self._draws = (
-            Draws(offsets or {}, self._velocities, "offsets"),
-            Draws(rates or {}, self._velocities, "rates"),
-            Draws(parameters or {}, tuple(module.PARAMETERS), "parameters"),
-        )
-        self._normalised = normalised
+        self._draws = _draws(module, offsets or {}, rates or {}, parameters or {})
         self._reward, self._terminated, self._observe = reward, terminated, observe
         self._most = math.inf if duration is None else duration / self._fleet.duration
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._over = np.zeros(num_envs, dtype=np.bool_)
         self._set_spaces(normalised)
 
     def _set_spaces(self, normalised: bool) -> None:
-        """What actions and observations are; raises `UsageError`."""
+        """Tell what actions and observations are; raises `UsageError`."""
+        self._normalised = normalised
+        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         motors = self._fleet.motors
         unlimited = ~(np.isfinite(motors.least) & np.isfinite(motors.most))
         if normalised and unlimited.any():
@@ -267,7 +262,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _by_place(self, values: dict[str, Array], count: int) -> Array:
         """Values (count) by name of a velocity, as an array (count, nv)."""
         zero = np.zeros(count)
-        return np.stack([values.get(name, zero) for name in self._velocities], axis=1)
+        return np.stack(
+            [values.get(name, zero) for name in self._fleet.vehicle.module.VELOCITIES], axis=1
+        )
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
@@ -282,7 +279,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return inputs
 
     def _told(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
-        """What a function of the user's says of each environment (n); raises `UsageError`."""
+        """What a function of the user's says of each environment.
+
+        Args:
+            name: Of the argument that gave the function.
+            function: The function.
+            now: What it is told.
+
+        Returns:
+            What it says (n).
+
+        Raises:
+            UsageError: If that is not one value for each environment.
+        """
         with np.errstate(all="ignore"):  # A machine that has gone has gone far.
             told = np.array(function(now))
         if told.shape != (self.num_envs,):
@@ -298,6 +307,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
 def _information(ended: NDArray[np.int8], told: Flags) -> Infos:
     """Information on the environments that are told of (n): why flights could not go on."""
+    if not told.any():
+        return {}
     return {"ended": np.where(told, ended, np.int8(RUNNING)), "_ended": told}
 
 
@@ -309,11 +320,37 @@ def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
     return found
 
 
-def _check(num_envs: object, steps: object, **positive: float | None) -> None:
-    """Raise `UsageError` for numbers that are not whole, and for times that are not positive."""
+def _draws(
+    module: ModuleType,
+    offsets: Mapping[str, Any],
+    rates: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+) -> tuple[Draws, Draws, Draws]:
+    """What episodes draw.
+
+    Args:
+        module: The robot's.
+        offsets, rates, parameters: As of `VectorEnv`.
+
+    Returns:
+        Offsets, rates and parameters.
+    """
+    return (
+        Draws(offsets, tuple(module.VELOCITIES), "offsets"),
+        Draws(rates, tuple(module.VELOCITIES), "rates"),
+        Draws(parameters, tuple(module.PARAMETERS), "parameters"),
+    )
+
+
+def _check(num_envs: object, steps: object, dt: float, duration: float | None) -> None:
+    """Raise `UsageError` for numbers that are not whole, and for times that are not positive.
+
+    Args:
+        num_envs, steps, dt, duration: As of `VectorEnv`.
+    """
     for name, number in (("num_envs", num_envs), ("steps", steps)):
         if not isinstance(number, int) or number < 1:
             raise UsageError(f"{name}: a whole number, at least 1, not {printable(number)}")
-    for name, time in positive.items():
+    for name, time in (("dt", dt), ("duration", duration)):
         if time is not None and not 0.0 < time < math.inf:
             raise UsageError(f"{name}: more than 0 s, not {printable(time)}")
