@@ -28,13 +28,20 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "greatest": lambda values: np.max(np.abs(values)),
     "last": lambda values: values[-1],
 }
-# Measures where none are given; those of the tip are left out of robots without one.
-DEFAULT: dict[str, Measure] = {
-    "worst centre error [m]": "centre_error.max",
-    "last centre error [m]": "centre_error.last",
-    "worst tip error [m]": "tip_error.max",
-    "last tip error [m]": "tip_error.last",
-}
+
+
+def default(tip: bool) -> dict[str, Measure]:
+    """Measures where none are given.
+
+    Args:
+        tip: Whether all robots have a tip.
+
+    Returns:
+        The measures by their names.
+    """
+    points = ("centre", "tip") if tip else ("centre",)
+    kinds = {"worst": "max", "last": "last"}
+    return {f"{k} {p} error [m]": f"{p}_error.{s}" for p in points for k, s in kinds.items()}
 
 
 def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:

@@ -65,6 +65,10 @@ class ScenarioSource:
         """The scenario without changes."""
         return self.given or parse_scenario(self.text, self.word)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What has been made of the text stays here.
+        return ScenarioSource, (self.word, self.text, self.given)
+
     def says(self, key: str) -> Any:
         """What the scenario says at a key, or has by default; None if nothing."""
         if self.given is not None:
