@@ -31,14 +31,28 @@ class Axis:
     varied: Varied
 
     def shown(self, value: Any) -> Any:
-        """What the column says of a value: what is set, or the factor of several entries."""
+        """What the column says of a value.
+
+        Args:
+            value: One of the levels, or a number that was drawn.
+
+        Returns:
+            What is set, or the factor of several entries.
+        """
         if isinstance(value, list | tuple | Mapping):  # A cell holds a number or a text.
             return json.dumps(value)
         relative = self.varied.relative and len(self.targets) == 1
         return value * self.bases[0] if relative else value
 
     def entries(self, value: Any) -> dict[str, Any]:
-        """What a value sets, by key."""
+        """What a value sets.
+
+        Args:
+            value: One of the levels, or a number that was drawn.
+
+        Returns:
+            Values of entries by key.
+        """
         if not self.varied.relative:
             return dict.fromkeys(self.targets, value)
         return {key: value * base for key, base in zip(self.targets, self.bases, strict=True)}

@@ -161,6 +161,13 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
 
 
 def unpacked(data: bytes) -> dict[str, Measure]:
-    """The measures that `packed` packed."""
+    """Measures that `packed` packed.
+
+    Args:
+        data: The bytes.
+
+    Returns:
+        The measures by their names.
+    """
     found: dict[str, Measure] = pickle.loads(data)  # noqa: S301  # Our own.
     return found

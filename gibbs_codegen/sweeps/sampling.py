@@ -34,7 +34,14 @@ class Draw:
     second: float
 
     def at(self, shares: Array) -> Array:
-        """The numbers below which shares (s), 0 to 1, of the distribution lie."""
+        """Numbers below which shares of the distribution lie.
+
+        Args:
+            shares: The shares (s), above 0 and below 1.
+
+        Returns:
+            The numbers (s).
+        """
         if self.kind == "normal":
             from scipy.special import ndtri  # Late, as SciPy takes long to import.
 

@@ -70,7 +70,14 @@ class ScenarioSource:
         return ScenarioSource, (self.word, self.text, self.given)
 
     def says(self, key: str) -> Any:
-        """What the scenario says at a key, or has by default; None if nothing."""
+        """What the scenario says.
+
+        Args:
+            key: Key of an entry.
+
+        Returns:
+            What stands there, or what it is by default; None if there is nothing.
+        """
         if self.given is not None:
             return entry(self.given, key)
         found = entry(self._document, key)

@@ -109,7 +109,14 @@ def _listed(given: Any) -> list[Any]:
 
 
 def _check_counts(samples: int, seed: int, workers: int | None) -> None:
-    """Refuse numbers that mean nothing."""
+    """Refuse numbers that mean nothing.
+
+    Args:
+        samples, seed, workers: As of `sweep`.
+
+    Raises:
+        UsageError: If they are no whole numbers, or too small or large.
+    """
     counts = {"samples": (samples, 1), "seed": (seed, 0), "workers": (workers or 1, 1)}
     for name, (value, least) in counts.items():
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
