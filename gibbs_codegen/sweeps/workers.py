@@ -70,15 +70,14 @@ def own_count() -> int:
 @contextmanager
 def _without_main() -> Iterator[None]:
     """Keep a process that starts meanwhile from importing the caller's main program."""
-    main = sys.modules["__main__"]
-    held = {
-        name: main.__dict__.pop(name) for name in ("__spec__", "__file__") if name in vars(main)
-    }
-    main.__spec__ = None
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    names: list[str] = [name for name in ("__spec__", "__file__") if name in main]
+    held = {name: main.pop(name) for name in names}
+    main["__spec__"] = None
     try:
         yield
     finally:
-        vars(main).update(held)
+        main.update(held)
 
 
 def _begin(parent: int) -> None:
