@@ -52,7 +52,7 @@ def _print_worst(study: Study) -> None:
     Args:
         study: The study.
     """
-    commands = {}
+    commands: dict[int, str] = {}
     print("\nworst flights")
     for measure in study.measures:
         worst = study.worst(measure, _WORST)
