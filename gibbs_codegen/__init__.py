@@ -48,6 +48,9 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.family import paper_family as paper_family
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
+    from gibbs_codegen.rollouts.problem import Feedback as Feedback
+    from gibbs_codegen.rollouts.problem import Rollout as Rollout
+    from gibbs_codegen.rollouts.rollout import rollout as rollout
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
@@ -56,15 +59,23 @@ if TYPE_CHECKING:
     from gibbs_codegen.simulator.record.flight import read_flight as read_flight
     from gibbs_codegen.simulator.simulation import simulate as simulate
     from gibbs_codegen.simulator.stepping import Simulation as Simulation
+    from gibbs_codegen.sweeps.sampling import log_uniform as log_uniform
+    from gibbs_codegen.sweeps.sampling import normal as normal
+    from gibbs_codegen.sweeps.sampling import scaled as scaled
+    from gibbs_codegen.sweeps.sampling import together as together
+    from gibbs_codegen.sweeps.sampling import uniform as uniform
+    from gibbs_codegen.sweeps.sweep import sweep as sweep
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
 _LAZY = {
     "ChainEquation": "equations.chain_equation",
+    "Feedback": "rollouts.problem",
     "Flight": "simulator.record.flight",
     "Observation": "simulator.control.sensing",
     "ReachableWrenches": "analysis.reach",
     "Regulator": "analysis.regulator",
+    "Rollout": "rollouts.problem",
     "Scenario": "scenario.scenario",
     "Simulation": "simulator.stepping",
     "Trim": "analysis.trim",
@@ -81,8 +92,10 @@ _LAZY = {
     "hybrid_pattern_figure": "figures.coupling",
     "linearise": "analysis.linear_model",
     "load": "runtime.load",
+    "log_uniform": "sweeps.sampling",
     "lqr": "analysis.regulator",
     "machine_figure": "figures.machine",
+    "normal": "sweeps.sampling",
     "paper_family": "robot.family",
     "parse_robot": "robot.file",
     "reachable_wrenches": "analysis.reach",
@@ -90,8 +103,13 @@ _LAZY = {
     "read_flight": "simulator.record.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
+    "rollout": "rollouts.rollout",
+    "scaled": "sweeps.sampling",
     "simulate": "simulator.simulation",
+    "sweep": "sweeps.sweep",
+    "together": "sweeps.sampling",
     "trim": "analysis.trim",
+    "uniform": "sweeps.sampling",
     "verify": "verification.modules",
     "write_results": "figures.results",
 }
