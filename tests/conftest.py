@@ -349,6 +349,10 @@ CASES = {
         "test_two_robots_in_one_program": (0, 1),
         "test_zeros_for_absent_arguments_are_as_many_as_the_widest_has": (1, 0),
     },
+    "targets/test_each.py": {
+        "test_derivatives_and_time_steps": (1, 1),
+        "test_functions_in_other_builds": (1, 1),
+    },
     "targets/test_embedded.py": {
         "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": (0, 1),
         "test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack": (1, 0),
