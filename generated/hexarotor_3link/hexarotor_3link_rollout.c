@@ -136,17 +136,20 @@ static int is_finite(const real value)
 #endif
 
 /*
- * A block of states: entry e of a lane is at [e * LANES + lane]. The inputs at the begin, in the
- * middle and at the end of a step are `command` unless thrusts lag. `wrenches` are NULL without.
+ * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and `thrusts`
+ * and fills `next_q`, `next_v` and `next_thrusts`. Inputs at its begin, middle and end are `command`
+ * unless thrusts lag. `wrenches` is NULL without.
  */
 typedef struct Block {
-    real q[Q_ROOM], next_q[Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
-    real v[V_ROOM], next_v[V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
+    real room_q[2][Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
+    real room_v[2][V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
     real acceleration[4][V_ROOM], error[2 * V_ROOM];
-    real command[INPUT_ROOM], thrusts[INPUT_ROOM], lagged[3][INPUT_ROOM], left[3][INPUT_ROOM];
+    real room_thrusts[2][INPUT_ROOM], left[3][INPUT_ROOM];
+    real command[INPUT_ROOM], lagged[3][INPUT_ROOM];
     real loads[FRAMES * 6 * LANES];
     bits ended[LANES], taken[LANES];
     size_t states[LANES];
+    real *q, *next_q, *v, *next_v, *thrusts, *next_thrusts;
     const real *begin, *middle, *end, *wrenches;
 } Block;
 
@@ -256,18 +259,15 @@ static INLINE void add_feedback(
         b->error[NV * LANES + e] = b->desired_v[e] - b->v[e];
     }
     for (int i = 0; i < NU; ++i) {
-        real sum[LANES];
+        const real *gain = settings->gain + i * 2 * NV;
+        real *command = b->command + i * LANES;
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
-            sum[lane] = b->command[i * LANES + lane];
-        }
-        for (int j = 0; j < 2 * NV; ++j) {
-            const real gain = settings->gain[i * 2 * NV + j];
-            for (int lane = 0; lane < LANES; ++lane) {
-                sum[lane] += gain * b->error[j * LANES + lane];
+            real sum = command[lane];
+            for (int j = 0; j < 2 * NV; ++j) {
+                sum += gain[j] * b->error[j * LANES + lane];
             }
-        }
-        for (int lane = 0; lane < LANES; ++lane) {
-            b->command[i * LANES + lane] = sum[lane];
+            command[lane] = sum;
         }
     }
 }
@@ -277,6 +277,7 @@ static INLINE void limit(const Settings *settings, Block *b)
     for (int i = 0; i < NU; ++i) {
         const real least = settings->least[i];
         const real most = settings->most[i];
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
             const real raised = wanted < least ? least : wanted;
@@ -308,6 +309,7 @@ static INLINE void follow(Block *b)
         b->lagged[0][e] = b->command[e] + way * b->left[0][e];
         b->lagged[1][e] = b->command[e] + way * b->left[1][e];
         b->lagged[2][e] = b->command[e] + way * b->left[2][e];
+        b->next_thrusts[e] = b->lagged[2][e];
     }
     VECTORISE
     for (int e = ROTORS * LANES; e < NU * LANES; ++e) {
@@ -405,59 +407,88 @@ static INLINE bits magnitude(const real value)
     return value_bits & MAGNITUDE;
 }
 
+/* Whether an entry of a lane is beyond its bounds. */
+static INLINE void look_beyond(const Settings *settings, const Block *b, bits *RESTRICT beyond)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits found = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const real entry = b->next_q[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + i]);
+        }
+        for (int i = 0; i < NV; ++i) {
+            const real entry = b->next_v[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[NQ + i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + NQ + i]);
+        }
+        beyond[lane] = found;
+    }
+}
+
+/* Puts back what was before in lanes that have not taken the step. */
+static INLINE void put_back(
+    const int width,
+    const bits *taken,
+    const real *RESTRICT before,
+    real *RESTRICT after)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        for (int i = 0; i < width; ++i) {
+            const int e = i * LANES + lane;
+            after[e] = taken[lane] ? after[e] : before[e];
+        }
+    }
+}
+
 /*
  * Takes over what a step has made of the lanes that still run, unless it is not finite. Returns
  * whether any goes on.
  */
 static INLINE int take_over(const Settings *settings, Block *b)
 {
-    bits largest[LANES] = {0}, outside[LANES] = {0}, taken[LANES], goes_on = 0;
-    const int lags = settings->time_constants.entries != NULL;
-    for (int i = 0; i < NQ + NV; ++i) {
-        const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-        for (int lane = 0; lane < LANES; ++lane) {
-            const bits size = magnitude(entry[lane]);
-            largest[lane] = size > largest[lane] ? size : largest[lane];
-        }
-    }
+    bits taken[LANES], beyond[LANES] = {0}, stops = 0, going = 0;
+    real *q = b->q, *v = b->v, *thrusts = b->thrusts;
     if (settings->bounds) {
-        for (int i = 0; i < NQ + NV; ++i) {
-            const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-            const real least = settings->bounds[i];
-            const real most = settings->bounds[NQ + NV + i];
-            for (int lane = 0; lane < LANES; ++lane) {
-                outside[lane] |= (bits)(entry[lane] < least) | (bits)(entry[lane] > most);
-            }
+        look_beyond(settings, b, beyond);
+    }
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits largest = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const bits size = magnitude(b->next_q[i * LANES + lane]);
+            largest = size > largest ? size : largest;
         }
+        for (int i = 0; i < NV; ++i) {
+            const bits size = magnitude(b->next_v[i * LANES + lane]);
+            largest = size > largest ? size : largest;
+        }
+        const bits ended = b->ended[lane];
+        const bits end = largest >= NOT_FINITE ? DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
+        taken[lane] = (bits)(ended == RUNNING) & (bits)(largest < NOT_FINITE);
+        b->ended[lane] = ended == RUNNING ? end : ended;
+        b->taken[lane] += taken[lane];
     }
     for (int lane = 0; lane < LANES; ++lane) {
-        const bits ran = b->ended[lane] == RUNNING;
-        const bits diverged = largest[lane] >= NOT_FINITE;
-        const bits end = diverged ? DIVERGED : outside[lane] ? OUT_OF_BOUNDS : RUNNING;
-        taken[lane] = ran && !diverged;
-        b->ended[lane] = ran ? end : b->ended[lane];
-        b->taken[lane] += taken[lane];
-        goes_on |= (bits)(b->ended[lane] == RUNNING);
+        stops |= b->ended[lane];
     }
-    for (int i = 0; i < NQ; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->q[e] = taken[lane] ? b->next_q[e] : b->q[e];
-        }
+    for (int lane = 0; stops && lane < LANES; ++lane) {
+        going += b->ended[lane] == RUNNING;
     }
-    for (int i = 0; i < NV; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->v[e] = taken[lane] ? b->next_v[e] : b->v[e];
-        }
+    if (stops) {
+        put_back(NQ, taken, b->q, b->next_q);
+        put_back(NV, taken, b->v, b->next_v);
+        put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
     }
-    for (int i = 0; lags && i < ROTORS; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->thrusts[e] = taken[lane] ? b->lagged[2][e] : b->thrusts[e];
-        }
-    }
-    return goes_on != 0;
+    b->q = b->next_q;
+    b->next_q = q;
+    b->v = b->next_v;
+    b->next_v = v;
+    b->thrusts = b->next_thrusts;
+    b->next_thrusts = thrusts;
+    return !stops || going;
 }
 
 /* Fills a block: lanes beyond the `filled` ones have the last state again. */
@@ -474,6 +505,12 @@ static INLINE void begin_block(
         b->ended[lane] = states->ended[b->states[lane]];
         b->taken[lane] = 0;
     }
+    b->q = b->room_q[0];
+    b->next_q = b->room_q[1];
+    b->v = b->room_v[0];
+    b->next_v = b->room_v[1];
+    b->thrusts = b->room_thrusts[0];
+    b->next_thrusts = b->room_thrusts[1];
     load_rows(rows_of(states->q, NQ), b->states, 0, NQ, b->q);
     load_rows(rows_of(states->v, NV), b->states, 0, NV, b->v);
     if (lags) {

@@ -17,18 +17,15 @@ static INLINE void add_feedback(
         b->error[NV * LANES + e] = b->desired_v[e] - b->v[e];
     }
     for (int i = 0; i < NU; ++i) {
-        real sum[LANES];
+        const real *gain = settings->gain + i * 2 * NV;
+        real *command = b->command + i * LANES;
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
-            sum[lane] = b->command[i * LANES + lane];
-        }
-        for (int j = 0; j < 2 * NV; ++j) {
-            const real gain = settings->gain[i * 2 * NV + j];
-            for (int lane = 0; lane < LANES; ++lane) {
-                sum[lane] += gain * b->error[j * LANES + lane];
+            real sum = command[lane];
+            for (int j = 0; j < 2 * NV; ++j) {
+                sum += gain[j] * b->error[j * LANES + lane];
             }
-        }
-        for (int lane = 0; lane < LANES; ++lane) {
-            b->command[i * LANES + lane] = sum[lane];
+            command[lane] = sum;
         }
     }
 }
@@ -38,6 +35,7 @@ static INLINE void limit(const Settings *settings, Block *b)
     for (int i = 0; i < NU; ++i) {
         const real least = settings->least[i];
         const real most = settings->most[i];
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
             const real raised = wanted < least ? least : wanted;
@@ -69,6 +67,7 @@ static INLINE void follow(Block *b)
         b->lagged[0][e] = b->command[e] + way * b->left[0][e];
         b->lagged[1][e] = b->command[e] + way * b->left[1][e];
         b->lagged[2][e] = b->command[e] + way * b->left[2][e];
+        b->next_thrusts[e] = b->lagged[2][e];
     }
     VECTORISE
     for (int e = ROTORS * LANES; e < NU * LANES; ++e) {

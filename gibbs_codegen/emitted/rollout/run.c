@@ -12,6 +12,12 @@ static INLINE void begin_block(
         b->ended[lane] = states->ended[b->states[lane]];
         b->taken[lane] = 0;
     }
+    b->q = b->room_q[0];
+    b->next_q = b->room_q[1];
+    b->v = b->room_v[0];
+    b->next_v = b->room_v[1];
+    b->thrusts = b->room_thrusts[0];
+    b->next_thrusts = b->room_thrusts[1];
     load_rows(rows_of(states->q, NQ), b->states, 0, NQ, b->q);
     load_rows(rows_of(states->v, NV), b->states, 0, NV, b->v);
     if (lags) {
