@@ -6,12 +6,12 @@ static INLINE void add_feedback(
     Block *b)
 {
     if (first || settings->desired_q.by_step != 0) {
-        load_rows(settings->desired_q, b->states, step, NQ, b->desired_q);
+        load_rows(settings->desired_q, b->first, b->filled, step, NQ, b->desired_q);
     }
     if (first || settings->desired_v.by_step != 0) {
-        load_rows(settings->desired_v, b->states, step, NV, b->desired_v);
+        load_rows(settings->desired_v, b->first, b->filled, step, NV, b->desired_v);
     }
-    difference(settings->constants, b->q, b->desired_q, b->error);
+    difference(b->constants, b->q, b->desired_q, b->error);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->error[NV * LANES + e] = b->desired_v[e] - b->v[e];
@@ -47,7 +47,7 @@ static INLINE void limit(const Settings *settings, Block *b)
 /* What is left of the way of thrusts to commands at the begin, after half a step and a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
-    load_rows(settings->time_constants, b->states, 0, ROTORS, b->left[0]);
+    load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
     for (int e = 0; e < ROTORS * LANES; ++e) {
         const real time_constant = b->left[0][e];
         const int lags = time_constant > R(0.0);
@@ -83,7 +83,7 @@ static INLINE void act(
     Block *b)
 {
     if (first || settings->inputs.by_step != 0 || settings->gain) {
-        load_rows(settings->inputs, b->states, step, NU, b->command);
+        load_rows(settings->inputs, b->first, b->filled, step, NU, b->command);
         if (settings->gain) {
             add_feedback(settings, step, first, b);
         }
@@ -92,7 +92,7 @@ static INLINE void act(
         }
     }
     if (settings->wrenches.entries && (first || settings->wrenches.by_step != 0)) {
-        load_rows(settings->wrenches, b->states, step, FRAMES * 6, b->loads);
+        load_rows(settings->wrenches, b->first, b->filled, step, FRAMES * 6, b->loads);
     }
     if (settings->time_constants.entries) {
         follow(b);
