@@ -67,6 +67,7 @@ TARGETS: dict[str, Target] = {
         {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
+            "c_each.c.jinja": "{name}_each.c",
             "c_casadi.c.jinja": "{name}_casadi.c",
         },
     ),

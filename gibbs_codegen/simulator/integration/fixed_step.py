@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,15 +15,15 @@ from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import stable_modes
 from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
 from gibbs_codegen.simulator.integration.state_history import (
-    SAME_TIME,
     Array,
     IntervalResult,
     SmoothInterval,
     StateHistory,
 )
+from gibbs_codegen.simulator.integration.step_grid import StepGrid, Stretch
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
-_STEPS_A_CALL = 20_000
+STEPS_A_CALL = 20_000
 
 
 class FixedStepIntegrator:
@@ -40,12 +38,10 @@ class FixedStepIntegrator:
     """
 
     def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
-        self.loop, self.settings, self.envelope = loop, settings, envelope
-        # Steps to a sample, and their size, s.
-        self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - SAME_TIME)), 1)
-        self.size = 1.0 / (settings.rate * self.every)
+        self.loop, self.envelope = loop, envelope
+        self.grid = StepGrid(settings)
         self.compiled = CompiledLoops(loop, envelope.bounds)
-        _check_stability(loop, self.size)
+        check_stability(loop, self.grid.size)
 
     def __call__(
         self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
@@ -53,46 +49,21 @@ class FixedStepIntegrator:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         samples, inputs = [np.zeros((0, len(start)))], SeenInputs(self.loop, interval.acting)
         time, state, stopped = interval.begin, start, ""
-        for stretch in self._stretches(interval):
+        for stretch in self.grid.stretches(interval):
             done = 0
             while done < stretch.steps and not stopped:
                 taken, kept, state = self._advance(stretch, done, time, state, inputs)
                 samples.append(kept)
                 done += taken
-                time = min((stretch.first + done) * self.size, interval.end)
+                time = min((stretch.first + done) * self.grid.size, interval.end)
                 stopped = self.envelope.reason(time, state)
                 progress(time)
-        states, times = np.concatenate(samples), self._sample_times(interval)
+        states, times = np.concatenate(samples), self.grid.sample_times(interval)
         history = StateHistory(times[: len(states)], states, stopped, inputs.found())
         return IntervalResult(history, time if stopped else interval.end, state)
 
-    def _stretches(self, interval: SmoothInterval) -> list[_Stretch]:
-        """Whole steps on the grid, after a step up to it and before one from it where need be."""
-        begin, end, size, every = interval.begin, interval.end, self.size, self.every
-        first, last = (_on_grid(time / size) for time in (begin, end))
-        whole, cut = math.ceil(first), math.floor(last)
-        never = cut + 2  # What ends off the grid is no sample.
-        if whole > cut:
-            return [_Stretch(cut, 1, end - begin, never)]
-        stretches = [
-            _Stretch(whole - 1, 1, whole * size - begin, every),
-            _Stretch(whole, cut - whole, size, every),
-            _Stretch(cut, 1, end - cut * size, never),
-        ]
-        return stretches[whole == first : 2 + (cut < last)]
-
-    def _sample_times(self, interval: SmoothInterval) -> Array:
-        """Times of the samples after the begin of an interval, s, the last of them its end."""
-        first, last = (_on_grid(t / self.size) for t in (interval.begin, interval.end))
-        count = self.every
-        times = np.arange(math.floor(first) // count + 1, math.floor(last) // count + 1)
-        sampled: Array = times / self.settings.rate
-        if len(times) and times[-1] * count == last:
-            sampled[-1] = interval.end
-        return sampled
-
     def _advance(
-        self, stretch: _Stretch, done: int, time: float, state: Array, inputs: SeenInputs
+        self, stretch: Stretch, done: int, time: float, state: Array, inputs: SeenInputs
     ) -> tuple[int, Array, Array]:
         """Take steps of a stretch: many in C, or else one in Python.
 
@@ -108,7 +79,7 @@ class FixedStepIntegrator:
         """
         number, acting = stretch.first + done, inputs.acting
         if (compiled := self.compiled.at(acting)) is not None:
-            count = min(_STEPS_A_CALL, stretch.steps - done)
+            count = min(STEPS_A_CALL, stretch.steps - done)
             taken, kept, last = compiled(
                 time, state, stretch.step, count, stretch.every, number, inputs.ranges
             )
@@ -118,20 +89,6 @@ class FixedStepIntegrator:
         with np.errstate(all="ignore"):
             state = rk4_step(self.loop, time, state, stretch.step, acting)
         return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state
-
-
-class _Stretch(NamedTuple):
-    """Steps of one size, s, after `first` steps of the grid; each `every`-th of all is a sample."""
-
-    first: int
-    steps: int
-    step: float
-    every: int
-
-
-def _on_grid(steps: float) -> float:
-    """A number of steps, whole if it is so but for rounding."""
-    return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
 
 
 def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: Acting) -> Array:
@@ -154,8 +111,16 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: A
     return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
-def _check_stability(loop: ClosedLoop, size: float) -> None:
-    """Raise `UsageError` if there is a mode that should decay and grows in steps of `size` s."""
+def check_stability(loop: ClosedLoop, size: float) -> None:
+    """Refuse steps in which what should decay grows.
+
+    Args:
+        loop: The closed loop.
+        size: Size of the steps, s.
+
+    Raises:
+        UsageError: There is such a mode.
+    """
     for mode in stable_modes(loop):
         z = size * mode.eigenvalue
         if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:

@@ -70,15 +70,36 @@ class Integration:
 
     def history(self) -> StateHistory:
         """Samples of the state at multiples of 1 / rate, and at the last instant."""
-        time, samples = np.concatenate(self._times), np.concatenate(self._states)
-        if self.time > time[-1]:
-            time = np.append(time, self.time)
-            samples = np.concatenate([samples, self.state[np.newaxis]])
-        # Samples in which control was lost would dwarf all others.
-        kept = self._envelope.holds(time, samples)
-        kept[0] = True
-        inputs = InputRanges.joined(self._inputs)
-        return StateHistory(time[kept], samples[kept], self.stopped, inputs)
+        samples = StateHistory(
+            np.concatenate(self._times),
+            np.concatenate(self._states),
+            self.stopped,
+            InputRanges.joined(self._inputs),
+        )
+        return whole_history(samples, self.time, self.state, self._envelope)
+
+
+def whole_history(
+    samples: StateHistory, end: float, state: Array, envelope: Envelope
+) -> StateHistory:
+    """The samples of a flight up to its last instant, in which control is not lost.
+
+    Args:
+        samples: Samples at multiples of 1 / rate.
+        end: The last instant, s.
+        state: State (size) there.
+        envelope: Where control counts as lost.
+
+    Returns:
+        The samples that are kept, and the last instant where it is one.
+    """
+    time, states = samples.time, samples.states
+    if end > time[-1]:
+        time, states = np.append(time, end), np.concatenate([states, state[np.newaxis]])
+    # Samples in which control was lost would dwarf all others.
+    kept = envelope.holds(time, states)
+    kept[0] = True
+    return StateHistory(time[kept], states[kept], samples.stopped, samples.inputs)
 
 
 def integrate(

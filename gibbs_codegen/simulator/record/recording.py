@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,18 @@ import numpy as np
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.desired.timed_motion import TimedMotion
-from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.connections import point_parents
 from gibbs_codegen.simulator.record.flight import Flight
 from gibbs_codegen.simulator.record.series import RANGES
+
+_NAMES = (
+    *("robot", "scenario", "law", "control_rate", "attitude", "coordinates", "coordinate_units"),
+    *("input_names", "points", "constraint_names", "frames", "tangent_arm", "stopped"),
+)
+_BASE = ("base_arm_angles", "base_arm_angles_desired", "base_rotation", "heading_error")
 
 
 def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
@@ -29,52 +37,140 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     Returns:
         The flight, with a row per sample.
     """
-    vehicle, time = loop.vehicle, history.time
-    parts = loop.parts(history.states)
-    q, v = parts.q, parts.v
-    reference = loop.controller.reference(time)
-    applied = loop.applied(commanded := loop.commanded(time, parts), parts.thrusts)
-    loads = loop.wrenches(time, q, v, applied, loop.acting(time))
-    a = loop.acceleration(q, v, applied, loads)
-    return Flight(
-        robot=vehicle.name,
-        scenario=scenario.name,
-        law=loop.controller.law,
-        control_rate=loop.held.rate if loop.held else 0.0,
-        attitude=vehicle.attitude,
-        coordinates=vehicle.coordinates,
-        coordinate_units=vehicle.layout.q.units,
-        input_names=vehicle.inputs,
-        points=vehicle.points,
-        constraint_names=vehicle.constraint_names,
-        tangent_arm=_tangent_arm(vehicle, scenario),
-        stopped=history.stopped,
-        time=time,
-        q=q,
-        v=v,
-        a=a,
-        **_desired(reference),
-        **_inputs(loop, history, commanded, applied),
-        constraint_torques=vehicle.constraint_torques(q, v, a, applied),
-        frames=vehicle.frames,
-        frame_wrenches=loads,
-        **_base(vehicle, q),
-        positions=vehicle.positions(q),
-        parents=point_parents(vehicle),
-        thrust_directions=_thrust_directions(vehicle, q),
-        centre_desired=scenario.base(time)[:, 0],
-        tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
-        heading_error=_heading_errors(vehicle, scenario, time, q),
-        **_surroundings(vehicle, scenario),
-        **_energies(vehicle, q, v, parts.work),
-    )
+    recording = Recording(loop, scenario, history)
+    made: dict[str, Any] = {}
+    for _, group in recording.groups:
+        made |= group()
+    return Flight(**made)
 
 
-def _base(vehicle: Vehicle, q: Array) -> dict[str, Any]:
-    """Rotation of the base, and angles of its arms, rad, by the names of the fields."""
-    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
-    arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
-    return {**arms, "base_rotation": vehicle.base_rotation(q)}
+@dataclass(frozen=True)
+class Recording:
+    """The samples of a flight, of which fields of `Flight` are computed in groups.
+
+    `like`, if there is one, is of a flight with the same times and the same desired motion.
+    """
+
+    loop: ClosedLoop
+    scenario: Scenario
+    history: StateHistory
+    like: Recording | None = None
+
+    @property
+    def groups(self) -> tuple[tuple[tuple[str, ...], Callable[[], dict[str, Any]]], ...]:
+        """Names of fields that are computed together, and what computes them."""
+        return (
+            (_NAMES, self._names),
+            (("time", "q", "v", "work"), self._states),
+            (("q_desired", "v_desired", "a_desired"), self._desired),
+            (("commanded", "applied", "input_limits", *RANGES), self._inputs),
+            (("a", "frame_wrenches", "constraint_torques"), self._forces),
+            (_BASE, self._base),
+            (("positions", "parents", "thrust_directions"), self._points),
+            (("centre_desired", "tip_desired"), self._paths),
+            (("weight", "walls", "gusts"), self._surroundings),
+            (("kinetic_energy", "potential_energy"), self._energies),
+        )
+
+    @property
+    def _time(self) -> Array:
+        return self.history.time
+
+    @cached_property
+    def _parts(self) -> Parts:
+        return self.loop.parts(self.history.states)
+
+    @cached_property
+    def _reference(self) -> tuple[Array, Array, Array]:
+        return self.like._reference if self.like else self.loop.controller.reference(self._time)
+
+    @cached_property
+    def _acting_inputs(self) -> tuple[Array, Array]:
+        """Inputs (s, nu) that are commanded, and those that act."""
+        commanded = self.loop.commanded(self._time, self._parts)
+        return commanded, self.loop.applied(commanded, self._parts.thrusts)
+
+    def _names(self) -> dict[str, Any]:
+        """What has no numbers."""
+        loop, vehicle = self.loop, self.loop.vehicle
+        return {
+            "robot": vehicle.name,
+            "scenario": self.scenario.name,
+            "law": loop.controller.law,
+            "control_rate": loop.held.rate if loop.held else 0.0,
+            "attitude": vehicle.attitude,
+            "coordinates": vehicle.coordinates,
+            "coordinate_units": vehicle.layout.q.units,
+            "input_names": vehicle.inputs,
+            "points": vehicle.points,
+            "constraint_names": vehicle.constraint_names,
+            "frames": vehicle.frames,
+            "tangent_arm": _tangent_arm(vehicle, self.scenario),
+            "stopped": self.history.stopped,
+        }
+
+    def _states(self) -> dict[str, Any]:
+        q, v, work, *_ = self._parts
+        return {"time": self._time, "q": q, "v": v, "work": work}
+
+    def _desired(self) -> dict[str, Any]:
+        return dict(zip(("q_desired", "v_desired", "a_desired"), self._reference, strict=True))
+
+    def _inputs(self) -> dict[str, Any]:
+        """Inputs (s, nu), with their limits (2, nu) and their ranges between samples."""
+        commanded, applied = self._acting_inputs
+        ranges = self.history.inputs.up_to_samples(self._time, commanded, applied)
+        limits = np.array(self.loop.actuators.inputs)
+        known = {"commanded": commanded, "applied": applied, "input_limits": limits}
+        return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
+
+    def _forces(self) -> dict[str, Any]:
+        """Accelerations (s, nv), wrenches on frames (s, f, 6), constraint torques (s, c)."""
+        loop, time, (q, v, *_) = self.loop, self._time, self._parts
+        applied = self._acting_inputs[1]
+        loads = loop.wrenches(time, q, v, applied, loop.acting(time))
+        a = loop.acceleration(q, v, applied, loads)
+        torques = loop.vehicle.constraint_torques(q, v, a, applied)
+        return {"a": a, "frame_wrenches": loads, "constraint_torques": torques}
+
+    def _base(self) -> dict[str, Any]:
+        """Rotation of the base (s, 3, 3), angles of its arms and of the path's tangent, rad."""
+        vehicle, q = self.loop.vehicle, self._parts.q
+        return {
+            "base_arm_angles": _measured_arm_angles(vehicle, q),
+            "base_arm_angles_desired": vehicle.arm_angles()[1:],
+            "base_rotation": vehicle.base_rotation(q),
+            "heading_error": _heading_errors(vehicle, self.scenario, self._time, q),
+        }
+
+    def _points(self) -> dict[str, Any]:
+        vehicle, q = self.loop.vehicle, self._parts.q
+        return {
+            "positions": vehicle.positions(q),
+            "parents": point_parents(vehicle),
+            "thrust_directions": _thrust_directions(vehicle, q),
+        }
+
+    def _paths(self) -> dict[str, Any]:
+        return self._desired_places
+
+    @cached_property
+    def _desired_places(self) -> dict[str, Array]:
+        """Where base centre and tip should be (s, 3), m."""
+        if self.like:
+            return self.like._desired_places
+        model, time = self.loop.controller.vehicle, self._time
+        tip = _desired_tip(model, self.scenario, time, self._reference[0])
+        return {"centre_desired": self.scenario.base(time)[:, 0], "tip_desired": tip}
+
+    def _surroundings(self) -> dict[str, Any]:
+        return _surroundings(self.loop.vehicle, self.scenario)
+
+    def _energies(self) -> dict[str, Any]:
+        """Energies (s), J."""
+        vehicle, (q, v, *_) = self.loop.vehicle, self._parts
+        kinetic, potential = vehicle.kinetic_energy(q, v), vehicle.potential_energy(q)
+        return {"kinetic_energy": kinetic, "potential_energy": potential}
 
 
 def _surroundings(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
@@ -94,45 +190,6 @@ def _weight(vehicle: Vehicle) -> float:
     lifted = vehicle.neutral
     lifted[vehicle.layout.q.position][2] += 1.0
     return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
-
-
-def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Any]:
-    """Energies and work, by the names of the fields.
-
-    Args:
-        vehicle: The robot.
-        q, v: Coordinates (s, nq) and velocities (s, nv).
-        work: Work (s), J.
-
-    Returns:
-        The series (s), J.
-    """
-    kinetic, potential = vehicle.kinetic_energy(q, v), vehicle.potential_energy(q)
-    return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
-
-
-def _inputs(
-    loop: ClosedLoop, history: StateHistory, commanded: Array, applied: Array
-) -> dict[str, Any]:
-    """Inputs, with their limits and their ranges between samples.
-
-    Args:
-        loop: The closed loop that was integrated.
-        history: Samples of the state.
-        commanded, applied: Inputs (s, nu) at the samples.
-
-    Returns:
-        Series (s, nu) and limits (2, nu) by the names of their fields.
-    """
-    ranges = history.inputs.up_to_samples(history.time, commanded, applied)
-    limits = np.array(loop.actuators.inputs)
-    known = {"commanded": commanded, "applied": applied, "input_limits": limits}
-    return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
-
-
-def _desired(reference: tuple[Array, Array, Array]) -> dict[str, Any]:
-    """Desired coordinates (s, nq), velocities and accelerations (s, nv) by names of fields."""
-    return dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True))
 
 
 def told_timing(flight: Flight, motion: TimedMotion) -> Flight:

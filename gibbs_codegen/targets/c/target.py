@@ -128,7 +128,8 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
 def _sizes(model: Model) -> list[tuple[str, int]]:
     listed = module_lists(model.robot, model.derivatives)
     sizes = [(name, len(names)) for name, names in listed.items()]
-    return [*sizes, ("PARAMETERS", len(model.defaults))]
+    lengths = len(model.defaults), len(model.program.constants)
+    return [*sizes, *zip(("PARAMETERS", "CONSTANTS"), lengths, strict=True)]
 
 
 def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:
