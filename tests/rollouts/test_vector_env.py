@@ -156,9 +156,9 @@ def test_seed_of_its_own_can_be_had_again(quadrotor: ModuleType) -> None:
     np.testing.assert_array_equal(other.reset(seed=ours.np_random_seed)[0], start)
 
 
-def test_inputs_that_hold_it_hold_it(fast: Load) -> None:
+def test_inputs_that_hold_it_hold_it(shipped: Load) -> None:
     """At rest where it is wanted, an arm stretched out, the reward stays 1."""
-    robot = fast("hexarotor_3link")
+    robot = shipped("hexarotor_3link")
     hover = np.array([0.0, 0.0, 0.0, 0.2, -0.7, 0.4, 1.0, 2.0, 3.0])
     still = np.zeros(9)
     holding = np.linalg.solve(
