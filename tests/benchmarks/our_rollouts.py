@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -93,6 +94,12 @@ class Machine:
         return {"control": feedback, "limits": (-0.05, 0.05), "time_constants": LAG}
 
 
+def lazily(make: Callable[[], Measure]) -> Measure:
+    """What times what is made when it is first asked."""
+    made = functools.cache(make)
+    return lambda: made()()
+
+
 def environment(ours: Machine) -> Measure:
     """What times decisions of a vector environment, by the steps in them."""
     made = VectorEnv(ours.module, STATES, limits=(-5.0, 5.0), dt=STEP, steps=DECISION_STEPS)
@@ -135,23 +142,28 @@ def closed_loop(ours: Machine, compensation: bool) -> Measure:
     return seconds
 
 
-def on_gpu(ours: Machine) -> Measure | None:
-    """What times steps by JAX on a GPU, in single precision; None where there is no GPU."""
+def gpu() -> Any:
+    """The GPU that JAX has, or None."""
     import jax
 
     try:
-        device = jax.devices("gpu")[0]
+        return jax.devices("gpu")[0]
     except RuntimeError:
         return None
-    module = load(ours.made, backend="jax")
-    repeated = GPU_STATES // STATES
-    with jax.default_device(device):
+
+
+def on_gpu(ours: Machine) -> Measure:
+    """What times steps by JAX on a GPU, in single precision, each state with its own masses."""
+    import jax
+
+    module, repeated = load(ours.made, backend="jax"), GPU_STATES // STATES
+    with jax.default_device(gpu()):
         state = [jax.numpy.tile(each, (repeated, 1)) for each in (ours.q, ours.v)]
         masses = {name: jax.numpy.tile(each, repeated) for name, each in ours.masses.items()}
 
     def seconds() -> float:
         begin = time.perf_counter()
-        with jax.default_device(device):
+        with jax.default_device(gpu()):
             found = rollout(
                 *(module, *state, np.zeros(ours.nu), GPU_STEPS, STEP),
                 parameters=masses,
@@ -160,5 +172,4 @@ def on_gpu(ours: Machine) -> Measure | None:
             jax.block_until_ready(found.q)
         return (time.perf_counter() - begin) / (GPU_STATES * GPU_STEPS)
 
-    seconds()  # Compiles.
     return seconds

@@ -23,7 +23,9 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 import mujoco
@@ -33,7 +35,15 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from c_times import machine  # noqa: E402
 from family import benchmark_robot  # noqa: E402
-from our_rollouts import Machine, Measure, closed_loop, environment, on_gpu  # noqa: E402
+from our_rollouts import (  # noqa: E402
+    Machine,
+    Measure,
+    closed_loop,
+    environment,
+    gpu,
+    lazily,
+    on_gpu,
+)
 from peers.rollout_peers import Crazyflow, MuJoCo  # noqa: E402
 
 from gibbs_codegen.robot.file import read_robot  # noqa: E402
@@ -83,30 +93,29 @@ def our_rows(machines: dict[str, Machine]) -> list[Row]:
 
 def built_rows(machines: dict[str, Machine]) -> list[Row]:
     """What is built on rollouts, or beside them, of machines with an arm."""
-    rows = [
-        Row(
-            f"RK4, computed torque, limits, lag{words}",
-            {each: closed_loop(made, compensation) for each, made in machines.items()},
-            "RK4, double",
-        )
-        for words, compensation in (("", False), (" compensated", True))
+
+    def each(make: Callable[[Machine], Measure]) -> dict[str, Measure]:
+        return {name: lazily(partial(make, made)) for name, made in machines.items()}
+
+    double, torque = "RK4, double", "RK4, computed torque, limits, lag"
+    return [
+        Row(torque, each(partial(closed_loop, compensation=False)), double),
+        Row(f"{torque} compensated", each(partial(closed_loop, compensation=True)), double),
+        Row("RK4, environment of Gymnasium", each(environment), double),
+        Row(GPU, each(on_gpu) if gpu() else {}, "RK4, parameters per state"),
     ]
-    environments = {each: environment(made) for each, made in machines.items()}
-    rows.append(Row("RK4, environment of Gymnasium", environments, "RK4, double"))
-    on_gpus = {each: on_gpu(made) for each, made in machines.items()}
-    found = {each: measure for each, measure in on_gpus.items() if measure is not None}
-    return [*rows, Row(GPU, found, "RK4, parameters per state")]
 
 
 def peer_rows(machines: dict[str, Machine], python: str | None) -> list[Row]:
     """MuJoCo on machines with an arm, and crazyflow on its quadrotor."""
     rows = []
     for method, words in (("euler", "Euler"), ("rk4", "RK4")):
-        peers = {each: MuJoCo(made, method) for each, made in machines.items()}
-        for each, peer in peers.items():
-            peer.check(machines[each], method)
+        peers = {each: cache(partial(MuJoCo, made, method)) for each, made in machines.items()}
         for name, threads in ((f"MuJoCo, {words}", 1), (f"MuJoCo, {words}, two cores", 2)):
-            measures = {each: peer.steps(threads) for each, peer in peers.items()}
+            measures = {
+                each: partial(lambda peer, threads: peer().seconds(threads), peer, threads)
+                for each, peer in peers.items()
+            }
             rows.append(Row(name, measures, f"MuJoCo, {words}" * (threads > 1), threads))
     crazyflow = Crazyflow(python) if python else None
     for method, words in (("symplectic_euler", "Euler"), ("rk4", "RK4")):

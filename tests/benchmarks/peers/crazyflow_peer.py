@@ -9,10 +9,14 @@ import os
 import sys
 import time
 
-import jax
-from crazyflow.control import Control
-from crazyflow.dynamics import Dynamics
-from crazyflow.sim import Sim
+# What libraries say goes elsewhere, so that only answers are on the standard output.
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+
+import jax  # noqa: E402
+from crazyflow.control import Control  # noqa: E402
+from crazyflow.dynamics import Dynamics  # noqa: E402
+from crazyflow.sim import Sim  # noqa: E402
 
 WORLDS, STEPS, RATE = 16384, 100, 500
 
@@ -40,9 +44,6 @@ def timed(made: Sim) -> float:
 
 def main() -> None:
     """Answer until the input ends."""
-    # What the libraries say goes elsewhere, so that only answers are on the standard output.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
     made: dict[str, Sim] = {}
     for line in sys.stdin:
         name = line.strip()

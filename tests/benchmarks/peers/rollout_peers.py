@@ -27,43 +27,39 @@ Array = np.ndarray
 
 
 class MuJoCo:
-    """The same machine in MuJoCo, from the same states."""
+    """A machine in MuJoCo, from the same states; raises `AssertionError` if it moves otherwise."""
 
     def __init__(self, ours: Machine, method: str) -> None:
         tree = tree_of(ours.robot)
-        self.order = list(tree.layout.order)
         self.model = mujoco.MjModel.from_xml_string(model_text(tree))
         self.model.opt.timestep, self.model.opt.integrator = STEP, INTEGRATORS[method]
-        self.start = np.zeros((STATES, mujoco.mj_stateSize(self.model, self._all)))
-        self.start[:, 1 : 1 + ours.nv] = ours.q[:STATES, self.order]
+        self.order = list(tree.layout.order)
         self.rollouts = {n: mujoco.rollout.Rollout(nthread=n if n > 1 else 0) for n in (1, 2)}
+        self.check(ours, method)
+        self.start = self.whole(ours.q[:STATES], ours.v[:STATES])
 
-    _all = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    def whole(self, q: Array, v: Array) -> Array:
+        """States (n, …) as MuJoCo has them: time, coordinates and velocities."""
+        return np.concatenate([np.zeros((len(q), 1)), q[:, self.order], v[:, self.order]], axis=1)
 
-    def states(self, count: int, steps: int, threads: int = 1) -> Array:
-        """States after each step, (count, steps, 1 + 2 nv): time, coordinates and velocities."""
+    def states(self, start: Array, steps: int, threads: int = 1) -> Array:
+        """States after each step, (n, steps, …)."""
         datas = [mujoco.MjData(self.model) for _ in range(threads)]
-        return self.rollouts[threads].rollout(self.model, datas, self.start[:count], nstep=steps)[0]
+        return self.rollouts[threads].rollout(self.model, datas, start, nstep=steps)[0]
 
-    def steps(self, threads: int = 1) -> Measure:
-        """What times steps of all states."""
-
-        def seconds() -> float:
-            begin = time.perf_counter()
-            self.states(STATES, STEPS, threads)
-            return (time.perf_counter() - begin) / (STATES * STEPS)
-
-        return seconds
+    def seconds(self, threads: int = 1) -> float:
+        """Time of a step of one state, s."""
+        begin = time.perf_counter()
+        self.states(self.start, STEPS, threads)
+        return (time.perf_counter() - begin) / (STATES * STEPS)
 
     def check(self, ours: Machine, method: str) -> None:
         """Raise `AssertionError` if states after some steps are not ours."""
+        q, v = ours.q[:CHECKED_STATES], ours.v[:CHECKED_STATES] + 0.1
         options: Any = {"method": method, "every": CHECKED_STEPS}
-        state = ours.q[:CHECKED_STATES], ours.v[:CHECKED_STATES] + 0.1
-        self.start[:, 1 + ours.nv :] = 0.1
-        found = rollout(ours.module, *state, np.zeros(ours.nu), CHECKED_STEPS, STEP, **options)
-        theirs = self.states(CHECKED_STATES, CHECKED_STEPS)[:, -1, 1:]
-        mine = np.concatenate([found.q[:, -1, self.order], found.v[:, -1, self.order]], axis=1)
-        worst = float(np.abs(mine - theirs).max())
+        found = rollout(ours.module, q, v, np.zeros(ours.nu), CHECKED_STEPS, STEP, **options)
+        theirs = self.states(self.whole(q, v), CHECKED_STEPS)[:, -1, 1:]
+        worst = float(np.abs(self.whole(found.q[:, -1], found.v[:, -1])[:, 1:] - theirs).max())
         if not worst < TOLERANCE:
             raise AssertionError(f"{ours.robot.name}, {method}: MuJoCo's states are {worst} off")
 
