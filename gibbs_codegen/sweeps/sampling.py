@@ -67,6 +67,21 @@ class Varied:
     relative: bool = False
     together: bool = False
 
+    def ppf(self, shares: Array) -> Array:
+        """What is drawn, by the name that distributions of SciPy have for it.
+
+        Args:
+            shares: Random numbers (s) between 0 and 1.
+
+        Returns:
+            The numbers (s) below which such shares of all lie; levels are equally likely.
+        """
+        if self.draw is not None:
+            return self.draw.at(shares)
+        levels = np.asarray(self.levels, dtype=np.float64)
+        drawn: Array = levels[(shares * len(levels)).astype(np.int64)]
+        return drawn
+
 
 def uniform(low: float, high: float) -> Varied:
     """Numbers that are equally likely between two.
