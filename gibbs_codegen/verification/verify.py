@@ -190,12 +190,9 @@ def compare_module(
         comparisons += _compare_again(evaluation, tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
     comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
-    number = min(most, extent.of_each)
-    if number > 1:
+    if extent.of_each:
         progress(OF_EACH)
-        robots = [variation(robot, module.PARAMETERS, seed, i) for i in range(number)]
-        states = States.random(tree, number, (seed, 6))
-        comparisons += compare_constants_of_each(module, robots, states)
+        comparisons += _with_constants_of_each(module, robot, min(most, extent.of_each), seed)
     return merged(comparisons)
 
 
@@ -270,6 +267,25 @@ def _compare_again(
     expected = Expected(formulated(NewtonEuler(tree)), states)
     together = expected.compare_functions(evaluation, states, against)
     return together + expected.compare_functions(evaluation, states.first(few), against, True)
+
+
+def _with_constants_of_each(
+    module: ModuleType, robot: Robot, count: int, seed: int
+) -> list[Comparison]:
+    """Compare all functions for states that have parameters each with the same one by one.
+
+    Args:
+        module: The back end.
+        robot: The robot.
+        count: Number of states.
+        seed: Of states and parameters.
+
+    Returns:
+        The comparisons.
+    """
+    robots = [variation(robot, module.PARAMETERS, seed, number) for number in range(count)]
+    states = States.random(Tree(robot), count, (seed, 6))
+    return compare_constants_of_each(module, robots, states)
 
 
 def _with_other_parameters(
