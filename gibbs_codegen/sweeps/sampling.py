@@ -177,11 +177,11 @@ def varied(values: Any) -> Varied:
         return values
     if isinstance(values, np.ndarray):
         values = values.tolist()
-    if not isinstance(values, list | tuple | range):
-        return Varied((values,))
-    if not values:
+    listed = values if isinstance(values, list | tuple | range) else (values,)
+    if not listed:
         raise UsageError("an empty list: give at least one value")
-    return Varied(tuple(values))
+    # Numbers of NumPy become Python's.
+    return Varied(tuple(v.item() if isinstance(v, np.generic) else v for v in listed))
 
 
 def shares(samples: int, keys: int, seed: int) -> Array:
