@@ -1,13 +1,8 @@
 /* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
-#ifdef __GNUC__
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 12)
+#define MIX __builtin_shufflevector
 typedef real Eight
     __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
-#ifdef __clang__
-#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-typedef bits Order __attribute__((vector_size(8 * sizeof(bits))));
-#define MIX(a, b, ...) __builtin_shuffle(a, b, (Order){__VA_ARGS__})
-#endif
 
 static INLINE void turn(
     const real *from,
