@@ -21,6 +21,9 @@ typedef quadrotor_2link_real real;
 #ifdef QUADROTOR_2LINK_FLOAT
 #define SINGLE
 #endif
+#ifdef QUADROTOR_2LINK_DISPATCH
+#define DISPATCH
+#endif
 #ifdef QUADROTOR_2LINK_EACH
 #define EACH
 #define CONSTANTS QUADROTOR_2LINK_CONSTANTS
@@ -57,8 +60,15 @@ typedef quadrotor_2link_real real;
 #define VECTORISE
 #endif
 
-/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
-#if defined(__clang__) && defined(__AVX512F__)
+/*
+ * Compilers use half of the widest registers unless told; a block of states fills the whole. With
+ * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
+ * program chooses when it starts: by gcc for glibc, without effect elsewhere.
+ */
+#if defined(DISPATCH) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && \
+    __GNUC__ >= 12
+#define WIDE __attribute__((target_clones("default", "arch=x86-64-v3", "arch=x86-64-v4")))
+#elif defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
