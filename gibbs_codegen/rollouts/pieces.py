@@ -113,10 +113,9 @@ class _Pieces:
         """
         with self._lock:
             left = self._count - self._first
-            wanted = min(size // self._steps, -(-left // (2 * self._threads)))
-            piece = Piece(
-                self._first, min(left, max(1, -(-wanted // _STATES)) * _STATES), 0, self._steps
-            )
+            fair = left if self._threads == 1 else -(-left // (2 * self._threads))
+            blocks = max(1, -(-min(size // self._steps, fair) // _STATES))
+            piece = Piece(self._first, min(left, blocks * _STATES), 0, self._steps)
             self._first += piece.count
         return piece
 
