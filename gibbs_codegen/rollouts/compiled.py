@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -193,7 +194,7 @@ class _Run:
     def _rows(self, array: Reals) -> _Rows:
         """An array (1 or n, 1 or steps, …) as rows of states and steps."""
         states, steps, *shape = array.shape
-        width = int(np.prod(shape))
+        width = math.prod(shape)
         return _Rows(
             self._read(array),
             width * steps if states > 1 else 0,

@@ -92,7 +92,8 @@ class _Pieces:
         while (states := self._some_states(size)).count > 0:
             begin = 0
             while begin < self._steps:
-                end = min(self._steps, begin + max(1, size // states.count))
+                # States are rounded up to whole blocks, and take all their steps even so.
+                end = min(self._steps, begin + max(1, 2 * size // states.count))
                 started = time.perf_counter()
                 call(Piece(states.first, states.count, begin, end))
                 seconds = time.perf_counter() - started
