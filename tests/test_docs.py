@@ -79,7 +79,8 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    assert pages_with("c") == ["docs/c-and-firmware.md", "docs/derivatives.md"]
+    pages = ["docs/c-and-firmware.md", "docs/derivatives.md", "docs/rollouts.md"]
+    assert pages_with("c") == pages
     one, wrench, quaternion, other, batch, each = blocks("docs/c-and-firmware.md", "c")
     generate("quadrotor", tmp_path)
     header, _, turning = quaternion.partition("\n\n")

@@ -49,10 +49,8 @@ typedef hexarotor_3link_real real;
 
 #ifdef __GNUC__
 #define INLINE inline __attribute__((always_inline))
-#define COLD __attribute__((noinline, cold))
 #else
 #define INLINE inline
-#define COLD
 #endif
 
 /* The lanes or columns of a loop are independent. */
@@ -89,7 +87,6 @@ typedef hexarotor_3link_real real;
 #define R(literal) literal##f
 #define LIBRARY(function) function##f
 typedef uint32_t bits;
-#define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
 #define NOT_FINITE UINT32_C(0x7f800000)
 #else
@@ -101,9 +98,21 @@ typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 #define LIBRARY(function) function
 typedef uint64_t bits;
-#define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define NOT_FINITE UINT64_C(0x7ff0000000000000)
+#endif
+
+#ifdef __GNUC__
+#define COLD __attribute__((noinline, cold))
+#else
+#define COLD
+#endif
+
+/* How far the second bit of a small whole number is from the sign of a real. */
+#ifdef SINGLE
+#define SIGN_SHIFT 30
+#else
+#define SIGN_SHIFT 62
 #endif
 
 /*
