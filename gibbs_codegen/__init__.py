@@ -48,6 +48,9 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.family import paper_family as paper_family
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
+    from gibbs_codegen.rollouts.problem import Feedback as Feedback
+    from gibbs_codegen.rollouts.problem import Rollout as Rollout
+    from gibbs_codegen.rollouts.rollout import rollout as rollout
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
@@ -61,10 +64,12 @@ if TYPE_CHECKING:
 
 _LAZY = {
     "ChainEquation": "equations.chain_equation",
+    "Feedback": "rollouts.problem",
     "Flight": "simulator.record.flight",
     "Observation": "simulator.control.sensing",
     "ReachableWrenches": "analysis.reach",
     "Regulator": "analysis.regulator",
+    "Rollout": "rollouts.problem",
     "Scenario": "scenario.scenario",
     "Simulation": "simulator.stepping",
     "Trim": "analysis.trim",
@@ -90,6 +95,7 @@ _LAZY = {
     "read_flight": "simulator.record.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
+    "rollout": "rollouts.rollout",
     "simulate": "simulator.simulation",
     "trim": "analysis.trim",
     "verify": "verification.modules",

@@ -26,7 +26,9 @@ SDIST = f"{STEM}.tar.gz"
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/blocks.c emitted/column_major.c emitted/gather.c emitted/platform.c
+    emitted/blocks.c emitted/column_major.c emitted/constants.c emitted/gather.c emitted/platform.c
+    emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
+    emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
     emitted/acados/angles/by_entries.c emitted/acados/angles/place.c
     emitted/acados/angles/rates_along.c emitted/acados/angles/rates_gradient.c
@@ -58,8 +60,9 @@ DATA = """
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml
     templates/acados_script.py.jinja templates/acados_source.c.jinja
-    templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
-    templates/c_steps.c.jinja templates/matlab_constants.m.jinja
+    templates/c_casadi.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja
+    templates/c_rollout.c.jinja templates/c_rollout.h.jinja
+    templates/c_source.c.jinja templates/c_steps.c.jinja templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja
     templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
     templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja

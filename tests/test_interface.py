@@ -78,7 +78,8 @@ def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
     assert f'    "{NAME}",\n' in (folder / "__init__.py").read_text(encoding="utf-8")
     for text in (source, header):
         assert re.search(rf"\bquadrotor_2link_{NAME}\(", text)
-        assert re.search(rf"\bquadrotor_2link_{NAME}_batch\(", text)
+    assert re.search(rf"\bquadrotor_2link_{NAME}_batch\(", header)
+    assert f"\nBATCH({NAME})(" in source
     assert f"FORM(CASADI, {NAME}, " in casadi
     for text in (numpy, header):
         assert ADDED.summary in text

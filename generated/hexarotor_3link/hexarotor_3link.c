@@ -15,17 +15,21 @@
 #include "hexarotor_3link.h"
 
 typedef hexarotor_3link_real real;
-typedef hexarotor_3link_constants Constants;
 
 #define LANES HEXAROTOR_3LINK_LANES
 #define MODULE(name) hexarotor_3link_##name
 #ifdef HEXAROTOR_3LINK_FLOAT
 #define SINGLE
 #endif
+#ifdef HEXAROTOR_3LINK_EACH
+#define EACH
+#define CONSTANTS HEXAROTOR_3LINK_CONSTANTS
+#endif
 
 /*
  * From here to MODULE(unpack) the source is the same for every robot. It needs `real`, LANES,
- * MODULE(name), which puts the robot's name before a name, and SINGLE where `real` is float.
+ * MODULE(name), which puts the robot's name before a name, SINGLE where `real` is float, and, where
+ * every state has its own constants, EACH and CONSTANTS, which says how many these are.
  */
 #include <float.h>
 #include <math.h>
@@ -117,6 +121,28 @@ static int is_finite(const real value)
     memcpy(&value_bits, &value, sizeof value_bits);
     return (value_bits & MAGNITUDE) < NOT_FINITE;
 }
+
+/*
+ * The same text serves for constants that all states share and, where EACH is defined, for those of
+ * each state. These are in blocks, as inputs are, and only functions for batches have them.
+ */
+#ifdef EACH
+typedef real Constants;
+#define CONSTANT(name) constants[offsetof(MODULE(constants), name) / sizeof(real) * LANES]
+#define OF_LANE(constants, lane) constants + lane
+#define OF_BLOCK(constants, block) constants + block * (CONSTANTS * LANES)
+#define OF_LAST_BLOCK(constants, block, filled) \
+    real last_constants[CONSTANTS * LANES]; \
+    fill_lanes(CONSTANTS, filled, OF_BLOCK(constants, block), last_constants)
+#define BATCH(function) MODULE(function##_batch_each)
+#else
+typedef MODULE(constants) Constants;
+#define CONSTANT(name) constants->name
+#define OF_LANE(constants, lane) constants
+#define OF_BLOCK(constants, block) constants
+#define OF_LAST_BLOCK(constants, block, filled) const Constants *last_constants = constants
+#define BATCH(function) MODULE(function##_batch)
+#endif
 
 /*
  * Sine and cosine. The nearest multiple m of pi/2 is subtracted from the angle, in parts of which
@@ -334,6 +360,7 @@ static void fill_lanes(
     }
 }
 
+#ifndef EACH
 void MODULE(pack)(
     const size_t count,
     const size_t width,
@@ -364,114 +391,31 @@ void MODULE(unpack)(
         }
     }
 }
+#endif
 
-const real
-    hexarotor_3link_default_parameters[16] = {
-    R(9.8100000000000005), /* gravity, m/s^2 */
-    R(0.5), /* base_arm_length, m */
-    R(1.0), /* base_arm_mass_per_length, kg/m */
-    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
-    R(3.0), /* link2_length, m */
-    R(1.0), /* link2_mass_per_length, kg/m */
-    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
-    R(3.0), /* link3_length, m */
-    R(1.0), /* link3_mass_per_length, kg/m */
-    R(2.12e-06), /* link3_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* link3_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* link3_section_inertia_zz, kg m^2 */
-};
-
-const Constants
-    hexarotor_3link_default_constants = {
-    R(9.8100000000000005),
-    R(0.5),
-    R(0.041666666666666664),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(0.12500572400000001),
-    R(1.2719999999999994e-06),
-    R(0.5),
-    R(4.5),
-    R(3.0),
-    R(4.5),
-    R(3.0),
-    R(6.0),
-    R(13.5),
-    R(36.0),
-    R(4.2399999999999983e-07),
-    R(1.0),
-    R(9.0),
-    R(4.5),
-    R(2.3750057240000002),
-    R(8.9999980920000002),
-    -R(35.999998091999998),
-    -R(2.25),
-    R(2.5439999999999989e-06),
-    R(88.290000000000006),
-    R(0.25),
-    R(0.4330127018922193),
-    R(0.25),
-    -R(0.24999999999999994),
-    R(0.75),
-    R(0.125),
-    R(0.0625),
-    R(0.10825317547305482),
-    R(0.010418097666666671),
-    R(0.031250476999999992),
-    R(0.018041369723940593),
-    R(0.041668574666666666),
-    R(0.010418574666666666),
-    R(0.072918574666666666),
-    R(0.041668574666666666),
-    R(0.10416857466666667),
-    R(0.49999999999999994),
-    R(0.25001144800000002),
-    R(3.9998168403872447),
-    R(7.9995522810579329),
-    R(0.1111111111111111),
-    R(0.5),
-    R(6.3599999999999971e-07),
-    R(4.5),
-    R(2.1199999999999991e-07),
-    R(8.9999980920000002),
-    R(0.12500742000000001),
-    R(9.8100000000000005),
-    R(44.145000000000003),
-};
-
-int hexarotor_3link_init_constants(
+/* Constants for parameters; 1 if they are of no use. */
+static INLINE int constants_lane(
     const real *RESTRICT parameters,
-    Constants *RESTRICT constants)
+    Constants *RESTRICT constants,
+    const int stride)
 {
     AS_WRITTEN
-    const real gravity = parameters[0];
-    const real base_arm_length = parameters[1];
-    const real base_arm_mass_per_length = parameters[2];
-    const real base_arm_section_inertia_xx = parameters[3];
-    const real base_arm_section_inertia_yy = parameters[4];
-    const real base_arm_section_inertia_zz = parameters[5];
-    const real link2_length = parameters[6];
-    const real link2_mass_per_length = parameters[7];
-    const real link2_section_inertia_xx = parameters[8];
-    const real link2_section_inertia_yy = parameters[9];
-    const real link2_section_inertia_zz = parameters[10];
-    const real link3_length = parameters[11];
-    const real link3_mass_per_length = parameters[12];
-    const real link3_section_inertia_xx = parameters[13];
-    const real link3_section_inertia_yy = parameters[14];
-    const real link3_section_inertia_zz = parameters[15];
+    const real gravity = parameters[0 * stride];
+    const real base_arm_length = parameters[1 * stride];
+    const real base_arm_mass_per_length = parameters[2 * stride];
+    const real base_arm_section_inertia_xx = parameters[3 * stride];
+    const real base_arm_section_inertia_yy = parameters[4 * stride];
+    const real base_arm_section_inertia_zz = parameters[5 * stride];
+    const real link2_length = parameters[6 * stride];
+    const real link2_mass_per_length = parameters[7 * stride];
+    const real link2_section_inertia_xx = parameters[8 * stride];
+    const real link2_section_inertia_yy = parameters[9 * stride];
+    const real link2_section_inertia_zz = parameters[10 * stride];
+    const real link3_length = parameters[11 * stride];
+    const real link3_mass_per_length = parameters[12 * stride];
+    const real link3_section_inertia_xx = parameters[13 * stride];
+    const real link3_section_inertia_yy = parameters[14 * stride];
+    const real link3_section_inertia_zz = parameters[15 * stride];
 
     /* second moments of base_arm */
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
@@ -615,134 +559,260 @@ int hexarotor_3link_init_constants(
     const STEPWISE real k119 = k85 * k112;
     int good = k78 > R(0.0);
     for (int i = 0; i < 16; ++i) {
-        good &= is_finite(parameters[i]);
+        good &= is_finite(parameters[i * stride]);
     }
-    constants->gravity = gravity;
+    CONSTANT(gravity) = gravity;
     good &= is_finite(gravity);
-    constants->base_arm_length = base_arm_length;
+    CONSTANT(base_arm_length) = base_arm_length;
     good &= is_finite(base_arm_length);
-    constants->k8 = k8;
+    CONSTANT(k8) = k8;
     good &= is_finite(k8);
-    constants->k14 = k14;
+    CONSTANT(k14) = k14;
     good &= is_finite(k14);
-    constants->k20 = k20;
+    CONSTANT(k20) = k20;
     good &= is_finite(k20);
-    constants->link2_length = link2_length;
+    CONSTANT(link2_length) = link2_length;
     good &= is_finite(link2_length);
-    constants->k27 = k27;
+    CONSTANT(k27) = k27;
     good &= is_finite(k27);
-    constants->k33 = k33;
+    CONSTANT(k33) = k33;
     good &= is_finite(k33);
-    constants->k39 = k39;
+    CONSTANT(k39) = k39;
     good &= is_finite(k39);
-    constants->link3_length = link3_length;
+    CONSTANT(link3_length) = link3_length;
     good &= is_finite(link3_length);
-    constants->k46 = k46;
+    CONSTANT(k46) = k46;
     good &= is_finite(k46);
-    constants->k52 = k52;
+    CONSTANT(k52) = k52;
     good &= is_finite(k52);
-    constants->k58 = k58;
+    CONSTANT(k58) = k58;
     good &= is_finite(k58);
-    constants->k63 = k63;
+    CONSTANT(k63) = k63;
     good &= is_finite(k63);
-    constants->k64 = k64;
+    CONSTANT(k64) = k64;
     good &= is_finite(k64);
-    constants->k65 = k65;
+    CONSTANT(k65) = k65;
     good &= is_finite(k65);
-    constants->k66 = k66;
+    CONSTANT(k66) = k66;
     good &= is_finite(k66);
-    constants->k67 = k67;
+    CONSTANT(k67) = k67;
     good &= is_finite(k67);
-    constants->k68 = k68;
+    CONSTANT(k68) = k68;
     good &= is_finite(k68);
-    constants->k69 = k69;
+    CONSTANT(k69) = k69;
     good &= is_finite(k69);
-    constants->k71 = k71;
+    CONSTANT(k71) = k71;
     good &= is_finite(k71);
-    constants->k73 = k73;
+    CONSTANT(k73) = k73;
     good &= is_finite(k73);
-    constants->k74 = k74;
+    CONSTANT(k74) = k74;
     good &= is_finite(k74);
-    constants->k75 = k75;
+    CONSTANT(k75) = k75;
     good &= is_finite(k75);
-    constants->k77 = k77;
+    CONSTANT(k77) = k77;
     good &= is_finite(k77);
-    constants->k78 = k78;
+    CONSTANT(k78) = k78;
     good &= is_finite(k78);
-    constants->k79 = k79;
+    CONSTANT(k79) = k79;
     good &= is_finite(k79);
-    constants->k80 = k80;
+    CONSTANT(k80) = k80;
     good &= is_finite(k80);
-    constants->k81 = k81;
+    CONSTANT(k81) = k81;
     good &= is_finite(k81);
-    constants->k82 = k82;
+    CONSTANT(k82) = k82;
     good &= is_finite(k82);
-    constants->k83 = k83;
+    CONSTANT(k83) = k83;
     good &= is_finite(k83);
-    constants->k84 = k84;
+    CONSTANT(k84) = k84;
     good &= is_finite(k84);
-    constants->k85 = k85;
+    CONSTANT(k85) = k85;
     good &= is_finite(k85);
-    constants->k86 = k86;
+    CONSTANT(k86) = k86;
     good &= is_finite(k86);
-    constants->k87 = k87;
+    CONSTANT(k87) = k87;
     good &= is_finite(k87);
-    constants->k88 = k88;
+    CONSTANT(k88) = k88;
     good &= is_finite(k88);
-    constants->k90 = k90;
+    CONSTANT(k90) = k90;
     good &= is_finite(k90);
-    constants->k91 = k91;
+    CONSTANT(k91) = k91;
     good &= is_finite(k91);
-    constants->k92 = k92;
+    CONSTANT(k92) = k92;
     good &= is_finite(k92);
-    constants->k93 = k93;
+    CONSTANT(k93) = k93;
     good &= is_finite(k93);
-    constants->k94 = k94;
+    CONSTANT(k94) = k94;
     good &= is_finite(k94);
-    constants->k97 = k97;
+    CONSTANT(k97) = k97;
     good &= is_finite(k97);
-    constants->k98 = k98;
+    CONSTANT(k98) = k98;
     good &= is_finite(k98);
-    constants->k99 = k99;
+    CONSTANT(k99) = k99;
     good &= is_finite(k99);
-    constants->k100 = k100;
+    CONSTANT(k100) = k100;
     good &= is_finite(k100);
-    constants->k102 = k102;
+    CONSTANT(k102) = k102;
     good &= is_finite(k102);
-    constants->k103 = k103;
+    CONSTANT(k103) = k103;
     good &= is_finite(k103);
-    constants->k104 = k104;
+    CONSTANT(k104) = k104;
     good &= is_finite(k104);
-    constants->k105 = k105;
+    CONSTANT(k105) = k105;
     good &= is_finite(k105);
-    constants->k106 = k106;
+    CONSTANT(k106) = k106;
     good &= is_finite(k106);
-    constants->k108 = k108;
+    CONSTANT(k108) = k108;
     good &= is_finite(k108);
-    constants->k109 = k109;
+    CONSTANT(k109) = k109;
     good &= is_finite(k109);
-    constants->k110 = k110;
+    CONSTANT(k110) = k110;
     good &= is_finite(k110);
-    constants->k111 = k111;
+    CONSTANT(k111) = k111;
     good &= is_finite(k111);
-    constants->k112 = k112;
+    CONSTANT(k112) = k112;
     good &= is_finite(k112);
-    constants->k113 = k113;
+    CONSTANT(k113) = k113;
     good &= is_finite(k113);
-    constants->k114 = k114;
+    CONSTANT(k114) = k114;
     good &= is_finite(k114);
-    constants->k115 = k115;
+    CONSTANT(k115) = k115;
     good &= is_finite(k115);
-    constants->k116 = k116;
+    CONSTANT(k116) = k116;
     good &= is_finite(k116);
-    constants->k117 = k117;
+    CONSTANT(k117) = k117;
     good &= is_finite(k117);
-    constants->k118 = k118;
+    CONSTANT(k118) = k118;
     good &= is_finite(k118);
-    constants->k119 = k119;
+    CONSTANT(k119) = k119;
     good &= is_finite(k119);
     return !good;
 }
+
+#ifdef EACH
+size_t hexarotor_3link_init_constants_batch(
+    const size_t count,
+    const real *RESTRICT parameters,
+    real *RESTRICT constants)
+{
+    size_t useless = 0;
+    for (size_t block = 0; block * LANES < count; ++block) {
+        const size_t left = count - block * LANES;
+        const size_t filled = left < LANES ? left : LANES;
+        real whole_block[16 * LANES];
+        int is_useless[LANES];
+        fill_lanes(
+            16,
+            filled,
+            parameters + block * (16 * LANES),
+            whole_block);
+        for (int lane = 0; lane < LANES; ++lane) {
+            is_useless[lane] = constants_lane(
+                whole_block + lane,
+                OF_LANE(OF_BLOCK(constants, block), lane),
+                LANES);
+        }
+        for (size_t lane = 0; lane < filled && !useless; ++lane) {
+            if (is_useless[lane]) {
+                useless = 1 + block * LANES + lane;
+            }
+        }
+    }
+    return useless;
+}
+#else
+const real
+    hexarotor_3link_default_parameters[16] = {
+    R(9.8100000000000005), /* gravity, m/s^2 */
+    R(0.5), /* base_arm_length, m */
+    R(1.0), /* base_arm_mass_per_length, kg/m */
+    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
+    R(3.0), /* link2_length, m */
+    R(1.0), /* link2_mass_per_length, kg/m */
+    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
+    R(3.0), /* link3_length, m */
+    R(1.0), /* link3_mass_per_length, kg/m */
+    R(2.12e-06), /* link3_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* link3_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* link3_section_inertia_zz, kg m^2 */
+};
+
+const Constants
+    hexarotor_3link_default_constants = {
+    R(9.8100000000000005),
+    R(0.5),
+    R(0.041666666666666664),
+    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
+    R(3.0),
+    R(9.0),
+    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
+    R(3.0),
+    R(9.0),
+    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
+    R(0.12500572400000001),
+    R(1.2719999999999994e-06),
+    R(0.5),
+    R(4.5),
+    R(3.0),
+    R(4.5),
+    R(3.0),
+    R(6.0),
+    R(13.5),
+    R(36.0),
+    R(4.2399999999999983e-07),
+    R(1.0),
+    R(9.0),
+    R(4.5),
+    R(2.3750057240000002),
+    R(8.9999980920000002),
+    -R(35.999998091999998),
+    -R(2.25),
+    R(2.5439999999999989e-06),
+    R(88.290000000000006),
+    R(0.25),
+    R(0.4330127018922193),
+    R(0.25),
+    -R(0.24999999999999994),
+    R(0.75),
+    R(0.125),
+    R(0.0625),
+    R(0.10825317547305482),
+    R(0.010418097666666671),
+    R(0.031250476999999992),
+    R(0.018041369723940593),
+    R(0.041668574666666666),
+    R(0.010418574666666666),
+    R(0.072918574666666666),
+    R(0.041668574666666666),
+    R(0.10416857466666667),
+    R(0.49999999999999994),
+    R(0.25001144800000002),
+    R(3.9998168403872447),
+    R(7.9995522810579329),
+    R(0.1111111111111111),
+    R(0.5),
+    R(6.3599999999999971e-07),
+    R(4.5),
+    R(2.1199999999999991e-07),
+    R(8.9999980920000002),
+    R(0.12500742000000001),
+    R(9.8100000000000005),
+    R(44.145000000000003),
+};
+
+int hexarotor_3link_init_constants(
+    const real *RESTRICT parameters,
+    Constants *RESTRICT constants)
+{
+    return constants_lane(parameters, constants, 1);
+}
+#endif
 
 /* ---- mass_matrix_and_residual ---- */
 
@@ -784,28 +854,28 @@ static INLINE void mass_matrix_and_residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k71 = constants->k71;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k71 = CONSTANT(k71);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k84 = CONSTANT(k84);
+    const real k85 = CONSTANT(k85);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1142,6 +1212,7 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[77 * stride] = t200;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_mass_matrix_and_residual(
     const Constants *RESTRICT constants,
@@ -1157,6 +1228,7 @@ hexarotor_3link_mass_matrix_and_residual(
     mass_matrix_and_residual_lane(constants, sine, cosine, q, v, mass_matrix, residual,
         1);
 }
+#endif
 
 static WIDE void mass_matrix_and_residual_block(
     const Constants *RESTRICT constants,
@@ -1168,18 +1240,19 @@ static WIDE void mass_matrix_and_residual_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
+            + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, mass_matrix + lane, residual + lane, LANES);
+        mass_matrix_and_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, mass_matrix + lane, residual + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_mass_matrix_and_residual_batch(
+BATCH(mass_matrix_and_residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1192,13 +1265,14 @@ hexarotor_3link_mass_matrix_and_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_and_residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             mass_matrix + block * (81 * LANES),
             residual + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -1212,7 +1286,7 @@ hexarotor_3link_mass_matrix_and_residual_batch(
             v + whole * (9 * LANES),
             last_v);
         mass_matrix_and_residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             mass_matrix + whole * (81 * LANES),
@@ -1256,25 +1330,25 @@ static INLINE void mass_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k71 = constants->k71;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k71 = CONSTANT(k71);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1475,6 +1549,7 @@ static INLINE void mass_matrix_lane(
     mass_matrix[77 * stride] = t94;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_mass_matrix(
     const Constants *RESTRICT constants,
@@ -1487,6 +1562,7 @@ hexarotor_3link_mass_matrix(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
 }
+#endif
 
 static WIDE void mass_matrix_block(
     const Constants *RESTRICT constants,
@@ -1496,18 +1572,18 @@ static WIDE void mass_matrix_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_angles(constants, q + lane, angle + lane, LANES);
+        mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_lane(constants, sine + lane, cosine + lane, q + lane, mass_matrix +
-            lane, LANES);
+        mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            mass_matrix + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_mass_matrix_batch(
+BATCH(mass_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1518,11 +1594,12 @@ hexarotor_3link_mass_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             mass_matrix + block * (81 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -1530,7 +1607,7 @@ hexarotor_3link_mass_matrix_batch(
             q + whole * (9 * LANES),
             last_q);
         mass_matrix_block(
-            constants,
+            last_constants,
             last_q,
             mass_matrix + whole * (81 * LANES));
     }
@@ -1575,25 +1652,25 @@ static INLINE void residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k84 = CONSTANT(k84);
+    const real k85 = CONSTANT(k85);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1771,6 +1848,7 @@ static INLINE void residual_lane(
     residual[8 * stride] = t134;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_residual(
     const Constants *RESTRICT constants,
@@ -1784,6 +1862,7 @@ hexarotor_3link_residual(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     residual_lane(constants, sine, cosine, q, v, residual, 1);
 }
+#endif
 
 static WIDE void residual_block(
     const Constants *RESTRICT constants,
@@ -1794,18 +1873,18 @@ static WIDE void residual_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, residual +
-            lane, LANES);
+        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v +
+            lane, residual + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_residual_batch(
+BATCH(residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1817,12 +1896,13 @@ hexarotor_3link_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             residual + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -1836,7 +1916,7 @@ hexarotor_3link_residual_batch(
             v + whole * (9 * LANES),
             last_v);
         residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             residual + whole * (9 * LANES));
@@ -1869,10 +1949,10 @@ static INLINE void input_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real k77 = constants->k77;
-    const real k87 = constants->k87;
-    const real k90 = constants->k90;
-    const real k91 = constants->k91;
+    const real k77 = CONSTANT(k77);
+    const real k87 = CONSTANT(k87);
+    const real k90 = CONSTANT(k90);
+    const real k91 = CONSTANT(k91);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1956,6 +2036,7 @@ static INLINE void input_matrix_lane(
     input_matrix[77 * stride] = -t38;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_input_matrix(
     const Constants *RESTRICT constants,
@@ -1970,6 +2051,7 @@ hexarotor_3link_input_matrix(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
 }
+#endif
 
 static WIDE void input_matrix_block(
     const Constants *RESTRICT constants,
@@ -1982,18 +2064,18 @@ static WIDE void input_matrix_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_angles(constants, q + lane, angle + lane, LANES);
+        input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_lane(constants, sine + lane, cosine + lane, q + lane, input_matrix +
-            lane, LANES);
+        input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            input_matrix + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_input_matrix_batch(
+BATCH(input_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2004,11 +2086,12 @@ hexarotor_3link_input_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         input_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             input_matrix + block * (81 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -2016,7 +2099,7 @@ hexarotor_3link_input_matrix_batch(
             q + whole * (9 * LANES),
             last_q);
         input_matrix_block(
-            constants,
+            last_constants,
             last_q,
             input_matrix + whole * (81 * LANES));
     }
@@ -2064,29 +2147,29 @@ static INLINE void forward_dynamics_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k78 = constants->k78;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k84 = constants->k84;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k106 = constants->k106;
-    const real k108 = constants->k108;
-    const real k109 = constants->k109;
-    const real k110 = constants->k110;
-    const real k117 = constants->k117;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k78 = CONSTANT(k78);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k84 = CONSTANT(k84);
+    const real k86 = CONSTANT(k86);
+    const real k87 = CONSTANT(k87);
+    const real k106 = CONSTANT(k106);
+    const real k108 = CONSTANT(k108);
+    const real k109 = CONSTANT(k109);
+    const real k110 = CONSTANT(k110);
+    const real k117 = CONSTANT(k117);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2349,6 +2432,7 @@ static INLINE void forward_dynamics_lane(
     acceleration[8 * stride] = t182;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_forward_dynamics(
     const Constants *RESTRICT constants,
@@ -2363,6 +2447,7 @@ hexarotor_3link_forward_dynamics(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     forward_dynamics_lane(constants, sine, cosine, q, v, u, acceleration, 1);
 }
+#endif
 
 static WIDE void forward_dynamics_block(
     const Constants *RESTRICT constants,
@@ -2374,19 +2459,19 @@ static WIDE void forward_dynamics_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_angles(constants, q + lane, v + lane, u + lane, angle + lane,
-            LANES);
+        forward_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, u + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, u +
-            lane, acceleration + lane, LANES);
+        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, u + lane, acceleration + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_forward_dynamics_batch(
+BATCH(forward_dynamics)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2399,13 +2484,14 @@ hexarotor_3link_forward_dynamics_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             u + block * (9 * LANES),
             acceleration + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_u[9 * LANES];
@@ -2425,7 +2511,7 @@ hexarotor_3link_forward_dynamics_batch(
             u + whole * (9 * LANES),
             last_u);
         forward_dynamics_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_u,
@@ -2475,24 +2561,24 @@ static INLINE void inverse_dynamics_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2702,6 +2788,7 @@ static INLINE void inverse_dynamics_lane(
     force[8 * stride] = t143;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_inverse_dynamics(
     const Constants *RESTRICT constants,
@@ -2716,6 +2803,7 @@ hexarotor_3link_inverse_dynamics(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     inverse_dynamics_lane(constants, sine, cosine, q, v, a, force, 1);
 }
+#endif
 
 static WIDE void inverse_dynamics_block(
     const Constants *RESTRICT constants,
@@ -2727,19 +2815,19 @@ static WIDE void inverse_dynamics_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_angles(constants, q + lane, v + lane, a + lane, angle + lane,
-            LANES);
+        inverse_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
-            lane, force + lane, LANES);
+        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, a + lane, force + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_inverse_dynamics_batch(
+BATCH(inverse_dynamics)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2752,13 +2840,14 @@ hexarotor_3link_inverse_dynamics_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         inverse_dynamics_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             a + block * (9 * LANES),
             force + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_a[9 * LANES];
@@ -2778,7 +2867,7 @@ hexarotor_3link_inverse_dynamics_batch(
             a + whole * (9 * LANES),
             last_a);
         inverse_dynamics_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -2822,33 +2911,33 @@ static INLINE void hybrid_mass_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k71 = constants->k71;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k92 = constants->k92;
-    const real k93 = constants->k93;
-    const real k94 = constants->k94;
-    const real k100 = constants->k100;
-    const real k102 = constants->k102;
-    const real k103 = constants->k103;
-    const real k104 = constants->k104;
-    const real k105 = constants->k105;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k71 = CONSTANT(k71);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k92 = CONSTANT(k92);
+    const real k93 = CONSTANT(k93);
+    const real k94 = CONSTANT(k94);
+    const real k100 = CONSTANT(k100);
+    const real k102 = CONSTANT(k102);
+    const real k103 = CONSTANT(k103);
+    const real k104 = CONSTANT(k104);
+    const real k105 = CONSTANT(k105);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -3143,6 +3232,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[252 * stride] = t120;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_hybrid_mass_matrix(
     const Constants *RESTRICT constants,
@@ -3158,6 +3248,7 @@ hexarotor_3link_hybrid_mass_matrix(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     hybrid_mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
 }
+#endif
 
 static WIDE void hybrid_mass_matrix_block(
     const Constants *RESTRICT constants,
@@ -3170,18 +3261,18 @@ static WIDE void hybrid_mass_matrix_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_angles(constants, q + lane, angle + lane, LANES);
+        hybrid_mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_lane(constants, sine + lane, cosine + lane, q + lane, mass_matrix
-            + lane, LANES);
+        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, mass_matrix + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_hybrid_mass_matrix_batch(
+BATCH(hybrid_mass_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3192,11 +3283,12 @@ hexarotor_3link_hybrid_mass_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_mass_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             mass_matrix + block * (361 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -3204,7 +3296,7 @@ hexarotor_3link_hybrid_mass_matrix_batch(
             q + whole * (9 * LANES),
             last_q);
         hybrid_mass_matrix_block(
-            constants,
+            last_constants,
             last_q,
             mass_matrix + whole * (361 * LANES));
     }
@@ -3249,33 +3341,33 @@ static INLINE void hybrid_residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k92 = constants->k92;
-    const real k93 = constants->k93;
-    const real k94 = constants->k94;
-    const real k97 = constants->k97;
-    const real k98 = constants->k98;
-    const real k99 = constants->k99;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k84 = CONSTANT(k84);
+    const real k85 = CONSTANT(k85);
+    const real k92 = CONSTANT(k92);
+    const real k93 = CONSTANT(k93);
+    const real k94 = CONSTANT(k94);
+    const real k97 = CONSTANT(k97);
+    const real k98 = CONSTANT(k98);
+    const real k99 = CONSTANT(k99);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3530,6 +3622,7 @@ static INLINE void hybrid_residual_lane(
     residual[7 * stride] = t183;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_hybrid_residual(
     const Constants *RESTRICT constants,
@@ -3543,6 +3636,7 @@ hexarotor_3link_hybrid_residual(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     hybrid_residual_lane(constants, sine, cosine, q, v, residual, 1);
 }
+#endif
 
 static WIDE void hybrid_residual_block(
     const Constants *RESTRICT constants,
@@ -3553,18 +3647,19 @@ static WIDE void hybrid_residual_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        hybrid_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            residual + lane, LANES);
+        hybrid_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, residual + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_hybrid_residual_batch(
+BATCH(hybrid_residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3576,12 +3671,13 @@ hexarotor_3link_hybrid_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             residual + block * (19 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -3595,7 +3691,7 @@ hexarotor_3link_hybrid_residual_batch(
             v + whole * (9 * LANES),
             last_v);
         hybrid_residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             residual + whole * (19 * LANES));
@@ -3628,11 +3724,11 @@ static INLINE void hybrid_input_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k77 = constants->k77;
-    const real k87 = constants->k87;
-    const real k90 = constants->k90;
-    const real k91 = constants->k91;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k77 = CONSTANT(k77);
+    const real k87 = CONSTANT(k87);
+    const real k90 = CONSTANT(k90);
+    const real k91 = CONSTANT(k91);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -3719,6 +3815,7 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[122 * stride] = -t38;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_hybrid_input_matrix(
     const Constants *RESTRICT constants,
@@ -3733,6 +3830,7 @@ hexarotor_3link_hybrid_input_matrix(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     hybrid_input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
 }
+#endif
 
 static WIDE void hybrid_input_matrix_block(
     const Constants *RESTRICT constants,
@@ -3745,18 +3843,18 @@ static WIDE void hybrid_input_matrix_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_angles(constants, q + lane, angle + lane, LANES);
+        hybrid_input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_lane(constants, sine + lane, cosine + lane, q + lane,
-            input_matrix + lane, LANES);
+        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, input_matrix + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_hybrid_input_matrix_batch(
+BATCH(hybrid_input_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3767,11 +3865,12 @@ hexarotor_3link_hybrid_input_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_input_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             input_matrix + block * (171 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -3779,7 +3878,7 @@ hexarotor_3link_hybrid_input_matrix_batch(
             q + whole * (9 * LANES),
             last_q);
         hybrid_input_matrix_block(
-            constants,
+            last_constants,
             last_q,
             input_matrix + whole * (171 * LANES));
     }
@@ -3820,16 +3919,16 @@ static INLINE void constraint_torques_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real k92 = constants->k92;
-    const real k93 = constants->k93;
-    const real k94 = constants->k94;
-    const real k97 = constants->k97;
-    const real k98 = constants->k98;
-    const real k99 = constants->k99;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real k92 = CONSTANT(k92);
+    const real k93 = CONSTANT(k93);
+    const real k94 = CONSTANT(k94);
+    const real k97 = CONSTANT(k97);
+    const real k98 = CONSTANT(k98);
+    const real k99 = CONSTANT(k99);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3904,6 +4003,7 @@ static INLINE void constraint_torques_lane(
     torque[4 * stride] = t34;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_constraint_torques(
     const Constants *RESTRICT constants,
@@ -3918,6 +4018,7 @@ hexarotor_3link_constraint_torques(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     constraint_torques_lane(constants, sine, cosine, q, v, a, u, torque, 1);
 }
+#endif
 
 static WIDE void constraint_torques_block(
     const Constants *RESTRICT constants,
@@ -3930,19 +4031,19 @@ static WIDE void constraint_torques_block(
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
-            lane, LANES);
+        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u
+            + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a
-            + lane, u + lane, torque + lane, LANES);
+        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, a + lane, u + lane, torque + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_constraint_torques_batch(
+BATCH(constraint_torques)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3956,7 +4057,7 @@ hexarotor_3link_constraint_torques_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         constraint_torques_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             a + block * (9 * LANES),
@@ -3964,6 +4065,7 @@ hexarotor_3link_constraint_torques_batch(
             torque + block * (5 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_a[9 * LANES];
@@ -3989,7 +4091,7 @@ hexarotor_3link_constraint_torques_batch(
             u + whole * (9 * LANES),
             last_u);
         constraint_torques_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -4040,26 +4142,26 @@ static INLINE void gibbs_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k113 = constants->k113;
-    const real k114 = constants->k114;
-    const real k115 = constants->k115;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k113 = CONSTANT(k113);
+    const real k114 = CONSTANT(k114);
+    const real k115 = CONSTANT(k115);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4277,6 +4379,7 @@ static INLINE void gibbs_lane(
     value[0 * stride] = t170;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_gibbs(
     const Constants *RESTRICT constants,
@@ -4291,6 +4394,7 @@ hexarotor_3link_gibbs(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     gibbs_lane(constants, sine, cosine, q, v, a, value, 1);
 }
+#endif
 
 static WIDE void gibbs_block(
     const Constants *RESTRICT constants,
@@ -4302,18 +4406,19 @@ static WIDE void gibbs_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_angles(constants, q + lane, v + lane, a + lane, angle + lane, LANES);
+        gibbs_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a + lane,
-            value + lane, LANES);
+        gibbs_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v + lane,
+            a + lane, value + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_gibbs_batch(
+BATCH(gibbs)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4326,13 +4431,14 @@ hexarotor_3link_gibbs_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gibbs_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             a + block * (9 * LANES),
             value + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_a[9 * LANES];
@@ -4352,7 +4458,7 @@ hexarotor_3link_gibbs_batch(
             a + whole * (9 * LANES),
             last_a);
         gibbs_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -4399,23 +4505,23 @@ static INLINE void kinetic_energy_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k113 = constants->k113;
-    const real k114 = constants->k114;
-    const real k115 = constants->k115;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k113 = CONSTANT(k113);
+    const real k114 = CONSTANT(k114);
+    const real k115 = CONSTANT(k115);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4520,6 +4626,7 @@ static INLINE void kinetic_energy_lane(
     energy[0 * stride] = t70;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_kinetic_energy(
     const Constants *RESTRICT constants,
@@ -4533,6 +4640,7 @@ hexarotor_3link_kinetic_energy(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     kinetic_energy_lane(constants, sine, cosine, q, v, energy, 1);
 }
+#endif
 
 static WIDE void kinetic_energy_block(
     const Constants *RESTRICT constants,
@@ -4543,18 +4651,19 @@ static WIDE void kinetic_energy_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        kinetic_energy_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            energy + lane, LANES);
+        kinetic_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, energy + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_kinetic_energy_batch(
+BATCH(kinetic_energy)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4566,12 +4675,13 @@ hexarotor_3link_kinetic_energy_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         kinetic_energy_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -4585,7 +4695,7 @@ hexarotor_3link_kinetic_energy_batch(
             v + whole * (9 * LANES),
             last_v);
         kinetic_energy_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             energy + whole * (1 * LANES));
@@ -4627,11 +4737,11 @@ static INLINE void potential_energy_lane(
     real *RESTRICT energy,
     const int stride)
 {
-    const real gravity = constants->gravity;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
+    const real gravity = CONSTANT(gravity);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
     const real z = q[8 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -4657,6 +4767,7 @@ static INLINE void potential_energy_lane(
     energy[0 * stride] = t19;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_potential_energy(
     const Constants *RESTRICT constants,
@@ -4669,6 +4780,7 @@ hexarotor_3link_potential_energy(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     potential_energy_lane(constants, sine, cosine, q, energy, 1);
 }
+#endif
 
 static WIDE void potential_energy_block(
     const Constants *RESTRICT constants,
@@ -4678,18 +4790,18 @@ static WIDE void potential_energy_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_angles(constants, q + lane, angle + lane, LANES);
+        potential_energy_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_lane(constants, sine + lane, cosine + lane, q + lane, energy +
-            lane, LANES);
+        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, energy + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_potential_energy_batch(
+BATCH(potential_energy)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4700,11 +4812,12 @@ hexarotor_3link_potential_energy_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         potential_energy_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -4712,7 +4825,7 @@ hexarotor_3link_potential_energy_batch(
             q + whole * (9 * LANES),
             last_q);
         potential_energy_block(
-            constants,
+            last_constants,
             last_q,
             energy + whole * (1 * LANES));
     }
@@ -4754,13 +4867,13 @@ static INLINE void gravity_forces_lane(
     const int stride)
 {
     (void)q;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k79 = constants->k79;
-    const real k85 = constants->k85;
-    const real k111 = constants->k111;
-    const real k118 = constants->k118;
-    const real k119 = constants->k119;
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k79 = CONSTANT(k79);
+    const real k85 = CONSTANT(k85);
+    const real k111 = CONSTANT(k111);
+    const real k118 = CONSTANT(k118);
+    const real k119 = CONSTANT(k119);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -4819,6 +4932,7 @@ static INLINE void gravity_forces_lane(
     force[5 * stride] = t31;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_gravity_forces(
     const Constants *RESTRICT constants,
@@ -4831,6 +4945,7 @@ hexarotor_3link_gravity_forces(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     gravity_forces_lane(constants, sine, cosine, q, force, 1);
 }
+#endif
 
 static WIDE void gravity_forces_block(
     const Constants *RESTRICT constants,
@@ -4840,18 +4955,18 @@ static WIDE void gravity_forces_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_angles(constants, q + lane, angle + lane, LANES);
+        gravity_forces_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_lane(constants, sine + lane, cosine + lane, q + lane, force + lane,
-            LANES);
+        gravity_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            force + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_gravity_forces_batch(
+BATCH(gravity_forces)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4862,11 +4977,12 @@ hexarotor_3link_gravity_forces_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gravity_forces_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             force + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -4874,7 +4990,7 @@ hexarotor_3link_gravity_forces_batch(
             q + whole * (9 * LANES),
             last_q);
         gravity_forces_block(
-            constants,
+            last_constants,
             last_q,
             force + whole * (9 * LANES));
     }
@@ -4919,9 +5035,9 @@ static INLINE void wrench_forces_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real W_base_fx = W[0 * stride];
     const real W_base_fy = W[1 * stride];
     const real W_base_fz = W[2 * stride];
@@ -5035,6 +5151,7 @@ static INLINE void wrench_forces_lane(
     force[8 * stride] = t76;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_wrench_forces(
     const Constants *RESTRICT constants,
@@ -5048,6 +5165,7 @@ hexarotor_3link_wrench_forces(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     wrench_forces_lane(constants, sine, cosine, q, W, force, 1);
 }
+#endif
 
 static WIDE void wrench_forces_block(
     const Constants *RESTRICT constants,
@@ -5058,18 +5176,19 @@ static WIDE void wrench_forces_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_angles(constants, q + lane, W + lane, angle + lane, LANES);
+        wrench_forces_angles(OF_LANE(constants, lane), q + lane, W + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_lane(constants, sine + lane, cosine + lane, q + lane, W + lane, force
-            + lane, LANES);
+        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, W
+            + lane, force + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_wrench_forces_batch(
+BATCH(wrench_forces)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5081,12 +5200,13 @@ hexarotor_3link_wrench_forces_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         wrench_forces_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             W + block * (12 * LANES),
             force + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_W[12 * LANES];
         fill_lanes(
@@ -5100,7 +5220,7 @@ hexarotor_3link_wrench_forces_batch(
             W + whole * (12 * LANES),
             last_W);
         wrench_forces_block(
-            constants,
+            last_constants,
             last_q,
             last_W,
             force + whole * (9 * LANES));
@@ -5152,30 +5272,30 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real link3_length = constants->link3_length;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k78 = constants->k78;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k84 = constants->k84;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k106 = constants->k106;
-    const real k108 = constants->k108;
-    const real k109 = constants->k109;
-    const real k110 = constants->k110;
-    const real k117 = constants->k117;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real link3_length = CONSTANT(link3_length);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k78 = CONSTANT(k78);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k84 = CONSTANT(k84);
+    const real k86 = CONSTANT(k86);
+    const real k87 = CONSTANT(k87);
+    const real k106 = CONSTANT(k106);
+    const real k108 = CONSTANT(k108);
+    const real k109 = CONSTANT(k109);
+    const real k110 = CONSTANT(k110);
+    const real k117 = CONSTANT(k117);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -5538,6 +5658,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     acceleration[8 * stride] = t240;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_forward_dynamics_with_wrenches(
     const Constants *RESTRICT constants,
@@ -5554,6 +5675,7 @@ hexarotor_3link_forward_dynamics_with_wrenches(
     forward_dynamics_with_wrenches_lane(constants, sine, cosine, q, v, u, W,
         acceleration, 1);
 }
+#endif
 
 static WIDE void forward_dynamics_with_wrenches_block(
     const Constants *RESTRICT constants,
@@ -5566,19 +5688,19 @@ static WIDE void forward_dynamics_with_wrenches_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_angles(constants, q + lane, v + lane, u + lane, W +
-            lane, angle + lane, LANES);
+        forward_dynamics_with_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            u + lane, W + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_lane(constants, sine + lane, cosine + lane, q + lane,
-            v + lane, u + lane, W + lane, acceleration + lane, LANES);
+        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine +
+            lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_forward_dynamics_with_wrenches_batch(
+BATCH(forward_dynamics_with_wrenches)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5592,7 +5714,7 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_with_wrenches_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             u + block * (9 * LANES),
@@ -5600,6 +5722,7 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch(
             acceleration + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_u[9 * LANES];
@@ -5625,7 +5748,7 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch(
             W + whole * (12 * LANES),
             last_W);
         forward_dynamics_with_wrenches_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_u,
@@ -5679,31 +5802,31 @@ static INLINE void joint_wrenches_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real k20 = constants->k20;
-    const real link2_length = constants->link2_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k58 = constants->k58;
-    const real k65 = constants->k65;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k68 = constants->k68;
-    const real k69 = constants->k69;
-    const real k81 = constants->k81;
-    const real k92 = constants->k92;
-    const real k93 = constants->k93;
-    const real k94 = constants->k94;
-    const real k97 = constants->k97;
-    const real k98 = constants->k98;
-    const real k99 = constants->k99;
-    const real k116 = constants->k116;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real k20 = CONSTANT(k20);
+    const real link2_length = CONSTANT(link2_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k58 = CONSTANT(k58);
+    const real k65 = CONSTANT(k65);
+    const real k66 = CONSTANT(k66);
+    const real k67 = CONSTANT(k67);
+    const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
+    const real k81 = CONSTANT(k81);
+    const real k92 = CONSTANT(k92);
+    const real k93 = CONSTANT(k93);
+    const real k94 = CONSTANT(k94);
+    const real k97 = CONSTANT(k97);
+    const real k98 = CONSTANT(k98);
+    const real k99 = CONSTANT(k99);
+    const real k116 = CONSTANT(k116);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6069,6 +6192,7 @@ static INLINE void joint_wrenches_lane(
     wrenches[46 * stride] = t225;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_joint_wrenches(
     const Constants *RESTRICT constants,
@@ -6084,6 +6208,7 @@ hexarotor_3link_joint_wrenches(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
 }
+#endif
 
 static WIDE void joint_wrenches_block(
     const Constants *RESTRICT constants,
@@ -6096,19 +6221,19 @@ static WIDE void joint_wrenches_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
-            lane, LANES);
+        joint_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u +
+            lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
-            lane, u + lane, wrenches + lane, LANES);
+        joint_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, a + lane, u + lane, wrenches + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_joint_wrenches_batch(
+BATCH(joint_wrenches)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6122,7 +6247,7 @@ hexarotor_3link_joint_wrenches_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         joint_wrenches_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             a + block * (9 * LANES),
@@ -6130,6 +6255,7 @@ hexarotor_3link_joint_wrenches_batch(
             wrenches + block * (48 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         real last_a[9 * LANES];
@@ -6155,7 +6281,7 @@ hexarotor_3link_joint_wrenches_batch(
             u + whole * (9 * LANES),
             last_u);
         joint_wrenches_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -6199,13 +6325,13 @@ static INLINE void positions_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
-    const real k77 = constants->k77;
-    const real k87 = constants->k87;
-    const real k88 = constants->k88;
-    const real k91 = constants->k91;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
+    const real k77 = CONSTANT(k77);
+    const real k87 = CONSTANT(k87);
+    const real k88 = CONSTANT(k88);
+    const real k91 = CONSTANT(k91);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -6310,6 +6436,7 @@ static INLINE void positions_lane(
     position[35 * stride] = t57;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_positions(
     const Constants *RESTRICT constants,
@@ -6322,6 +6449,7 @@ hexarotor_3link_positions(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     positions_lane(constants, sine, cosine, q, position, 1);
 }
+#endif
 
 static WIDE void positions_block(
     const Constants *RESTRICT constants,
@@ -6331,18 +6459,18 @@ static WIDE void positions_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        positions_angles(constants, q + lane, angle + lane, LANES);
+        positions_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        positions_lane(constants, sine + lane, cosine + lane, q + lane, position + lane,
-            LANES);
+        positions_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            position + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_positions_batch(
+BATCH(positions)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6353,11 +6481,12 @@ hexarotor_3link_positions_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         positions_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             position + block * (36 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -6365,7 +6494,7 @@ hexarotor_3link_positions_batch(
             q + whole * (9 * LANES),
             last_q);
         positions_block(
-            constants,
+            last_constants,
             last_q,
             position + whole * (36 * LANES));
     }
@@ -6406,9 +6535,9 @@ static INLINE void tip_pose_lane(
     real *RESTRICT pose,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -6474,6 +6603,7 @@ static INLINE void tip_pose_lane(
     pose[11 * stride] = t38;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_tip_pose(
     const Constants *RESTRICT constants,
@@ -6486,6 +6616,7 @@ hexarotor_3link_tip_pose(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     tip_pose_lane(constants, sine, cosine, q, pose, 1);
 }
+#endif
 
 static WIDE void tip_pose_block(
     const Constants *RESTRICT constants,
@@ -6495,17 +6626,18 @@ static WIDE void tip_pose_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_angles(constants, q + lane, angle + lane, LANES);
+        tip_pose_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_lane(constants, sine + lane, cosine + lane, q + lane, pose + lane, LANES);
+        tip_pose_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, pose +
+            lane, LANES);
     }
 }
 
 void
-hexarotor_3link_tip_pose_batch(
+BATCH(tip_pose)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6516,11 +6648,12 @@ hexarotor_3link_tip_pose_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_pose_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             pose + block * (16 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -6528,7 +6661,7 @@ hexarotor_3link_tip_pose_batch(
             q + whole * (9 * LANES),
             last_q);
         tip_pose_block(
-            constants,
+            last_constants,
             last_q,
             pose + whole * (16 * LANES));
     }
@@ -6570,9 +6703,9 @@ static INLINE void tip_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -6697,6 +6830,7 @@ static INLINE void tip_jacobian_lane(
     jacobian[23 * stride] = t54;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_tip_jacobian(
     const Constants *RESTRICT constants,
@@ -6709,6 +6843,7 @@ hexarotor_3link_tip_jacobian(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     tip_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
 }
+#endif
 
 static WIDE void tip_jacobian_block(
     const Constants *RESTRICT constants,
@@ -6718,18 +6853,18 @@ static WIDE void tip_jacobian_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_angles(constants, q + lane, angle + lane, LANES);
+        tip_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_lane(constants, sine + lane, cosine + lane, q + lane, jacobian + lane,
-            LANES);
+        tip_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            jacobian + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_tip_jacobian_batch(
+BATCH(tip_jacobian)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6740,11 +6875,12 @@ hexarotor_3link_tip_jacobian_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_jacobian_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             jacobian + block * (54 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -6752,7 +6888,7 @@ hexarotor_3link_tip_jacobian_batch(
             q + whole * (9 * LANES),
             last_q);
         tip_jacobian_block(
-            constants,
+            last_constants,
             last_q,
             jacobian + whole * (54 * LANES));
     }
@@ -6797,9 +6933,9 @@ static INLINE void tip_bias_acceleration_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6906,6 +7042,7 @@ static INLINE void tip_bias_acceleration_lane(
     bias_acceleration[5 * stride] = t72;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_tip_bias_acceleration(
     const Constants *RESTRICT constants,
@@ -6919,6 +7056,7 @@ hexarotor_3link_tip_bias_acceleration(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
 }
+#endif
 
 static WIDE void tip_bias_acceleration_block(
     const Constants *RESTRICT constants,
@@ -6929,18 +7067,19 @@ static WIDE void tip_bias_acceleration_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        tip_bias_acceleration_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
+            lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, bias_acceleration + lane, LANES);
+        tip_bias_acceleration_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, bias_acceleration + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_tip_bias_acceleration_batch(
+BATCH(tip_bias_acceleration)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6952,12 +7091,13 @@ hexarotor_3link_tip_bias_acceleration_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_bias_acceleration_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             bias_acceleration + block * (6 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -6971,7 +7111,7 @@ hexarotor_3link_tip_bias_acceleration_batch(
             v + whole * (9 * LANES),
             last_v);
         tip_bias_acceleration_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             bias_acceleration + whole * (6 * LANES));
@@ -7013,9 +7153,9 @@ static INLINE void frame_poses_lane(
     real *RESTRICT poses,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -7106,6 +7246,7 @@ static INLINE void frame_poses_lane(
     poses[27 * stride] = t45;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_frame_poses(
     const Constants *RESTRICT constants,
@@ -7118,6 +7259,7 @@ hexarotor_3link_frame_poses(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     frame_poses_lane(constants, sine, cosine, q, poses, 1);
 }
+#endif
 
 static WIDE void frame_poses_block(
     const Constants *RESTRICT constants,
@@ -7127,18 +7269,18 @@ static WIDE void frame_poses_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_angles(constants, q + lane, angle + lane, LANES);
+        frame_poses_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_lane(constants, sine + lane, cosine + lane, q + lane, poses + lane,
-            LANES);
+        frame_poses_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            poses + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_frame_poses_batch(
+BATCH(frame_poses)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7149,11 +7291,12 @@ hexarotor_3link_frame_poses_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_poses_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             poses + block * (32 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -7161,7 +7304,7 @@ hexarotor_3link_frame_poses_batch(
             q + whole * (9 * LANES),
             last_q);
         frame_poses_block(
-            constants,
+            last_constants,
             last_q,
             poses + whole * (32 * LANES));
     }
@@ -7203,9 +7346,9 @@ static INLINE void frame_jacobians_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -7336,6 +7479,7 @@ static INLINE void frame_jacobians_lane(
     jacobians[20 * stride] = t60;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_frame_jacobians(
     const Constants *RESTRICT constants,
@@ -7351,6 +7495,7 @@ hexarotor_3link_frame_jacobians(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     frame_jacobians_lane(constants, sine, cosine, q, jacobians, 1);
 }
+#endif
 
 static WIDE void frame_jacobians_block(
     const Constants *RESTRICT constants,
@@ -7363,18 +7508,18 @@ static WIDE void frame_jacobians_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_angles(constants, q + lane, angle + lane, LANES);
+        frame_jacobians_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_lane(constants, sine + lane, cosine + lane, q + lane, jacobians +
-            lane, LANES);
+        frame_jacobians_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            jacobians + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_frame_jacobians_batch(
+BATCH(frame_jacobians)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7385,11 +7530,12 @@ hexarotor_3link_frame_jacobians_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_jacobians_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             jacobians + block * (108 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -7397,7 +7543,7 @@ hexarotor_3link_frame_jacobians_batch(
             q + whole * (9 * LANES),
             last_q);
         frame_jacobians_block(
-            constants,
+            last_constants,
             last_q,
             jacobians + whole * (108 * LANES));
     }
@@ -7442,9 +7588,9 @@ static INLINE void frame_velocities_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -7552,6 +7698,7 @@ static INLINE void frame_velocities_lane(
     velocities[11 * stride] = t58;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_frame_velocities(
     const Constants *RESTRICT constants,
@@ -7565,6 +7712,7 @@ hexarotor_3link_frame_velocities(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     frame_velocities_lane(constants, sine, cosine, q, v, velocities, 1);
 }
+#endif
 
 static WIDE void frame_velocities_block(
     const Constants *RESTRICT constants,
@@ -7575,18 +7723,19 @@ static WIDE void frame_velocities_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        frame_velocities_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            velocities + lane, LANES);
+        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, velocities + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_frame_velocities_batch(
+BATCH(frame_velocities)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7598,12 +7747,13 @@ hexarotor_3link_frame_velocities_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_velocities_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             velocities + block * (12 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -7617,7 +7767,7 @@ hexarotor_3link_frame_velocities_batch(
             v + whole * (9 * LANES),
             last_v);
         frame_velocities_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             velocities + whole * (12 * LANES));
@@ -7663,9 +7813,9 @@ static INLINE void frame_bias_accelerations_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real link3_length = constants->link3_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -7797,6 +7947,7 @@ static INLINE void frame_bias_accelerations_lane(
     bias_accelerations[11 * stride] = t91;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_frame_bias_accelerations(
     const Constants *RESTRICT constants,
@@ -7810,6 +7961,7 @@ hexarotor_3link_frame_bias_accelerations(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     frame_bias_accelerations_lane(constants, sine, cosine, q, v, bias_accelerations, 1);
 }
+#endif
 
 static WIDE void frame_bias_accelerations_block(
     const Constants *RESTRICT constants,
@@ -7820,18 +7972,19 @@ static WIDE void frame_bias_accelerations_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
+            + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, bias_accelerations + lane, LANES);
+        frame_bias_accelerations_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, bias_accelerations + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_frame_bias_accelerations_batch(
+BATCH(frame_bias_accelerations)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7843,12 +7996,13 @@ hexarotor_3link_frame_bias_accelerations_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_bias_accelerations_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             bias_accelerations + block * (12 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -7862,7 +8016,7 @@ hexarotor_3link_frame_bias_accelerations_batch(
             v + whole * (9 * LANES),
             last_v);
         frame_bias_accelerations_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             bias_accelerations + whole * (12 * LANES));
@@ -7904,10 +8058,10 @@ static INLINE void centre_of_mass_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k79 = constants->k79;
-    const real k111 = constants->k111;
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k79 = CONSTANT(k79);
+    const real k111 = CONSTANT(k111);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -7942,6 +8096,7 @@ static INLINE void centre_of_mass_lane(
     position[2 * stride] = t22;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_centre_of_mass(
     const Constants *RESTRICT constants,
@@ -7954,6 +8109,7 @@ hexarotor_3link_centre_of_mass(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     centre_of_mass_lane(constants, sine, cosine, q, position, 1);
 }
+#endif
 
 static WIDE void centre_of_mass_block(
     const Constants *RESTRICT constants,
@@ -7963,18 +8119,18 @@ static WIDE void centre_of_mass_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_angles(constants, q + lane, angle + lane, LANES);
+        centre_of_mass_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_lane(constants, sine + lane, cosine + lane, q + lane, position +
-            lane, LANES);
+        centre_of_mass_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            position + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_centre_of_mass_batch(
+BATCH(centre_of_mass)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7985,11 +8141,12 @@ hexarotor_3link_centre_of_mass_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             position + block * (3 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -7997,7 +8154,7 @@ hexarotor_3link_centre_of_mass_batch(
             q + whole * (9 * LANES),
             last_q);
         centre_of_mass_block(
-            constants,
+            last_constants,
             last_q,
             position + whole * (3 * LANES));
     }
@@ -8039,11 +8196,11 @@ static INLINE void centre_of_mass_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k79 = constants->k79;
-    const real k111 = constants->k111;
-    const real k112 = constants->k112;
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k79 = CONSTANT(k79);
+    const real k111 = CONSTANT(k111);
+    const real k112 = CONSTANT(k112);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -8154,6 +8311,7 @@ static INLINE void centre_of_mass_jacobian_lane(
     jacobian[23 * stride] = t51;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_centre_of_mass_jacobian(
     const Constants *RESTRICT constants,
@@ -8166,6 +8324,7 @@ hexarotor_3link_centre_of_mass_jacobian(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     centre_of_mass_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
 }
+#endif
 
 static WIDE void centre_of_mass_jacobian_block(
     const Constants *RESTRICT constants,
@@ -8175,18 +8334,19 @@ static WIDE void centre_of_mass_jacobian_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_angles(constants, q + lane, angle + lane, LANES);
+        centre_of_mass_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_lane(constants, sine + lane, cosine + lane, q + lane,
-            jacobian + lane, LANES);
+        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q
+            + lane, jacobian + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_centre_of_mass_jacobian_batch(
+BATCH(centre_of_mass_jacobian)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -8197,11 +8357,12 @@ hexarotor_3link_centre_of_mass_jacobian_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_jacobian_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             jacobian + block * (27 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         fill_lanes(
             9,
@@ -8209,7 +8370,7 @@ hexarotor_3link_centre_of_mass_jacobian_batch(
             q + whole * (9 * LANES),
             last_q);
         centre_of_mass_jacobian_block(
-            constants,
+            last_constants,
             last_q,
             jacobian + whole * (27 * LANES));
     }
@@ -8254,24 +8415,24 @@ static INLINE void centroidal_momentum_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k33 = constants->k33;
-    const real k46 = constants->k46;
-    const real k52 = constants->k52;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
-    const real k68 = constants->k68;
-    const real k73 = constants->k73;
-    const real k74 = constants->k74;
-    const real k75 = constants->k75;
-    const real k78 = constants->k78;
-    const real k79 = constants->k79;
-    const real k80 = constants->k80;
-    const real k81 = constants->k81;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
-    const real k111 = constants->k111;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k33 = CONSTANT(k33);
+    const real k46 = CONSTANT(k46);
+    const real k52 = CONSTANT(k52);
+    const real k63 = CONSTANT(k63);
+    const real k64 = CONSTANT(k64);
+    const real k68 = CONSTANT(k68);
+    const real k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75);
+    const real k78 = CONSTANT(k78);
+    const real k79 = CONSTANT(k79);
+    const real k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k83 = CONSTANT(k83);
+    const real k111 = CONSTANT(k111);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -8450,6 +8611,7 @@ static INLINE void centroidal_momentum_lane(
     momentum[5 * stride] = t117;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_centroidal_momentum(
     const Constants *RESTRICT constants,
@@ -8463,6 +8625,7 @@ hexarotor_3link_centroidal_momentum(
     sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
     centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
 }
+#endif
 
 static WIDE void centroidal_momentum_block(
     const Constants *RESTRICT constants,
@@ -8473,18 +8636,19 @@ static WIDE void centroidal_momentum_block(
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        centroidal_momentum_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
+            lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            momentum + lane, LANES);
+        centroidal_momentum_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, momentum + lane, LANES);
     }
 }
 
 void
-hexarotor_3link_centroidal_momentum_batch(
+BATCH(centroidal_momentum)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -8496,12 +8660,13 @@ hexarotor_3link_centroidal_momentum_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centroidal_momentum_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             momentum + block * (6 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -8515,7 +8680,7 @@ hexarotor_3link_centroidal_momentum_batch(
             v + whole * (9 * LANES),
             last_v);
         centroidal_momentum_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             momentum + whole * (6 * LANES));
@@ -8553,6 +8718,7 @@ static INLINE void coordinate_rates_lane(
     rate[8 * stride] = v_z;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_coordinate_rates(
     const Constants *RESTRICT constants,
@@ -8562,6 +8728,7 @@ hexarotor_3link_coordinate_rates(
 {
     coordinate_rates_lane(constants, q, v, rate, 1);
 }
+#endif
 
 static WIDE void coordinate_rates_block(
     const Constants *RESTRICT constants,
@@ -8571,12 +8738,13 @@ static WIDE void coordinate_rates_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        coordinate_rates_lane(constants, q + lane, v + lane, rate + lane, LANES);
+        coordinate_rates_lane(OF_LANE(constants, lane), q + lane, v + lane, rate + lane,
+            LANES);
     }
 }
 
 void
-hexarotor_3link_coordinate_rates_batch(
+BATCH(coordinate_rates)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -8588,12 +8756,13 @@ hexarotor_3link_coordinate_rates_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         coordinate_rates_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             rate + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -8607,7 +8776,7 @@ hexarotor_3link_coordinate_rates_batch(
             v + whole * (9 * LANES),
             last_v);
         coordinate_rates_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             rate + whole * (9 * LANES));
@@ -8666,6 +8835,7 @@ static INLINE void integrate_lane(
     coordinates[5 * stride] = t9;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_integrate(
     const Constants *RESTRICT constants,
@@ -8675,6 +8845,7 @@ hexarotor_3link_integrate(
 {
     integrate_lane(constants, q, v, coordinates, 1);
 }
+#endif
 
 static WIDE void integrate_block(
     const Constants *RESTRICT constants,
@@ -8684,12 +8855,13 @@ static WIDE void integrate_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        integrate_lane(constants, q + lane, v + lane, coordinates + lane, LANES);
+        integrate_lane(OF_LANE(constants, lane), q + lane, v + lane, coordinates + lane,
+            LANES);
     }
 }
 
 void
-hexarotor_3link_integrate_batch(
+BATCH(integrate)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -8701,12 +8873,13 @@ hexarotor_3link_integrate_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         integrate_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (9 * LANES),
             v + block * (9 * LANES),
             coordinates + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
         real last_v[9 * LANES];
         fill_lanes(
@@ -8720,7 +8893,7 @@ hexarotor_3link_integrate_batch(
             v + whole * (9 * LANES),
             last_v);
         integrate_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             coordinates + whole * (9 * LANES));
@@ -8779,6 +8952,7 @@ static INLINE void difference_lane(
     displacement[5 * stride] = t9;
 }
 
+#ifndef EACH
 void
 hexarotor_3link_difference(
     const Constants *RESTRICT constants,
@@ -8788,6 +8962,7 @@ hexarotor_3link_difference(
 {
     difference_lane(constants, q0, q1, displacement, 1);
 }
+#endif
 
 static WIDE void difference_block(
     const Constants *RESTRICT constants,
@@ -8797,12 +8972,13 @@ static WIDE void difference_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        difference_lane(constants, q0 + lane, q1 + lane, displacement + lane, LANES);
+        difference_lane(OF_LANE(constants, lane), q0 + lane, q1 + lane, displacement + lane,
+            LANES);
     }
 }
 
 void
-hexarotor_3link_difference_batch(
+BATCH(difference)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q0,
@@ -8814,12 +8990,13 @@ hexarotor_3link_difference_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         difference_block(
-            constants,
+            OF_BLOCK(constants, block),
             q0 + block * (9 * LANES),
             q1 + block * (9 * LANES),
             displacement + block * (9 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q0[9 * LANES];
         real last_q1[9 * LANES];
         fill_lanes(
@@ -8833,7 +9010,7 @@ hexarotor_3link_difference_batch(
             q1 + whole * (9 * LANES),
             last_q1);
         difference_block(
-            constants,
+            last_constants,
             last_q0,
             last_q1,
             displacement + whole * (9 * LANES));

@@ -119,6 +119,8 @@ typedef float hexarotor_3link_real;
     hexarotor_3link_default_constants_float
 #define hexarotor_3link_init_constants \
     hexarotor_3link_init_constants_float
+#define hexarotor_3link_init_constants_batch \
+    hexarotor_3link_init_constants_batch_float
 #else
 typedef double hexarotor_3link_real;
 #endif
@@ -132,6 +134,7 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_FRAMES 2
 #define HEXAROTOR_3LINK_BODIES 8
 #define HEXAROTOR_3LINK_PARAMETERS 16
+#define HEXAROTOR_3LINK_CONSTANTS 62
 
 /** States in a block of the _batch functions. */
 #define HEXAROTOR_3LINK_LANES 8
@@ -351,6 +354,24 @@ void hexarotor_3link_unpack(
     const hexarotor_3link_real *blocks,
     hexarotor_3link_real *rows);
 
+/*
+ * The functions that have _batch_each at the end of their names, and the next one, are in
+ * hexarotor_3link_each.c, which only programs that call them need.
+ */
+
+/**
+ * @brief Constants of each state for its parameters, in blocks like all arrays of _batch functions.
+ *
+ * @param[in] count number of states
+ * @param[in] parameters 16 of each state, in the order of their places
+ * @param[out] constants 62 of each state, for functions with _batch_each
+ * @return 0, or 1 + the number of the first state whose constants are of no use
+ */
+size_t hexarotor_3link_init_constants_batch(
+    size_t count,
+    const hexarotor_3link_real *parameters,
+    hexarotor_3link_real *constants);
+
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.
  *
@@ -387,6 +408,16 @@ hexarotor_3link_mass_matrix_and_residual_batch(
     hexarotor_3link_real *mass_matrix,
     hexarotor_3link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_mass_matrix_and_residual_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *mass_matrix,
+    hexarotor_3link_real *residual);
+
 /**
  * @brief Mass matrix M of M a = R + B u, symmetric, both triangles filled.
  *
@@ -411,6 +442,14 @@ hexarotor_3link_mass_matrix(
 void
 hexarotor_3link_mass_matrix_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *mass_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_mass_matrix_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *mass_matrix);
@@ -449,6 +488,15 @@ hexarotor_3link_residual_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_residual_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *residual);
+
 /**
  * @brief Input matrix B of M a = R + B u.
  *
@@ -473,6 +521,14 @@ hexarotor_3link_input_matrix(
 void
 hexarotor_3link_input_matrix_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *input_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_input_matrix_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *input_matrix);
@@ -518,6 +574,16 @@ hexarotor_3link_forward_dynamics_batch(
     const hexarotor_3link_real *u,
     hexarotor_3link_real *acceleration);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_forward_dynamics_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u,
+    hexarotor_3link_real *acceleration);
+
 /**
  * @brief Generalised forces M a - R that the motion needs; B u supplies them.
  *
@@ -556,6 +622,16 @@ hexarotor_3link_inverse_dynamics_batch(
     const hexarotor_3link_real *a,
     hexarotor_3link_real *force);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_inverse_dynamics_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    hexarotor_3link_real *force);
+
 /**
  * @brief Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
  *
@@ -582,6 +658,14 @@ hexarotor_3link_hybrid_mass_matrix(
 void
 hexarotor_3link_hybrid_mass_matrix_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *mass_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_hybrid_mass_matrix_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *mass_matrix);
@@ -621,6 +705,15 @@ hexarotor_3link_hybrid_residual_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_hybrid_residual_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *residual);
+
 /**
  * @brief Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
  *
@@ -645,6 +738,14 @@ hexarotor_3link_hybrid_input_matrix(
 void
 hexarotor_3link_hybrid_input_matrix_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *input_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_hybrid_input_matrix_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *input_matrix);
@@ -691,6 +792,17 @@ hexarotor_3link_constraint_torques_batch(
     const hexarotor_3link_real *u,
     hexarotor_3link_real *torque);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_constraint_torques_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    const hexarotor_3link_real *u,
+    hexarotor_3link_real *torque);
+
 /**
  * @brief Gibbs function S up to terms free of accelerations, in W/s.
  *
@@ -728,6 +840,16 @@ hexarotor_3link_gibbs_batch(
     const hexarotor_3link_real *a,
     hexarotor_3link_real *value);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_gibbs_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    hexarotor_3link_real *value);
+
 /**
  * @brief Kinetic energy in J.
  *
@@ -758,6 +880,15 @@ hexarotor_3link_kinetic_energy_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *energy);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_kinetic_energy_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *energy);
+
 /**
  * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
  *
@@ -780,6 +911,14 @@ hexarotor_3link_potential_energy(
 void
 hexarotor_3link_potential_energy_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *energy);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_potential_energy_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *energy);
@@ -813,6 +952,14 @@ hexarotor_3link_gravity_forces_batch(
     const hexarotor_3link_real *q,
     hexarotor_3link_real *force);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_gravity_forces_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *force);
+
 /**
  * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
  *
@@ -841,6 +988,15 @@ hexarotor_3link_wrench_forces(
 void
 hexarotor_3link_wrench_forces_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *force);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_wrench_forces_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *W,
@@ -881,6 +1037,17 @@ hexarotor_3link_forward_dynamics_with_wrenches(
 void
 hexarotor_3link_forward_dynamics_with_wrenches_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *acceleration);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *v,
@@ -933,6 +1100,17 @@ hexarotor_3link_joint_wrenches_batch(
     const hexarotor_3link_real *u,
     hexarotor_3link_real *wrenches);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_joint_wrenches_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    const hexarotor_3link_real *u,
+    hexarotor_3link_real *wrenches);
+
 /**
  * @brief World positions of POINTS in m, one row each.
  *
@@ -956,6 +1134,14 @@ hexarotor_3link_positions(
 void
 hexarotor_3link_positions_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *position);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_positions_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *position);
@@ -989,6 +1175,14 @@ hexarotor_3link_tip_pose_batch(
     const hexarotor_3link_real *q,
     hexarotor_3link_real *pose);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_tip_pose_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *pose);
+
 /**
  * @brief Jacobian of the tip: linear rows, then angular rows, in world axes.
  *
@@ -1013,6 +1207,14 @@ hexarotor_3link_tip_jacobian(
 void
 hexarotor_3link_tip_jacobian_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobian);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_tip_jacobian_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *jacobian);
@@ -1050,6 +1252,15 @@ hexarotor_3link_tip_bias_acceleration_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_acceleration);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_tip_bias_acceleration_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_acceleration);
+
 /**
  * @brief Homogeneous transforms from the frames to the world.
  *
@@ -1072,6 +1283,14 @@ hexarotor_3link_frame_poses(
 void
 hexarotor_3link_frame_poses_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *poses);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_frame_poses_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *poses);
@@ -1105,6 +1324,14 @@ hexarotor_3link_frame_jacobians_batch(
     const hexarotor_3link_real *q,
     hexarotor_3link_real *jacobians);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_frame_jacobians_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobians);
+
 /**
  * @brief Velocities of the frames' origins, then angular velocities, in world axes.
  *
@@ -1131,6 +1358,15 @@ hexarotor_3link_frame_velocities(
 void
 hexarotor_3link_frame_velocities_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *velocities);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_frame_velocities_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *v,
@@ -1170,6 +1406,15 @@ hexarotor_3link_frame_bias_accelerations_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_frame_bias_accelerations_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_accelerations);
+
 /**
  * @brief World position of the centre of mass.
  *
@@ -1192,6 +1437,14 @@ hexarotor_3link_centre_of_mass(
 void
 hexarotor_3link_centre_of_mass_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *position);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_centre_of_mass_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     hexarotor_3link_real *position);
@@ -1224,6 +1477,14 @@ hexarotor_3link_centre_of_mass_jacobian_batch(
     const hexarotor_3link_real *q,
     hexarotor_3link_real *jacobian);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_centre_of_mass_jacobian_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobian);
+
 /**
  * @brief Linear momentum, then angular momentum about the centre of mass, in world axes.
  *
@@ -1251,6 +1512,15 @@ hexarotor_3link_centroidal_momentum(
 void
 hexarotor_3link_centroidal_momentum_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *momentum);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_centroidal_momentum_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *v,
@@ -1289,6 +1559,15 @@ hexarotor_3link_coordinate_rates_batch(
     const hexarotor_3link_real *v,
     hexarotor_3link_real *rate);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_coordinate_rates_batch_each(
+    const hexarotor_3link_real *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *rate);
+
 /**
  * @brief Coordinates after a displacement v, which is a velocity times the time that it lasts.
  *
@@ -1317,6 +1596,15 @@ hexarotor_3link_integrate(
 void
 hexarotor_3link_integrate_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *coordinates);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_integrate_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *v,
@@ -1351,6 +1639,15 @@ hexarotor_3link_difference(
 void
 hexarotor_3link_difference_batch(
     const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q0,
+    const hexarotor_3link_real *q1,
+    hexarotor_3link_real *displacement);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+hexarotor_3link_difference_batch_each(
+    const hexarotor_3link_real *constants,
     size_t count,
     const hexarotor_3link_real *q0,
     const hexarotor_3link_real *q1,

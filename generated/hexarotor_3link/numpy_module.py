@@ -43,6 +43,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import functools
 import inspect
 import math
 import warnings
@@ -118,13 +119,15 @@ PARAMETERS = {
 }
 
 
-def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
+def prepare(parameters: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
     """Constants of the other functions for given parameters.
 
     `parameters` maps names of PARAMETERS to values; a name that is left out keeps its default.
-    Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, and
-    where the values leave an acceleration undetermined or cannot be computed with; TypeError for
-    what is no number.
+    A value may be an array with one for each state. Such arrays broadcast, and what they broadcast
+    to broadcasts with the leading axes of the arguments of the other functions.
+    Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, for
+    arrays that do not broadcast, and where the values leave an acceleration undetermined or cannot
+    be computed with; TypeError for what is no number.
     """
     return prepared(_constants, PARAMETERS, _FOLDED, parameters)
 
@@ -294,44 +297,80 @@ def _constants(values):
 
 
 # From here to `_evaluate` every generated module has the same lines.
-_FLOAT = np.dtype(np.float64)
 # NumPy had at most 32 before version 2, and results have one more than arguments.
-_MOST_AXES = 31
+MOST_AXES = 31
 
 
 def prepared(
-    compute: Callable[[dict[str, float]], tuple[float, tuple[float, ...]]],
+    compute: Callable[[dict[str, Any]], tuple[Any, tuple[Any, ...]]],
     defaults: Mapping[str, float],
     folded: Sequence[str],
-    parameters: Mapping[str, float],
-) -> tuple[float, ...]:
+    parameters: Mapping[str, ArrayLike],
+) -> tuple[Any, ...]:
     """Constants of a module for given parameters.
 
     Args:
         compute: Total mass and constants, from all parameters.
         defaults: All parameters with their defaults.
         folded: Names that are no parameters, since they are zero in the robot file.
-        parameters: Values that differ from the defaults, by name.
+        parameters: Values that differ from the defaults, by name: numbers, or arrays (...) with a
+            value for each state, which broadcast.
 
     Returns:
-        The constants, all of them finite.
+        The constants, all of them finite: floats, and arrays (...) where they differ from state to
+        state, of which the first has the shape that all broadcast to.
 
     Raises:
         TypeError: What is given is no number.
-        ValueError: A name is unknown, a value is not finite, or the constants are not.
+        ValueError: A name is unknown, a value is not finite, arrays do not broadcast, or the
+            constants are not finite.
     """
     given = {**defaults, **parameters}
     unknown = [name for name in given if name not in defaults]
     if unknown:
         raise ValueError("; ".join(_unknown(name, defaults, folded) for name in unknown[:5]))
-    values = {}
-    for name, value in given.items():
-        number = real_numbers(name, value)
-        if number.ndim != 0:
-            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
-        if not math.isfinite(number):
-            raise ValueError(f"{name} must be a finite number, not {number}")
-        values[name] = float(number)
+    values = {name: _finite(name, value) for name, value in given.items()}
+    shapes = {name: value.shape for name, value in values.items() if value.ndim}
+    if not shapes:
+        return _constants_of_one(compute, {name: float(value) for name, value in values.items()})
+    batch = common_shape("values", shapes)
+    with np.errstate(all="ignore"):
+        mass, constants = compute(values)
+    useful = np.broadcast_to(mass > 0.0, batch)
+    for constant in constants:
+        useful = useful & np.isfinite(constant)
+    if not useful.all():
+        # One state by itself says what is wrong with it.
+        state, words = first_of("state", ~useful)
+        own = {name: float(np.broadcast_to(v, batch)[state]) for name, v in values.items()}
+        try:
+            _constants_of_one(compute, own)
+        except ValueError as error:
+            raise ValueError(f"{words}: {error}") from None
+    rest = [constant if np.ndim(constant) else float(constant) for constant in constants[1:]]
+    return np.array(np.broadcast_to(constants[0], batch)), *rest
+
+
+def _finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """A copy of the values of a parameter as an array, () or (...).
+
+    Raises TypeError and ValueError as `prepared` does.
+    """
+    numbers = np.array(real_numbers(name, value))
+    if numbers.ndim > MOST_AXES:
+        raise ValueError(f"{name} must have at most {MOST_AXES} axes, not {numbers.ndim}")
+    wrong = ~np.isfinite(numbers)
+    if wrong.any():
+        place, words = first_of("value", wrong)
+        which = f": {words}" if numbers.ndim else ""
+        raise ValueError(f"{name}{which} must be a finite number, not {numbers[place]}")
+    return numbers
+
+
+def _constants_of_one(
+    compute: Callable[[dict[str, Any]], tuple[Any, tuple[Any, ...]]], values: dict[str, float]
+) -> tuple[float, ...]:
+    """Constants for one value of each parameter. Raises ValueError as `prepared` does."""
     mass, constants = 0.0, tuple[float, ...]()
     with contextlib.suppress(ZeroDivisionError):
         mass, constants = compute(values)
@@ -343,6 +382,21 @@ def prepared(
     if not all(map(math.isfinite, constants)):
         raise ValueError("these parameters are too large or too small to compute with")
     return constants
+
+
+def first_of(kind: str, wrong: NDArray[np.bool_]) -> tuple[tuple[Any, ...], str]:
+    """The first of many that is wrong, which an error names without the others.
+
+    Args:
+        kind: What they are, in the singular.
+        wrong: Array (...), which of them are; not none.
+
+    Returns:
+        Its index, and words such as "value 17 of 1000".
+    """
+    index = np.unravel_index(np.argmax(wrong), wrong.shape)
+    place = ", ".join(map(str, index))
+    return index, f"{kind} {place if len(index) == 1 else f'[{place}]'} of {wrong.size}"
 
 
 def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
@@ -391,9 +445,48 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
             raise ValueError("not masked")
         return array.astype(np.float64, copy=False)
     except TypeError as error:
-        raise TypeError(f"{name} must be real numbers: {error}") from None
+        words = f"{name} must be real numbers: {error}{_place_of_no_number(values)}"
+        raise TypeError(words) from None
     except (ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
+        words = f"{name} must be real numbers: {error}{_place_of_no_number(values)}"
+        raise ValueError(words) from None
+
+
+def _place_of_no_number(values: ArrayLike) -> str:
+    """Which of many values is not a real number; "" for a single one, or where all are."""
+    with contextlib.suppress(ValueError):
+        array = np.asarray(values, dtype=object)
+        wrong = np.zeros(array.shape, dtype=bool)
+        for index, entry in np.ndenumerate(array):
+            try:
+                math.isnan(entry)
+            except (TypeError, OverflowError):
+                wrong[index] = True
+                return f" ({first_of('value', wrong)[1]})" if array.ndim else ""
+    return ""
+
+
+def common_shape(what: str, shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """The shape that arrays broadcast to.
+
+    Args:
+        what: What has these shapes, in the plural.
+        shapes: By the names of the arrays.
+
+    Returns:
+        The common shape.
+
+    Raises:
+        ValueError: They do not broadcast.
+    """
+    try:
+        return np.broadcast_shapes(*{*shapes.values()})
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items() if shape)
+        raise ValueError(f"{what} do not broadcast: {listed}") from None
+
+
+_FLOAT = np.dtype(np.float64)
 
 
 def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64]:
@@ -422,8 +515,8 @@ def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64
         else:
             must = f"{shape[0]} rows of {shape[1]} entries along its last two axes"
         raise ValueError(f"{name} must have {must}, not shape {array.shape}")
-    if array.ndim > _MOST_AXES:
-        raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
+    if array.ndim > MOST_AXES:
+        raise ValueError(f"{name} must have at most {MOST_AXES} axes, not {array.ndim}")
     return array if len(shape) == 1 else array.reshape(*leading, math.prod(shape))
 
 
@@ -463,11 +556,14 @@ def sign(x: Any) -> Any:
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
 
 
-def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
+def batch_shape(
+    arguments: Mapping[str, NDArray[np.float64]], constants: tuple[int, ...] = ()
+) -> tuple[int, ...]:
     """Shape of the batch that the leading axes of arguments broadcast to.
 
     Args:
-        arrays: Arguments (..., width), each with a width of its own.
+        arguments: Arrays (..., width) by their names, each with a width of its own.
+        constants: Shape of the batch that the constants have.
 
     Returns:
         The common shape without the last axis.
@@ -475,11 +571,8 @@ def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
     Raises:
         ValueError: The leading axes do not broadcast.
     """
-    shapes = [array.shape[:-1] for array in arrays]
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ValueError(f"leading axes {shapes} do not broadcast") from None
+    shapes = {name: array.shape[:-1] for name, array in arguments.items()}
+    return common_shape("leading axes", {**shapes, "constants": constants})
 
 
 class Evaluator:
@@ -496,7 +589,7 @@ class Evaluator:
         velocities: Sequence[str],
         inputs: Sequence[str],
         frames: Sequence[str],
-        default_constants: tuple[float, ...],
+        default_constants: tuple[Any, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
         self._report = NotFiniteReport(module, coordinates, velocities, inputs, frames)
@@ -505,7 +598,7 @@ class Evaluator:
     def __call__(
         self,
         kernel: Callable[..., Sequence[Any]],
-        constants: tuple[float, ...] | None,
+        constants: tuple[Any, ...] | None,
         *arguments: NDArray[np.float64],
     ) -> tuple[Sequence[Any], tuple[int, ...]]:
         """Evaluate a kernel, and warn where finite arguments give what is not finite.
@@ -516,19 +609,17 @@ class Evaluator:
             arguments: Arrays (..., width) in the order of the kernel.
 
         Returns:
-            The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
+            The entries of the outputs, numbers or arrays over the batch, and the batch's shape:
+            that which arguments and constants broadcast to.
 
         Raises:
             TypeError: The constants are not this module's.
             ValueError: The leading axes do not broadcast.
         """
         k = self._default if constants is None else constants
-        if k is not self._default:
-            alike = isinstance(k, tuple) and len(k) == len(self._default)
-            if not alike or not {*map(type, k)} <= {float}:
-                raise TypeError("constants must be what this module's prepare() returned")
+        per_state = k is not self._default and self._differ(k)
         for argument in arguments:
-            if argument.ndim > 1:
+            if per_state or argument.ndim > 1:
                 break
         else:
             try:
@@ -539,13 +630,24 @@ class Evaluator:
                 # Floats raise where arrays give inf or nan; one state answers as a batch does.
                 pass
             return self._evaluate_and_report(kernel, k, arguments, arguments, ()), ()
-        batch = batch_shape(arguments)
+        named = dict(zip(_argument_names(kernel), arguments, strict=True))
+        batch = batch_shape(named, k[0].shape if per_state else ())
         columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
         try:
             with np.errstate(all="raise", under="ignore"):
                 return kernel(k, np.sin, np.cos, *columns), batch
         except FloatingPointError:
             return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
+
+    def _differ(self, k: tuple[Any, ...]) -> bool:
+        """Whether constants differ from state to state. Raises TypeError for another module's."""
+        alike = isinstance(k, tuple) and len(k) == len(self._default)
+        kinds = {*map(type, k)} if alike else {type(k)}
+        if alike and kinds <= {float}:
+            return False
+        if alike and kinds <= {float, np.ndarray} and isinstance(k[0], np.ndarray):
+            return True
+        raise TypeError("constants must be what this module's prepare() returned")
 
     def _evaluate_and_report(
         self,
@@ -569,10 +671,15 @@ class Evaluator:
         with np.errstate(all="ignore"):
             entries = kernel(k, np.sin, np.cos, *columns)
         finite = [np.broadcast_to(np.isfinite(entry), batch) for entry in entries]
-        names = [*inspect.signature(kernel).parameters][3:]
-        named = dict(zip(names, arguments, strict=True))
+        named = dict(zip(_argument_names(kernel), arguments, strict=True))
         self._report(kernel.__name__[1:], named, np.logical_and.reduce(finite), 5)
         return entries
+
+
+@functools.cache
+def _argument_names(kernel: Callable[..., Any]) -> list[str]:
+    """Names of a kernel's arguments, without constants, sine and cosine."""
+    return [*inspect.signature(kernel).parameters][3:]
 
 
 class NotFiniteReport:
@@ -662,7 +769,7 @@ _evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, FRAMES, prepare(PAR
 def mass_matrix_and_residual(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
@@ -981,7 +1088,7 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
 
 def mass_matrix(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Mass matrix M of M a = R + B u, symmetric, both triangles filled.
 
@@ -1162,7 +1269,7 @@ def _mass_matrix(k, sin, cos, q):
 def residual(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Residual R of M a = R + B u, with the sign of a force.
 
@@ -1394,7 +1501,7 @@ def _residual(k, sin, cos, q, v):
 
 def input_matrix(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Input matrix B of M a = R + B u.
 
@@ -1489,7 +1596,7 @@ def forward_dynamics(
     q: ArrayLike,
     v: ArrayLike,
     u: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
@@ -1818,7 +1925,7 @@ def inverse_dynamics(
     q: ArrayLike,
     v: ArrayLike,
     a: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Generalised forces M a - R that the motion needs; B u supplies them.
 
@@ -2084,7 +2191,7 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
 
 def hybrid_mass_matrix(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2330,7 +2437,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
 def hybrid_residual(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Residual R_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2639,7 +2746,7 @@ def _hybrid_residual(k, sin, cos, q, v):
 
 def hybrid_input_matrix(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2741,7 +2848,7 @@ def constraint_torques(
     v: ArrayLike,
     a: ArrayLike,
     u: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
 
@@ -2866,7 +2973,7 @@ def gibbs(
     q: ArrayLike,
     v: ArrayLike,
     a: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Gibbs function S up to terms free of accelerations, in W/s.
 
@@ -3152,7 +3259,7 @@ def _gibbs(k, sin, cos, q, v, a):
 def kinetic_energy(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Kinetic energy in J.
 
@@ -3313,7 +3420,7 @@ def _kinetic_energy(k, sin, cos, q, v):
 
 def potential_energy(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
 
@@ -3380,7 +3487,7 @@ def _potential_energy(k, sin, cos, q):
 
 def gravity_forces(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Generalised forces of gravity: gravity's part of R.
 
@@ -3478,7 +3585,7 @@ def _gravity_forces(k, sin, cos, q):
 def wrench_forces(
     q: ArrayLike,
     W: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Generalised forces of wrenches on the frames: the sum of J^T W.
 
@@ -3632,7 +3739,7 @@ def forward_dynamics_with_wrenches(
     v: ArrayLike,
     u: ArrayLike,
     W: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u + the sum of J^T W.
 
@@ -4063,7 +4170,7 @@ def joint_wrenches(
     v: ArrayLike,
     a: ArrayLike,
     u: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """The whole wrench through every joint: what the parent does to the body, at the joint.
 
@@ -4462,7 +4569,7 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
 
 def positions(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """World positions of POINTS in m, one row each.
 
@@ -4577,7 +4684,7 @@ def _positions(k, sin, cos, q):
 
 def tip_pose(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Homogeneous transform from the tip's frame to the world.
 
@@ -4670,7 +4777,7 @@ def _tip_pose(k, sin, cos, q):
 
 def tip_jacobian(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Jacobian of the tip: linear rows, then angular rows, in world axes.
 
@@ -4786,7 +4893,7 @@ def _tip_jacobian(k, sin, cos, q):
 def tip_bias_acceleration(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Acceleration of the tip where a is zero, gravity left out, in world axes.
 
@@ -4933,7 +5040,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
 
 def frame_poses(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Homogeneous transforms from the frames to the world.
 
@@ -5033,7 +5140,7 @@ def _frame_poses(k, sin, cos, q):
 
 def frame_jacobians(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Jacobians of the frames: linear rows, then angular rows, in world axes.
 
@@ -5161,7 +5268,7 @@ def _frame_jacobians(k, sin, cos, q):
 def frame_velocities(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Velocities of the frames' origins, then angular velocities, in world axes.
 
@@ -5302,7 +5409,7 @@ def _frame_velocities(k, sin, cos, q, v):
 def frame_bias_accelerations(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Accelerations of the frames where a is zero, gravity left out, in world axes.
 
@@ -5469,7 +5576,7 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
 
 def centre_of_mass(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """World position of the centre of mass.
 
@@ -5542,7 +5649,7 @@ def _centre_of_mass(k, sin, cos, q):
 
 def centre_of_mass_jacobian(
     q: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Jacobian of the centre of mass, in world axes.
 
@@ -5668,7 +5775,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
 def centroidal_momentum(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Linear momentum, then angular momentum about the centre of mass, in world axes.
 
@@ -5902,7 +6009,7 @@ def _centroidal_momentum(k, sin, cos, q, v):
 def coordinate_rates(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Rates of the coordinates q.
 
@@ -5946,7 +6053,7 @@ def _coordinate_rates(k, sin, cos, q, v):
 def integrate(
     q: ArrayLike,
     v: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Coordinates after a displacement v, which is a velocity times the time that it lasts.
 
@@ -6013,7 +6120,7 @@ def _integrate(k, sin, cos, q, v):
 def difference(
     q0: ArrayLike,
     q1: ArrayLike,
-    constants: tuple[float, ...] | None = None,
+    constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
     """Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
 

@@ -15,17 +15,21 @@
 #include "quadrotor_2link.h"
 
 typedef quadrotor_2link_real real;
-typedef quadrotor_2link_constants Constants;
 
 #define LANES QUADROTOR_2LINK_LANES
 #define MODULE(name) quadrotor_2link_##name
 #ifdef QUADROTOR_2LINK_FLOAT
 #define SINGLE
 #endif
+#ifdef QUADROTOR_2LINK_EACH
+#define EACH
+#define CONSTANTS QUADROTOR_2LINK_CONSTANTS
+#endif
 
 /*
  * From here to MODULE(unpack) the source is the same for every robot. It needs `real`, LANES,
- * MODULE(name), which puts the robot's name before a name, and SINGLE where `real` is float.
+ * MODULE(name), which puts the robot's name before a name, SINGLE where `real` is float, and, where
+ * every state has its own constants, EACH and CONSTANTS, which says how many these are.
  */
 #include <float.h>
 #include <math.h>
@@ -117,6 +121,28 @@ static int is_finite(const real value)
     memcpy(&value_bits, &value, sizeof value_bits);
     return (value_bits & MAGNITUDE) < NOT_FINITE;
 }
+
+/*
+ * The same text serves for constants that all states share and, where EACH is defined, for those of
+ * each state. These are in blocks, as inputs are, and only functions for batches have them.
+ */
+#ifdef EACH
+typedef real Constants;
+#define CONSTANT(name) constants[offsetof(MODULE(constants), name) / sizeof(real) * LANES]
+#define OF_LANE(constants, lane) constants + lane
+#define OF_BLOCK(constants, block) constants + block * (CONSTANTS * LANES)
+#define OF_LAST_BLOCK(constants, block, filled) \
+    real last_constants[CONSTANTS * LANES]; \
+    fill_lanes(CONSTANTS, filled, OF_BLOCK(constants, block), last_constants)
+#define BATCH(function) MODULE(function##_batch_each)
+#else
+typedef MODULE(constants) Constants;
+#define CONSTANT(name) constants->name
+#define OF_LANE(constants, lane) constants
+#define OF_BLOCK(constants, block) constants
+#define OF_LAST_BLOCK(constants, block, filled) const Constants *last_constants = constants
+#define BATCH(function) MODULE(function##_batch)
+#endif
 
 /*
  * Sine and cosine. The nearest multiple m of pi/2 is subtracted from the angle, in parts of which
@@ -334,6 +360,7 @@ static void fill_lanes(
     }
 }
 
+#ifndef EACH
 void MODULE(pack)(
     const size_t count,
     const size_t width,
@@ -364,77 +391,26 @@ void MODULE(unpack)(
         }
     }
 }
+#endif
 
-const real
-    quadrotor_2link_default_parameters[11] = {
-    R(9.8100000000000005), /* gravity, m/s^2 */
-    R(0.5), /* base_arm_length, m */
-    R(1.0), /* base_arm_mass_per_length, kg/m */
-    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
-    R(3.0), /* link2_length, m */
-    R(1.0), /* link2_mass_per_length, kg/m */
-    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
-    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
-    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
-};
-
-const Constants
-    quadrotor_2link_default_constants = {
-    R(9.8100000000000005),
-    R(0.5),
-    R(0.041666666666666664),
-    R(1.9080000000000002e-06),
-    R(4.2399999999999983e-07),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(0.083337149333333332),
-    R(8.4799999999999965e-07),
-    R(0.5),
-    R(4.5),
-    R(3.0),
-    R(1.0),
-    R(5.0),
-    R(2.5),
-    R(1.3333371493333335),
-    R(8.9999980920000002),
-    -R(1.2500000000000002),
-    R(1.6959999999999993e-06),
-    R(49.050000000000004),
-    R(0.125),
-    R(0.041668574666666666),
-    R(0.10416857466666667),
-    R(0.16667429866666666),
-    R(5.9997252605808677),
-    R(11.999328421586901),
-    R(0.20000000000000001),
-    R(0.90000000000000002),
-    R(2.5),
-    R(1.0599999999999996e-07),
-    R(0.08333820933333333),
-    R(9.8100000000000023),
-};
-
-int quadrotor_2link_init_constants(
+/* Constants for parameters; 1 if they are of no use. */
+static INLINE int constants_lane(
     const real *RESTRICT parameters,
-    Constants *RESTRICT constants)
+    Constants *RESTRICT constants,
+    const int stride)
 {
     AS_WRITTEN
-    const real gravity = parameters[0];
-    const real base_arm_length = parameters[1];
-    const real base_arm_mass_per_length = parameters[2];
-    const real base_arm_section_inertia_xx = parameters[3];
-    const real base_arm_section_inertia_yy = parameters[4];
-    const real base_arm_section_inertia_zz = parameters[5];
-    const real link2_length = parameters[6];
-    const real link2_mass_per_length = parameters[7];
-    const real link2_section_inertia_xx = parameters[8];
-    const real link2_section_inertia_yy = parameters[9];
-    const real link2_section_inertia_zz = parameters[10];
+    const real gravity = parameters[0 * stride];
+    const real base_arm_length = parameters[1 * stride];
+    const real base_arm_mass_per_length = parameters[2 * stride];
+    const real base_arm_section_inertia_xx = parameters[3 * stride];
+    const real base_arm_section_inertia_yy = parameters[4 * stride];
+    const real base_arm_section_inertia_zz = parameters[5 * stride];
+    const real link2_length = parameters[6 * stride];
+    const real link2_mass_per_length = parameters[7 * stride];
+    const real link2_section_inertia_xx = parameters[8 * stride];
+    const real link2_section_inertia_yy = parameters[9 * stride];
+    const real link2_section_inertia_zz = parameters[10 * stride];
 
     /* second moments of base_arm */
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
@@ -523,80 +499,174 @@ int quadrotor_2link_init_constants(
     const STEPWISE real k69 = k56 * k64;
     int good = k50 > R(0.0);
     for (int i = 0; i < 11; ++i) {
-        good &= is_finite(parameters[i]);
+        good &= is_finite(parameters[i * stride]);
     }
-    constants->gravity = gravity;
+    CONSTANT(gravity) = gravity;
     good &= is_finite(gravity);
-    constants->base_arm_length = base_arm_length;
+    CONSTANT(base_arm_length) = base_arm_length;
     good &= is_finite(base_arm_length);
-    constants->k8 = k8;
+    CONSTANT(k8) = k8;
     good &= is_finite(k8);
-    constants->k14 = k14;
+    CONSTANT(k14) = k14;
     good &= is_finite(k14);
-    constants->k19 = k19;
+    CONSTANT(k19) = k19;
     good &= is_finite(k19);
-    constants->k20 = k20;
+    CONSTANT(k20) = k20;
     good &= is_finite(k20);
-    constants->link2_length = link2_length;
+    CONSTANT(link2_length) = link2_length;
     good &= is_finite(link2_length);
-    constants->k27 = k27;
+    CONSTANT(k27) = k27;
     good &= is_finite(k27);
-    constants->k33 = k33;
+    CONSTANT(k33) = k33;
     good &= is_finite(k33);
-    constants->k39 = k39;
+    CONSTANT(k39) = k39;
     good &= is_finite(k39);
-    constants->k43 = k43;
+    CONSTANT(k43) = k43;
     good &= is_finite(k43);
-    constants->k44 = k44;
+    CONSTANT(k44) = k44;
     good &= is_finite(k44);
-    constants->k45 = k45;
+    CONSTANT(k45) = k45;
     good &= is_finite(k45);
-    constants->k46 = k46;
+    CONSTANT(k46) = k46;
     good &= is_finite(k46);
-    constants->k47 = k47;
+    CONSTANT(k47) = k47;
     good &= is_finite(k47);
-    constants->k49 = k49;
+    CONSTANT(k49) = k49;
     good &= is_finite(k49);
-    constants->k50 = k50;
+    CONSTANT(k50) = k50;
     good &= is_finite(k50);
-    constants->k51 = k51;
+    CONSTANT(k51) = k51;
     good &= is_finite(k51);
-    constants->k52 = k52;
+    CONSTANT(k52) = k52;
     good &= is_finite(k52);
-    constants->k53 = k53;
+    CONSTANT(k53) = k53;
     good &= is_finite(k53);
-    constants->k54 = k54;
+    CONSTANT(k54) = k54;
     good &= is_finite(k54);
-    constants->k55 = k55;
+    CONSTANT(k55) = k55;
     good &= is_finite(k55);
-    constants->k56 = k56;
+    CONSTANT(k56) = k56;
     good &= is_finite(k56);
-    constants->k57 = k57;
+    CONSTANT(k57) = k57;
     good &= is_finite(k57);
-    constants->k58 = k58;
+    CONSTANT(k58) = k58;
     good &= is_finite(k58);
-    constants->k59 = k59;
+    CONSTANT(k59) = k59;
     good &= is_finite(k59);
-    constants->k61 = k61;
+    CONSTANT(k61) = k61;
     good &= is_finite(k61);
-    constants->k62 = k62;
+    CONSTANT(k62) = k62;
     good &= is_finite(k62);
-    constants->k63 = k63;
+    CONSTANT(k63) = k63;
     good &= is_finite(k63);
-    constants->k64 = k64;
+    CONSTANT(k64) = k64;
     good &= is_finite(k64);
-    constants->k65 = k65;
+    CONSTANT(k65) = k65;
     good &= is_finite(k65);
-    constants->k66 = k66;
+    CONSTANT(k66) = k66;
     good &= is_finite(k66);
-    constants->k67 = k67;
+    CONSTANT(k67) = k67;
     good &= is_finite(k67);
-    constants->k68 = k68;
+    CONSTANT(k68) = k68;
     good &= is_finite(k68);
-    constants->k69 = k69;
+    CONSTANT(k69) = k69;
     good &= is_finite(k69);
     return !good;
 }
+
+#ifdef EACH
+size_t quadrotor_2link_init_constants_batch(
+    const size_t count,
+    const real *RESTRICT parameters,
+    real *RESTRICT constants)
+{
+    size_t useless = 0;
+    for (size_t block = 0; block * LANES < count; ++block) {
+        const size_t left = count - block * LANES;
+        const size_t filled = left < LANES ? left : LANES;
+        real whole_block[11 * LANES];
+        int is_useless[LANES];
+        fill_lanes(
+            11,
+            filled,
+            parameters + block * (11 * LANES),
+            whole_block);
+        for (int lane = 0; lane < LANES; ++lane) {
+            is_useless[lane] = constants_lane(
+                whole_block + lane,
+                OF_LANE(OF_BLOCK(constants, block), lane),
+                LANES);
+        }
+        for (size_t lane = 0; lane < filled && !useless; ++lane) {
+            if (is_useless[lane]) {
+                useless = 1 + block * LANES + lane;
+            }
+        }
+    }
+    return useless;
+}
+#else
+const real
+    quadrotor_2link_default_parameters[11] = {
+    R(9.8100000000000005), /* gravity, m/s^2 */
+    R(0.5), /* base_arm_length, m */
+    R(1.0), /* base_arm_mass_per_length, kg/m */
+    R(2.12e-06), /* base_arm_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* base_arm_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* base_arm_section_inertia_zz, kg m^2 */
+    R(3.0), /* link2_length, m */
+    R(1.0), /* link2_mass_per_length, kg/m */
+    R(2.12e-06), /* link2_section_inertia_xx, kg m^2 */
+    R(2.1199999999999999e-07), /* link2_section_inertia_yy, kg m^2 */
+    R(1.9080000000000002e-06), /* link2_section_inertia_zz, kg m^2 */
+};
+
+const Constants
+    quadrotor_2link_default_constants = {
+    R(9.8100000000000005),
+    R(0.5),
+    R(0.041666666666666664),
+    R(1.9080000000000002e-06),
+    R(4.2399999999999983e-07),
+    R(2.1199999999999991e-07),
+    R(3.0),
+    R(9.0),
+    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
+    R(0.083337149333333332),
+    R(8.4799999999999965e-07),
+    R(0.5),
+    R(4.5),
+    R(3.0),
+    R(1.0),
+    R(5.0),
+    R(2.5),
+    R(1.3333371493333335),
+    R(8.9999980920000002),
+    -R(1.2500000000000002),
+    R(1.6959999999999993e-06),
+    R(49.050000000000004),
+    R(0.125),
+    R(0.041668574666666666),
+    R(0.10416857466666667),
+    R(0.16667429866666666),
+    R(5.9997252605808677),
+    R(11.999328421586901),
+    R(0.20000000000000001),
+    R(0.90000000000000002),
+    R(2.5),
+    R(1.0599999999999996e-07),
+    R(0.08333820933333333),
+    R(9.8100000000000023),
+};
+
+int quadrotor_2link_init_constants(
+    const real *RESTRICT parameters,
+    Constants *RESTRICT constants)
+{
+    return constants_lane(parameters, constants, 1);
+}
+#endif
 
 /* ---- mass_matrix_and_residual ---- */
 
@@ -635,22 +705,22 @@ static INLINE void mass_matrix_and_residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k49 = constants->k49;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k55 = CONSTANT(k55);
+    const real k56 = CONSTANT(k56);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -911,6 +981,7 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[60 * stride] = t146;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_mass_matrix_and_residual(
     const Constants *RESTRICT constants,
@@ -926,6 +997,7 @@ quadrotor_2link_mass_matrix_and_residual(
     mass_matrix_and_residual_lane(constants, sine, cosine, q, v, mass_matrix, residual,
         1);
 }
+#endif
 
 static WIDE void mass_matrix_and_residual_block(
     const Constants *RESTRICT constants,
@@ -937,18 +1009,19 @@ static WIDE void mass_matrix_and_residual_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
+            + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, mass_matrix + lane, residual + lane, LANES);
+        mass_matrix_and_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, mass_matrix + lane, residual + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_mass_matrix_and_residual_batch(
+BATCH(mass_matrix_and_residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -961,13 +1034,14 @@ quadrotor_2link_mass_matrix_and_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_and_residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             mass_matrix + block * (64 * LANES),
             residual + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -981,7 +1055,7 @@ quadrotor_2link_mass_matrix_and_residual_batch(
             v + whole * (8 * LANES),
             last_v);
         mass_matrix_and_residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             mass_matrix + whole * (64 * LANES),
@@ -1022,19 +1096,19 @@ static INLINE void mass_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k49 = constants->k49;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1193,6 +1267,7 @@ static INLINE void mass_matrix_lane(
     mass_matrix[60 * stride] = t71;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_mass_matrix(
     const Constants *RESTRICT constants,
@@ -1205,6 +1280,7 @@ quadrotor_2link_mass_matrix(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
 }
+#endif
 
 static WIDE void mass_matrix_block(
     const Constants *RESTRICT constants,
@@ -1214,18 +1290,18 @@ static WIDE void mass_matrix_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_angles(constants, q + lane, angle + lane, LANES);
+        mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_lane(constants, sine + lane, cosine + lane, q + lane, mass_matrix +
-            lane, LANES);
+        mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            mass_matrix + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_mass_matrix_batch(
+BATCH(mass_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1236,11 +1312,12 @@ quadrotor_2link_mass_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             mass_matrix + block * (64 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -1248,7 +1325,7 @@ quadrotor_2link_mass_matrix_batch(
             q + whole * (8 * LANES),
             last_q);
         mass_matrix_block(
-            constants,
+            last_constants,
             last_q,
             mass_matrix + whole * (64 * LANES));
     }
@@ -1290,20 +1367,20 @@ static INLINE void residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k55 = CONSTANT(k55);
+    const real k56 = CONSTANT(k56);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1434,6 +1511,7 @@ static INLINE void residual_lane(
     residual[7 * stride] = t96;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_residual(
     const Constants *RESTRICT constants,
@@ -1447,6 +1525,7 @@ quadrotor_2link_residual(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     residual_lane(constants, sine, cosine, q, v, residual, 1);
 }
+#endif
 
 static WIDE void residual_block(
     const Constants *RESTRICT constants,
@@ -1457,18 +1536,18 @@ static WIDE void residual_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, residual +
-            lane, LANES);
+        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v +
+            lane, residual + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_residual_batch(
+BATCH(residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1480,12 +1559,13 @@ quadrotor_2link_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             residual + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -1499,7 +1579,7 @@ quadrotor_2link_residual_batch(
             v + whole * (8 * LANES),
             last_v);
         residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             residual + whole * (8 * LANES));
@@ -1532,8 +1612,8 @@ static INLINE void input_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k49 = constants->k49;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k49 = CONSTANT(k49);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1607,6 +1687,7 @@ static INLINE void input_matrix_lane(
     input_matrix[2 * stride] = t15;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_input_matrix(
     const Constants *RESTRICT constants,
@@ -1618,6 +1699,7 @@ quadrotor_2link_input_matrix(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
 }
+#endif
 
 static WIDE void input_matrix_block(
     const Constants *RESTRICT constants,
@@ -1627,18 +1709,18 @@ static WIDE void input_matrix_block(
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_angles(constants, q + lane, angle + lane, LANES);
+        input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        input_matrix_lane(constants, sine + lane, cosine + lane, q + lane, input_matrix +
-            lane, LANES);
+        input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            input_matrix + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_input_matrix_batch(
+BATCH(input_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1649,11 +1731,12 @@ quadrotor_2link_input_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         input_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             input_matrix + block * (48 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -1661,7 +1744,7 @@ quadrotor_2link_input_matrix_batch(
             q + whole * (8 * LANES),
             last_q);
         input_matrix_block(
-            constants,
+            last_constants,
             last_q,
             input_matrix + whole * (48 * LANES));
     }
@@ -1706,21 +1789,21 @@ static INLINE void forward_dynamics_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k50 = constants->k50;
-    const real k53 = constants->k53;
-    const real k55 = constants->k55;
-    const real k61 = constants->k61;
-    const real k62 = constants->k62;
-    const real k63 = constants->k63;
-    const real k68 = constants->k68;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k50 = CONSTANT(k50);
+    const real k53 = CONSTANT(k53);
+    const real k55 = CONSTANT(k55);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63);
+    const real k68 = CONSTANT(k68);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1883,6 +1966,7 @@ static INLINE void forward_dynamics_lane(
     acceleration[7 * stride] = t108;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_forward_dynamics(
     const Constants *RESTRICT constants,
@@ -1897,6 +1981,7 @@ quadrotor_2link_forward_dynamics(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     forward_dynamics_lane(constants, sine, cosine, q, v, u, acceleration, 1);
 }
+#endif
 
 static WIDE void forward_dynamics_block(
     const Constants *RESTRICT constants,
@@ -1908,19 +1993,19 @@ static WIDE void forward_dynamics_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_angles(constants, q + lane, v + lane, u + lane, angle + lane,
-            LANES);
+        forward_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, u + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, u +
-            lane, acceleration + lane, LANES);
+        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, u + lane, acceleration + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_forward_dynamics_batch(
+BATCH(forward_dynamics)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -1933,13 +2018,14 @@ quadrotor_2link_forward_dynamics_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             u + block * (6 * LANES),
             acceleration + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_u[6 * LANES];
@@ -1959,7 +2045,7 @@ quadrotor_2link_forward_dynamics_batch(
             u + whole * (6 * LANES),
             last_u);
         forward_dynamics_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_u,
@@ -2006,19 +2092,19 @@ static INLINE void inverse_dynamics_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2173,6 +2259,7 @@ static INLINE void inverse_dynamics_lane(
     force[7 * stride] = t102;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_inverse_dynamics(
     const Constants *RESTRICT constants,
@@ -2187,6 +2274,7 @@ quadrotor_2link_inverse_dynamics(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     inverse_dynamics_lane(constants, sine, cosine, q, v, a, force, 1);
 }
+#endif
 
 static WIDE void inverse_dynamics_block(
     const Constants *RESTRICT constants,
@@ -2198,19 +2286,19 @@ static WIDE void inverse_dynamics_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_angles(constants, q + lane, v + lane, a + lane, angle + lane,
-            LANES);
+        inverse_dynamics_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
-            lane, force + lane, LANES);
+        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, a + lane, force + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_inverse_dynamics_batch(
+BATCH(inverse_dynamics)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2223,13 +2311,14 @@ quadrotor_2link_inverse_dynamics_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         inverse_dynamics_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             a + block * (8 * LANES),
             force + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_a[8 * LANES];
@@ -2249,7 +2338,7 @@ quadrotor_2link_inverse_dynamics_batch(
             a + whole * (8 * LANES),
             last_a);
         inverse_dynamics_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -2290,22 +2379,22 @@ static INLINE void hybrid_mass_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k49 = constants->k49;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k59 = constants->k59;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k57 = CONSTANT(k57);
+    const real k58 = CONSTANT(k58);
+    const real k59 = CONSTANT(k59);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2508,6 +2597,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[144 * stride] = t83;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_hybrid_mass_matrix(
     const Constants *RESTRICT constants,
@@ -2523,6 +2613,7 @@ quadrotor_2link_hybrid_mass_matrix(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     hybrid_mass_matrix_lane(constants, sine, cosine, q, mass_matrix, 1);
 }
+#endif
 
 static WIDE void hybrid_mass_matrix_block(
     const Constants *RESTRICT constants,
@@ -2535,18 +2626,18 @@ static WIDE void hybrid_mass_matrix_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_angles(constants, q + lane, angle + lane, LANES);
+        hybrid_mass_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_lane(constants, sine + lane, cosine + lane, q + lane, mass_matrix
-            + lane, LANES);
+        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, mass_matrix + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_hybrid_mass_matrix_batch(
+BATCH(hybrid_mass_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2557,11 +2648,12 @@ quadrotor_2link_hybrid_mass_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_mass_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             mass_matrix + block * (196 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -2569,7 +2661,7 @@ quadrotor_2link_hybrid_mass_matrix_batch(
             q + whole * (8 * LANES),
             last_q);
         hybrid_mass_matrix_block(
-            constants,
+            last_constants,
             last_q,
             mass_matrix + whole * (196 * LANES));
     }
@@ -2611,23 +2703,23 @@ static INLINE void hybrid_residual_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k55 = CONSTANT(k55);
+    const real k56 = CONSTANT(k56);
+    const real k57 = CONSTANT(k57);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2801,6 +2893,7 @@ static INLINE void hybrid_residual_lane(
     residual[5 * stride] = t121;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_hybrid_residual(
     const Constants *RESTRICT constants,
@@ -2814,6 +2907,7 @@ quadrotor_2link_hybrid_residual(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     hybrid_residual_lane(constants, sine, cosine, q, v, residual, 1);
 }
+#endif
 
 static WIDE void hybrid_residual_block(
     const Constants *RESTRICT constants,
@@ -2824,18 +2918,19 @@ static WIDE void hybrid_residual_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        hybrid_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_residual_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            residual + lane, LANES);
+        hybrid_residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, residual + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_hybrid_residual_batch(
+BATCH(hybrid_residual)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2847,12 +2942,13 @@ quadrotor_2link_hybrid_residual_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_residual_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             residual + block * (14 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -2866,7 +2962,7 @@ quadrotor_2link_hybrid_residual_batch(
             v + whole * (8 * LANES),
             last_v);
         hybrid_residual_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             residual + whole * (14 * LANES));
@@ -2899,8 +2995,8 @@ static INLINE void hybrid_input_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k49 = constants->k49;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k49 = CONSTANT(k49);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2948,6 +3044,7 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[2 * stride] = t15;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_hybrid_input_matrix(
     const Constants *RESTRICT constants,
@@ -2962,6 +3059,7 @@ quadrotor_2link_hybrid_input_matrix(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     hybrid_input_matrix_lane(constants, sine, cosine, q, input_matrix, 1);
 }
+#endif
 
 static WIDE void hybrid_input_matrix_block(
     const Constants *RESTRICT constants,
@@ -2974,18 +3072,18 @@ static WIDE void hybrid_input_matrix_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_angles(constants, q + lane, angle + lane, LANES);
+        hybrid_input_matrix_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_lane(constants, sine + lane, cosine + lane, q + lane,
-            input_matrix + lane, LANES);
+        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, input_matrix + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_hybrid_input_matrix_batch(
+BATCH(hybrid_input_matrix)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -2996,11 +3094,12 @@ quadrotor_2link_hybrid_input_matrix_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_input_matrix_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             input_matrix + block * (84 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -3008,7 +3107,7 @@ quadrotor_2link_hybrid_input_matrix_batch(
             q + whole * (8 * LANES),
             last_q);
         hybrid_input_matrix_block(
-            constants,
+            last_constants,
             last_q,
             input_matrix + whole * (84 * LANES));
     }
@@ -3049,11 +3148,11 @@ static INLINE void constraint_torques_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real k57 = constants->k57;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real k57 = CONSTANT(k57);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3106,6 +3205,7 @@ static INLINE void constraint_torques_lane(
     torque[2 * stride] = t23;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_constraint_torques(
     const Constants *RESTRICT constants,
@@ -3120,6 +3220,7 @@ quadrotor_2link_constraint_torques(
     sine_cosine_few(3, angle + 0, sine + 0, cosine + 0);
     constraint_torques_lane(constants, sine, cosine, q, v, a, u, torque, 1);
 }
+#endif
 
 static WIDE void constraint_torques_block(
     const Constants *RESTRICT constants,
@@ -3132,19 +3233,19 @@ static WIDE void constraint_torques_block(
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
-            lane, LANES);
+        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u
+            + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a
-            + lane, u + lane, torque + lane, LANES);
+        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, a + lane, u + lane, torque + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_constraint_torques_batch(
+BATCH(constraint_torques)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3158,7 +3259,7 @@ quadrotor_2link_constraint_torques_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         constraint_torques_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             a + block * (8 * LANES),
@@ -3166,6 +3267,7 @@ quadrotor_2link_constraint_torques_batch(
             torque + block * (3 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_a[8 * LANES];
@@ -3191,7 +3293,7 @@ quadrotor_2link_constraint_torques_batch(
             u + whole * (6 * LANES),
             last_u);
         constraint_torques_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -3239,21 +3341,21 @@ static INLINE void gibbs_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k19 = constants->k19;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k19 = CONSTANT(k19);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k66 = CONSTANT(k66);
+    const real k67 = CONSTANT(k67);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3410,6 +3512,7 @@ static INLINE void gibbs_lane(
     value[0 * stride] = t118;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_gibbs(
     const Constants *RESTRICT constants,
@@ -3424,6 +3527,7 @@ quadrotor_2link_gibbs(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     gibbs_lane(constants, sine, cosine, q, v, a, value, 1);
 }
+#endif
 
 static WIDE void gibbs_block(
     const Constants *RESTRICT constants,
@@ -3435,18 +3539,19 @@ static WIDE void gibbs_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_angles(constants, q + lane, v + lane, a + lane, angle + lane, LANES);
+        gibbs_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a + lane,
-            value + lane, LANES);
+        gibbs_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v + lane,
+            a + lane, value + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_gibbs_batch(
+BATCH(gibbs)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3459,13 +3564,14 @@ quadrotor_2link_gibbs_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gibbs_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             a + block * (8 * LANES),
             value + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_a[8 * LANES];
@@ -3485,7 +3591,7 @@ quadrotor_2link_gibbs_batch(
             a + whole * (8 * LANES),
             last_a);
         gibbs_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -3529,18 +3635,18 @@ static INLINE void kinetic_energy_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k19 = constants->k19;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k43 = constants->k43;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k19 = CONSTANT(k19);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k43 = CONSTANT(k43);
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k66 = CONSTANT(k66);
+    const real k67 = CONSTANT(k67);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3620,6 +3726,7 @@ static INLINE void kinetic_energy_lane(
     energy[0 * stride] = t51;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_kinetic_energy(
     const Constants *RESTRICT constants,
@@ -3633,6 +3740,7 @@ quadrotor_2link_kinetic_energy(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     kinetic_energy_lane(constants, sine, cosine, q, v, energy, 1);
 }
+#endif
 
 static WIDE void kinetic_energy_block(
     const Constants *RESTRICT constants,
@@ -3643,18 +3751,19 @@ static WIDE void kinetic_energy_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        kinetic_energy_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        kinetic_energy_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            energy + lane, LANES);
+        kinetic_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, energy + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_kinetic_energy_batch(
+BATCH(kinetic_energy)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3666,12 +3775,13 @@ quadrotor_2link_kinetic_energy_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         kinetic_energy_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -3685,7 +3795,7 @@ quadrotor_2link_kinetic_energy_batch(
             v + whole * (8 * LANES),
             last_v);
         kinetic_energy_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             energy + whole * (1 * LANES));
@@ -3724,10 +3834,10 @@ static INLINE void potential_energy_lane(
     real *RESTRICT energy,
     const int stride)
 {
-    const real gravity = constants->gravity;
-    const real k46 = constants->k46;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
+    const real gravity = CONSTANT(gravity);
+    const real k46 = CONSTANT(k46);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
     const real z = q[7 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -3751,6 +3861,7 @@ static INLINE void potential_energy_lane(
     energy[0 * stride] = t16;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_potential_energy(
     const Constants *RESTRICT constants,
@@ -3763,6 +3874,7 @@ quadrotor_2link_potential_energy(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     potential_energy_lane(constants, sine, cosine, q, energy, 1);
 }
+#endif
 
 static WIDE void potential_energy_block(
     const Constants *RESTRICT constants,
@@ -3772,18 +3884,18 @@ static WIDE void potential_energy_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_angles(constants, q + lane, angle + lane, LANES);
+        potential_energy_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_lane(constants, sine + lane, cosine + lane, q + lane, energy +
-            lane, LANES);
+        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, energy + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_potential_energy_batch(
+BATCH(potential_energy)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3794,11 +3906,12 @@ quadrotor_2link_potential_energy_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         potential_energy_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -3806,7 +3919,7 @@ quadrotor_2link_potential_energy_batch(
             q + whole * (8 * LANES),
             last_q);
         potential_energy_block(
-            constants,
+            last_constants,
             last_q,
             energy + whole * (1 * LANES));
     }
@@ -3845,12 +3958,12 @@ static INLINE void gravity_forces_lane(
     const int stride)
 {
     (void)q;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k56 = constants->k56;
-    const real k64 = constants->k64;
-    const real k65 = constants->k65;
-    const real k69 = constants->k69;
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k56 = CONSTANT(k56);
+    const real k64 = CONSTANT(k64);
+    const real k65 = CONSTANT(k65);
+    const real k69 = CONSTANT(k69);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -3902,6 +4015,7 @@ static INLINE void gravity_forces_lane(
     force[4 * stride] = t26;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_gravity_forces(
     const Constants *RESTRICT constants,
@@ -3914,6 +4028,7 @@ quadrotor_2link_gravity_forces(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     gravity_forces_lane(constants, sine, cosine, q, force, 1);
 }
+#endif
 
 static WIDE void gravity_forces_block(
     const Constants *RESTRICT constants,
@@ -3923,18 +4038,18 @@ static WIDE void gravity_forces_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_angles(constants, q + lane, angle + lane, LANES);
+        gravity_forces_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        gravity_forces_lane(constants, sine + lane, cosine + lane, q + lane, force + lane,
-            LANES);
+        gravity_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            force + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_gravity_forces_batch(
+BATCH(gravity_forces)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -3945,11 +4060,12 @@ quadrotor_2link_gravity_forces_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gravity_forces_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             force + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -3957,7 +4073,7 @@ quadrotor_2link_gravity_forces_batch(
             q + whole * (8 * LANES),
             last_q);
         gravity_forces_block(
-            constants,
+            last_constants,
             last_q,
             force + whole * (8 * LANES));
     }
@@ -3999,8 +4115,8 @@ static INLINE void wrench_forces_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real W_base_fx = W[0 * stride];
     const real W_base_fy = W[1 * stride];
     const real W_base_fz = W[2 * stride];
@@ -4106,6 +4222,7 @@ static INLINE void wrench_forces_lane(
     force[7 * stride] = t70;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_wrench_forces(
     const Constants *RESTRICT constants,
@@ -4119,6 +4236,7 @@ quadrotor_2link_wrench_forces(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     wrench_forces_lane(constants, sine, cosine, q, W, force, 1);
 }
+#endif
 
 static WIDE void wrench_forces_block(
     const Constants *RESTRICT constants,
@@ -4129,18 +4247,19 @@ static WIDE void wrench_forces_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_angles(constants, q + lane, W + lane, angle + lane, LANES);
+        wrench_forces_angles(OF_LANE(constants, lane), q + lane, W + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_lane(constants, sine + lane, cosine + lane, q + lane, W + lane, force
-            + lane, LANES);
+        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, W
+            + lane, force + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_wrench_forces_batch(
+BATCH(wrench_forces)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4152,12 +4271,13 @@ quadrotor_2link_wrench_forces_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         wrench_forces_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             W + block * (12 * LANES),
             force + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_W[12 * LANES];
         fill_lanes(
@@ -4171,7 +4291,7 @@ quadrotor_2link_wrench_forces_batch(
             W + whole * (12 * LANES),
             last_W);
         wrench_forces_block(
-            constants,
+            last_constants,
             last_q,
             last_W,
             force + whole * (8 * LANES));
@@ -4220,22 +4340,22 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k50 = constants->k50;
-    const real k53 = constants->k53;
-    const real k55 = constants->k55;
-    const real k61 = constants->k61;
-    const real k62 = constants->k62;
-    const real k63 = constants->k63;
-    const real k68 = constants->k68;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k50 = CONSTANT(k50);
+    const real k53 = CONSTANT(k53);
+    const real k55 = CONSTANT(k55);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63);
+    const real k68 = CONSTANT(k68);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4499,6 +4619,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     acceleration[7 * stride] = t171;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_forward_dynamics_with_wrenches(
     const Constants *RESTRICT constants,
@@ -4515,6 +4636,7 @@ quadrotor_2link_forward_dynamics_with_wrenches(
     forward_dynamics_with_wrenches_lane(constants, sine, cosine, q, v, u, W,
         acceleration, 1);
 }
+#endif
 
 static WIDE void forward_dynamics_with_wrenches_block(
     const Constants *RESTRICT constants,
@@ -4527,19 +4649,19 @@ static WIDE void forward_dynamics_with_wrenches_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_angles(constants, q + lane, v + lane, u + lane, W +
-            lane, angle + lane, LANES);
+        forward_dynamics_with_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            u + lane, W + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_lane(constants, sine + lane, cosine + lane, q + lane,
-            v + lane, u + lane, W + lane, acceleration + lane, LANES);
+        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine +
+            lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_forward_dynamics_with_wrenches_batch(
+BATCH(forward_dynamics_with_wrenches)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4553,7 +4675,7 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_with_wrenches_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             u + block * (6 * LANES),
@@ -4561,6 +4683,7 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch(
             acceleration + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_u[6 * LANES];
@@ -4586,7 +4709,7 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch(
             W + whole * (12 * LANES),
             last_W);
         forward_dynamics_with_wrenches_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_u,
@@ -4637,19 +4760,19 @@ static INLINE void joint_wrenches_lane(
     const int stride)
 {
     (void)q;
-    const real gravity = constants->gravity;
-    const real base_arm_length = constants->base_arm_length;
-    const real k8 = constants->k8;
-    const real k14 = constants->k14;
-    const real k20 = constants->k20;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k45 = constants->k45;
-    const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k53 = constants->k53;
-    const real k57 = constants->k57;
+    const real gravity = CONSTANT(gravity);
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8);
+    const real k14 = CONSTANT(k14);
+    const real k20 = CONSTANT(k20);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k45 = CONSTANT(k45);
+    const real k46 = CONSTANT(k46);
+    const real k47 = CONSTANT(k47);
+    const real k53 = CONSTANT(k53);
+    const real k57 = CONSTANT(k57);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4861,6 +4984,7 @@ static INLINE void joint_wrenches_lane(
     wrenches[28 * stride] = t118;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_joint_wrenches(
     const Constants *RESTRICT constants,
@@ -4876,6 +5000,7 @@ quadrotor_2link_joint_wrenches(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
 }
+#endif
 
 static WIDE void joint_wrenches_block(
     const Constants *RESTRICT constants,
@@ -4888,19 +5013,19 @@ static WIDE void joint_wrenches_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
-            lane, LANES);
+        joint_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u +
+            lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
-            lane, u + lane, wrenches + lane, LANES);
+        joint_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, a + lane, u + lane, wrenches + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_joint_wrenches_batch(
+BATCH(joint_wrenches)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -4914,7 +5039,7 @@ quadrotor_2link_joint_wrenches_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         joint_wrenches_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             a + block * (8 * LANES),
@@ -4922,6 +5047,7 @@ quadrotor_2link_joint_wrenches_batch(
             wrenches + block * (30 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         real last_a[8 * LANES];
@@ -4947,7 +5073,7 @@ quadrotor_2link_joint_wrenches_batch(
             u + whole * (6 * LANES),
             last_u);
         joint_wrenches_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             last_a,
@@ -4988,9 +5114,9 @@ static INLINE void positions_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
-    const real k49 = constants->k49;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
+    const real k49 = CONSTANT(k49);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -5066,6 +5192,7 @@ static INLINE void positions_lane(
     position[26 * stride] = t36;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_positions(
     const Constants *RESTRICT constants,
@@ -5078,6 +5205,7 @@ quadrotor_2link_positions(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     positions_lane(constants, sine, cosine, q, position, 1);
 }
+#endif
 
 static WIDE void positions_block(
     const Constants *RESTRICT constants,
@@ -5087,18 +5215,18 @@ static WIDE void positions_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        positions_angles(constants, q + lane, angle + lane, LANES);
+        positions_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        positions_lane(constants, sine + lane, cosine + lane, q + lane, position + lane,
-            LANES);
+        positions_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            position + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_positions_batch(
+BATCH(positions)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5109,11 +5237,12 @@ quadrotor_2link_positions_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         positions_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             position + block * (27 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -5121,7 +5250,7 @@ quadrotor_2link_positions_batch(
             q + whole * (8 * LANES),
             last_q);
         positions_block(
-            constants,
+            last_constants,
             last_q,
             position + whole * (27 * LANES));
     }
@@ -5159,8 +5288,8 @@ static INLINE void tip_pose_lane(
     real *RESTRICT pose,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -5221,6 +5350,7 @@ static INLINE void tip_pose_lane(
     pose[11 * stride] = t32;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_tip_pose(
     const Constants *RESTRICT constants,
@@ -5233,6 +5363,7 @@ quadrotor_2link_tip_pose(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     tip_pose_lane(constants, sine, cosine, q, pose, 1);
 }
+#endif
 
 static WIDE void tip_pose_block(
     const Constants *RESTRICT constants,
@@ -5242,17 +5373,18 @@ static WIDE void tip_pose_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_angles(constants, q + lane, angle + lane, LANES);
+        tip_pose_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_lane(constants, sine + lane, cosine + lane, q + lane, pose + lane, LANES);
+        tip_pose_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, pose +
+            lane, LANES);
     }
 }
 
 void
-quadrotor_2link_tip_pose_batch(
+BATCH(tip_pose)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5263,11 +5395,12 @@ quadrotor_2link_tip_pose_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_pose_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             pose + block * (16 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -5275,7 +5408,7 @@ quadrotor_2link_tip_pose_batch(
             q + whole * (8 * LANES),
             last_q);
         tip_pose_block(
-            constants,
+            last_constants,
             last_q,
             pose + whole * (16 * LANES));
     }
@@ -5314,8 +5447,8 @@ static INLINE void tip_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -5420,6 +5553,7 @@ static INLINE void tip_jacobian_lane(
     jacobian[20 * stride] = t41;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_tip_jacobian(
     const Constants *RESTRICT constants,
@@ -5432,6 +5566,7 @@ quadrotor_2link_tip_jacobian(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     tip_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
 }
+#endif
 
 static WIDE void tip_jacobian_block(
     const Constants *RESTRICT constants,
@@ -5441,18 +5576,18 @@ static WIDE void tip_jacobian_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_angles(constants, q + lane, angle + lane, LANES);
+        tip_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_lane(constants, sine + lane, cosine + lane, q + lane, jacobian + lane,
-            LANES);
+        tip_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            jacobian + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_tip_jacobian_batch(
+BATCH(tip_jacobian)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5463,11 +5598,12 @@ quadrotor_2link_tip_jacobian_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_jacobian_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             jacobian + block * (48 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -5475,7 +5611,7 @@ quadrotor_2link_tip_jacobian_batch(
             q + whole * (8 * LANES),
             last_q);
         tip_jacobian_block(
-            constants,
+            last_constants,
             last_q,
             jacobian + whole * (48 * LANES));
     }
@@ -5517,8 +5653,8 @@ static INLINE void tip_bias_acceleration_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -5603,6 +5739,7 @@ static INLINE void tip_bias_acceleration_lane(
     bias_acceleration[5 * stride] = t56;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_tip_bias_acceleration(
     const Constants *RESTRICT constants,
@@ -5616,6 +5753,7 @@ quadrotor_2link_tip_bias_acceleration(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
 }
+#endif
 
 static WIDE void tip_bias_acceleration_block(
     const Constants *RESTRICT constants,
@@ -5626,18 +5764,19 @@ static WIDE void tip_bias_acceleration_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        tip_bias_acceleration_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
+            lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, bias_acceleration + lane, LANES);
+        tip_bias_acceleration_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, bias_acceleration + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_tip_bias_acceleration_batch(
+BATCH(tip_bias_acceleration)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5649,12 +5788,13 @@ quadrotor_2link_tip_bias_acceleration_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         tip_bias_acceleration_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             bias_acceleration + block * (6 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -5668,7 +5808,7 @@ quadrotor_2link_tip_bias_acceleration_batch(
             v + whole * (8 * LANES),
             last_v);
         tip_bias_acceleration_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             bias_acceleration + whole * (6 * LANES));
@@ -5707,8 +5847,8 @@ static INLINE void frame_poses_lane(
     real *RESTRICT poses,
     const int stride)
 {
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -5794,6 +5934,7 @@ static INLINE void frame_poses_lane(
     poses[27 * stride] = t39;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_frame_poses(
     const Constants *RESTRICT constants,
@@ -5806,6 +5947,7 @@ quadrotor_2link_frame_poses(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     frame_poses_lane(constants, sine, cosine, q, poses, 1);
 }
+#endif
 
 static WIDE void frame_poses_block(
     const Constants *RESTRICT constants,
@@ -5815,18 +5957,18 @@ static WIDE void frame_poses_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_angles(constants, q + lane, angle + lane, LANES);
+        frame_poses_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_poses_lane(constants, sine + lane, cosine + lane, q + lane, poses + lane,
-            LANES);
+        frame_poses_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            poses + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_frame_poses_batch(
+BATCH(frame_poses)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -5837,11 +5979,12 @@ quadrotor_2link_frame_poses_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_poses_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             poses + block * (32 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -5849,7 +5992,7 @@ quadrotor_2link_frame_poses_batch(
             q + whole * (8 * LANES),
             last_q);
         frame_poses_block(
-            constants,
+            last_constants,
             last_q,
             poses + whole * (32 * LANES));
     }
@@ -5888,8 +6031,8 @@ static INLINE void frame_jacobians_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -6000,6 +6143,7 @@ static INLINE void frame_jacobians_lane(
     jacobians[18 * stride] = t47;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_frame_jacobians(
     const Constants *RESTRICT constants,
@@ -6015,6 +6159,7 @@ quadrotor_2link_frame_jacobians(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     frame_jacobians_lane(constants, sine, cosine, q, jacobians, 1);
 }
+#endif
 
 static WIDE void frame_jacobians_block(
     const Constants *RESTRICT constants,
@@ -6027,18 +6172,18 @@ static WIDE void frame_jacobians_block(
     }
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_angles(constants, q + lane, angle + lane, LANES);
+        frame_jacobians_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_jacobians_lane(constants, sine + lane, cosine + lane, q + lane, jacobians +
-            lane, LANES);
+        frame_jacobians_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            jacobians + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_frame_jacobians_batch(
+BATCH(frame_jacobians)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6049,11 +6194,12 @@ quadrotor_2link_frame_jacobians_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_jacobians_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             jacobians + block * (96 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -6061,7 +6207,7 @@ quadrotor_2link_frame_jacobians_batch(
             q + whole * (8 * LANES),
             last_q);
         frame_jacobians_block(
-            constants,
+            last_constants,
             last_q,
             jacobians + whole * (96 * LANES));
     }
@@ -6103,8 +6249,8 @@ static INLINE void frame_velocities_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6201,6 +6347,7 @@ static INLINE void frame_velocities_lane(
     velocities[11 * stride] = t51;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_frame_velocities(
     const Constants *RESTRICT constants,
@@ -6214,6 +6361,7 @@ quadrotor_2link_frame_velocities(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     frame_velocities_lane(constants, sine, cosine, q, v, velocities, 1);
 }
+#endif
 
 static WIDE void frame_velocities_block(
     const Constants *RESTRICT constants,
@@ -6224,18 +6372,19 @@ static WIDE void frame_velocities_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        frame_velocities_angles(OF_LANE(constants, lane), q + lane, v + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            velocities + lane, LANES);
+        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, velocities + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_frame_velocities_batch(
+BATCH(frame_velocities)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6247,12 +6396,13 @@ quadrotor_2link_frame_velocities_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_velocities_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             velocities + block * (12 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -6266,7 +6416,7 @@ quadrotor_2link_frame_velocities_batch(
             v + whole * (8 * LANES),
             last_v);
         frame_velocities_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             velocities + whole * (12 * LANES));
@@ -6309,8 +6459,8 @@ static INLINE void frame_bias_accelerations_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real link2_length = constants->link2_length;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6427,6 +6577,7 @@ static INLINE void frame_bias_accelerations_lane(
     bias_accelerations[11 * stride] = t78;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_frame_bias_accelerations(
     const Constants *RESTRICT constants,
@@ -6440,6 +6591,7 @@ quadrotor_2link_frame_bias_accelerations(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     frame_bias_accelerations_lane(constants, sine, cosine, q, v, bias_accelerations, 1);
 }
+#endif
 
 static WIDE void frame_bias_accelerations_block(
     const Constants *RESTRICT constants,
@@ -6450,18 +6602,19 @@ static WIDE void frame_bias_accelerations_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
+            + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_lane(constants, sine + lane, cosine + lane, q + lane, v +
-            lane, bias_accelerations + lane, LANES);
+        frame_bias_accelerations_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, bias_accelerations + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_frame_bias_accelerations_batch(
+BATCH(frame_bias_accelerations)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6473,12 +6626,13 @@ quadrotor_2link_frame_bias_accelerations_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_bias_accelerations_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             bias_accelerations + block * (12 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -6492,7 +6646,7 @@ quadrotor_2link_frame_bias_accelerations_batch(
             v + whole * (8 * LANES),
             last_v);
         frame_bias_accelerations_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             bias_accelerations + whole * (12 * LANES));
@@ -6531,10 +6685,10 @@ static INLINE void centre_of_mass_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k64 = constants->k64;
-    const real k65 = constants->k65;
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k64 = CONSTANT(k64);
+    const real k65 = CONSTANT(k65);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -6567,6 +6721,7 @@ static INLINE void centre_of_mass_lane(
     position[2 * stride] = t19;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_centre_of_mass(
     const Constants *RESTRICT constants,
@@ -6579,6 +6734,7 @@ quadrotor_2link_centre_of_mass(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     centre_of_mass_lane(constants, sine, cosine, q, position, 1);
 }
+#endif
 
 static WIDE void centre_of_mass_block(
     const Constants *RESTRICT constants,
@@ -6588,18 +6744,18 @@ static WIDE void centre_of_mass_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_angles(constants, q + lane, angle + lane, LANES);
+        centre_of_mass_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_lane(constants, sine + lane, cosine + lane, q + lane, position +
-            lane, LANES);
+        centre_of_mass_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            position + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_centre_of_mass_batch(
+BATCH(centre_of_mass)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6610,11 +6766,12 @@ quadrotor_2link_centre_of_mass_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             position + block * (3 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -6622,7 +6779,7 @@ quadrotor_2link_centre_of_mass_batch(
             q + whole * (8 * LANES),
             last_q);
         centre_of_mass_block(
-            constants,
+            last_constants,
             last_q,
             position + whole * (3 * LANES));
     }
@@ -6661,10 +6818,10 @@ static INLINE void centre_of_mass_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real k46 = constants->k46;
-    const real k51 = constants->k51;
-    const real k64 = constants->k64;
-    const real k65 = constants->k65;
+    const real k46 = CONSTANT(k46);
+    const real k51 = CONSTANT(k51);
+    const real k64 = CONSTANT(k64);
+    const real k65 = CONSTANT(k65);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -6756,6 +6913,7 @@ static INLINE void centre_of_mass_jacobian_lane(
     jacobian[20 * stride] = t40;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_centre_of_mass_jacobian(
     const Constants *RESTRICT constants,
@@ -6768,6 +6926,7 @@ quadrotor_2link_centre_of_mass_jacobian(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     centre_of_mass_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
 }
+#endif
 
 static WIDE void centre_of_mass_jacobian_block(
     const Constants *RESTRICT constants,
@@ -6777,18 +6936,19 @@ static WIDE void centre_of_mass_jacobian_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_angles(constants, q + lane, angle + lane, LANES);
+        centre_of_mass_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane,
+            LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_lane(constants, sine + lane, cosine + lane, q + lane,
-            jacobian + lane, LANES);
+        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q
+            + lane, jacobian + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_centre_of_mass_jacobian_batch(
+BATCH(centre_of_mass_jacobian)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -6799,11 +6959,12 @@ quadrotor_2link_centre_of_mass_jacobian_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_jacobian_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             jacobian + block * (24 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         fill_lanes(
             8,
@@ -6811,7 +6972,7 @@ quadrotor_2link_centre_of_mass_jacobian_batch(
             q + whole * (8 * LANES),
             last_q);
         centre_of_mass_jacobian_block(
-            constants,
+            last_constants,
             last_q,
             jacobian + whole * (24 * LANES));
     }
@@ -6853,20 +7014,20 @@ static INLINE void centroidal_momentum_lane(
     const int stride)
 {
     (void)q;
-    const real base_arm_length = constants->base_arm_length;
-    const real k27 = constants->k27;
-    const real k33 = constants->k33;
-    const real k39 = constants->k39;
-    const real k43 = constants->k43;
-    const real k44 = constants->k44;
-    const real k46 = constants->k46;
-    const real k50 = constants->k50;
-    const real k51 = constants->k51;
-    const real k52 = constants->k52;
-    const real k53 = constants->k53;
-    const real k54 = constants->k54;
-    const real k64 = constants->k64;
-    const real k65 = constants->k65;
+    const real base_arm_length = CONSTANT(base_arm_length);
+    const real k27 = CONSTANT(k27);
+    const real k33 = CONSTANT(k33);
+    const real k39 = CONSTANT(k39);
+    const real k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44);
+    const real k46 = CONSTANT(k46);
+    const real k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51);
+    const real k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53);
+    const real k54 = CONSTANT(k54);
+    const real k64 = CONSTANT(k64);
+    const real k65 = CONSTANT(k65);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6999,6 +7160,7 @@ static INLINE void centroidal_momentum_lane(
     momentum[5 * stride] = t83;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_centroidal_momentum(
     const Constants *RESTRICT constants,
@@ -7012,6 +7174,7 @@ quadrotor_2link_centroidal_momentum(
     sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
     centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
 }
+#endif
 
 static WIDE void centroidal_momentum_block(
     const Constants *RESTRICT constants,
@@ -7022,18 +7185,19 @@ static WIDE void centroidal_momentum_block(
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_angles(constants, q + lane, v + lane, angle + lane, LANES);
+        centroidal_momentum_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
+            lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
-            momentum + lane, LANES);
+        centroidal_momentum_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
+            lane, v + lane, momentum + lane, LANES);
     }
 }
 
 void
-quadrotor_2link_centroidal_momentum_batch(
+BATCH(centroidal_momentum)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7045,12 +7209,13 @@ quadrotor_2link_centroidal_momentum_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centroidal_momentum_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             momentum + block * (6 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -7064,7 +7229,7 @@ quadrotor_2link_centroidal_momentum_batch(
             v + whole * (8 * LANES),
             last_v);
         centroidal_momentum_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             momentum + whole * (6 * LANES));
@@ -7100,6 +7265,7 @@ static INLINE void coordinate_rates_lane(
     rate[7 * stride] = v_z;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_coordinate_rates(
     const Constants *RESTRICT constants,
@@ -7109,6 +7275,7 @@ quadrotor_2link_coordinate_rates(
 {
     coordinate_rates_lane(constants, q, v, rate, 1);
 }
+#endif
 
 static WIDE void coordinate_rates_block(
     const Constants *RESTRICT constants,
@@ -7118,12 +7285,13 @@ static WIDE void coordinate_rates_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        coordinate_rates_lane(constants, q + lane, v + lane, rate + lane, LANES);
+        coordinate_rates_lane(OF_LANE(constants, lane), q + lane, v + lane, rate + lane,
+            LANES);
     }
 }
 
 void
-quadrotor_2link_coordinate_rates_batch(
+BATCH(coordinate_rates)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7135,12 +7303,13 @@ quadrotor_2link_coordinate_rates_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         coordinate_rates_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             rate + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -7154,7 +7323,7 @@ quadrotor_2link_coordinate_rates_batch(
             v + whole * (8 * LANES),
             last_v);
         coordinate_rates_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             rate + whole * (8 * LANES));
@@ -7209,6 +7378,7 @@ static INLINE void integrate_lane(
     coordinates[4 * stride] = t8;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_integrate(
     const Constants *RESTRICT constants,
@@ -7218,6 +7388,7 @@ quadrotor_2link_integrate(
 {
     integrate_lane(constants, q, v, coordinates, 1);
 }
+#endif
 
 static WIDE void integrate_block(
     const Constants *RESTRICT constants,
@@ -7227,12 +7398,13 @@ static WIDE void integrate_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        integrate_lane(constants, q + lane, v + lane, coordinates + lane, LANES);
+        integrate_lane(OF_LANE(constants, lane), q + lane, v + lane, coordinates + lane,
+            LANES);
     }
 }
 
 void
-quadrotor_2link_integrate_batch(
+BATCH(integrate)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q,
@@ -7244,12 +7416,13 @@ quadrotor_2link_integrate_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         integrate_block(
-            constants,
+            OF_BLOCK(constants, block),
             q + block * (8 * LANES),
             v + block * (8 * LANES),
             coordinates + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
         real last_v[8 * LANES];
         fill_lanes(
@@ -7263,7 +7436,7 @@ quadrotor_2link_integrate_batch(
             v + whole * (8 * LANES),
             last_v);
         integrate_block(
-            constants,
+            last_constants,
             last_q,
             last_v,
             coordinates + whole * (8 * LANES));
@@ -7318,6 +7491,7 @@ static INLINE void difference_lane(
     displacement[4 * stride] = t8;
 }
 
+#ifndef EACH
 void
 quadrotor_2link_difference(
     const Constants *RESTRICT constants,
@@ -7327,6 +7501,7 @@ quadrotor_2link_difference(
 {
     difference_lane(constants, q0, q1, displacement, 1);
 }
+#endif
 
 static WIDE void difference_block(
     const Constants *RESTRICT constants,
@@ -7336,12 +7511,13 @@ static WIDE void difference_block(
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        difference_lane(constants, q0 + lane, q1 + lane, displacement + lane, LANES);
+        difference_lane(OF_LANE(constants, lane), q0 + lane, q1 + lane, displacement + lane,
+            LANES);
     }
 }
 
 void
-quadrotor_2link_difference_batch(
+BATCH(difference)(
     const Constants *RESTRICT constants,
     const size_t count,
     const real *RESTRICT q0,
@@ -7353,12 +7529,13 @@ quadrotor_2link_difference_batch(
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         difference_block(
-            constants,
+            OF_BLOCK(constants, block),
             q0 + block * (8 * LANES),
             q1 + block * (8 * LANES),
             displacement + block * (8 * LANES));
     }
     if (rest > 0) {
+        OF_LAST_BLOCK(constants, whole, rest);
         real last_q0[8 * LANES];
         real last_q1[8 * LANES];
         fill_lanes(
@@ -7372,7 +7549,7 @@ quadrotor_2link_difference_batch(
             q1 + whole * (8 * LANES),
             last_q1);
         difference_block(
-            constants,
+            last_constants,
             last_q0,
             last_q1,
             displacement + whole * (8 * LANES));

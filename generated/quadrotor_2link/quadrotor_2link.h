@@ -110,6 +110,8 @@ typedef float quadrotor_2link_real;
     quadrotor_2link_default_constants_float
 #define quadrotor_2link_init_constants \
     quadrotor_2link_init_constants_float
+#define quadrotor_2link_init_constants_batch \
+    quadrotor_2link_init_constants_batch_float
 #else
 typedef double quadrotor_2link_real;
 #endif
@@ -123,6 +125,7 @@ typedef double quadrotor_2link_real;
 #define QUADROTOR_2LINK_FRAMES 2
 #define QUADROTOR_2LINK_BODIES 5
 #define QUADROTOR_2LINK_PARAMETERS 11
+#define QUADROTOR_2LINK_CONSTANTS 35
 
 /** States in a block of the _batch functions. */
 #define QUADROTOR_2LINK_LANES 8
@@ -296,6 +299,24 @@ void quadrotor_2link_unpack(
     const quadrotor_2link_real *blocks,
     quadrotor_2link_real *rows);
 
+/*
+ * The functions that have _batch_each at the end of their names, and the next one, are in
+ * quadrotor_2link_each.c, which only programs that call them need.
+ */
+
+/**
+ * @brief Constants of each state for its parameters, in blocks like all arrays of _batch functions.
+ *
+ * @param[in] count number of states
+ * @param[in] parameters 11 of each state, in the order of their places
+ * @param[out] constants 35 of each state, for functions with _batch_each
+ * @return 0, or 1 + the number of the first state whose constants are of no use
+ */
+size_t quadrotor_2link_init_constants_batch(
+    size_t count,
+    const quadrotor_2link_real *parameters,
+    quadrotor_2link_real *constants);
+
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.
  *
@@ -332,6 +353,16 @@ quadrotor_2link_mass_matrix_and_residual_batch(
     quadrotor_2link_real *mass_matrix,
     quadrotor_2link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_mass_matrix_and_residual_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *mass_matrix,
+    quadrotor_2link_real *residual);
+
 /**
  * @brief Mass matrix M of M a = R + B u, symmetric, both triangles filled.
  *
@@ -356,6 +387,14 @@ quadrotor_2link_mass_matrix(
 void
 quadrotor_2link_mass_matrix_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *mass_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_mass_matrix_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *mass_matrix);
@@ -394,6 +433,15 @@ quadrotor_2link_residual_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_residual_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *residual);
+
 /**
  * @brief Input matrix B of M a = R + B u.
  *
@@ -418,6 +466,14 @@ quadrotor_2link_input_matrix(
 void
 quadrotor_2link_input_matrix_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *input_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_input_matrix_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *input_matrix);
@@ -461,6 +517,16 @@ quadrotor_2link_forward_dynamics_batch(
     const quadrotor_2link_real *u,
     quadrotor_2link_real *acceleration);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_forward_dynamics_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *u,
+    quadrotor_2link_real *acceleration);
+
 /**
  * @brief Generalised forces M a - R that the motion needs; B u supplies them.
  *
@@ -498,6 +564,16 @@ quadrotor_2link_inverse_dynamics_batch(
     const quadrotor_2link_real *a,
     quadrotor_2link_real *force);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_inverse_dynamics_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a,
+    quadrotor_2link_real *force);
+
 /**
  * @brief Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
  *
@@ -524,6 +600,14 @@ quadrotor_2link_hybrid_mass_matrix(
 void
 quadrotor_2link_hybrid_mass_matrix_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *mass_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_hybrid_mass_matrix_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *mass_matrix);
@@ -562,6 +646,15 @@ quadrotor_2link_hybrid_residual_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *residual);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_hybrid_residual_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *residual);
+
 /**
  * @brief Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
  *
@@ -586,6 +679,14 @@ quadrotor_2link_hybrid_input_matrix(
 void
 quadrotor_2link_hybrid_input_matrix_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *input_matrix);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_hybrid_input_matrix_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *input_matrix);
@@ -629,6 +730,17 @@ quadrotor_2link_constraint_torques_batch(
     const quadrotor_2link_real *u,
     quadrotor_2link_real *torque);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_constraint_torques_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a,
+    const quadrotor_2link_real *u,
+    quadrotor_2link_real *torque);
+
 /**
  * @brief Gibbs function S up to terms free of accelerations, in W/s.
  *
@@ -665,6 +777,16 @@ quadrotor_2link_gibbs_batch(
     const quadrotor_2link_real *a,
     quadrotor_2link_real *value);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_gibbs_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a,
+    quadrotor_2link_real *value);
+
 /**
  * @brief Kinetic energy in J.
  *
@@ -695,6 +817,15 @@ quadrotor_2link_kinetic_energy_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *energy);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_kinetic_energy_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *energy);
+
 /**
  * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
  *
@@ -717,6 +848,14 @@ quadrotor_2link_potential_energy(
 void
 quadrotor_2link_potential_energy_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *energy);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_potential_energy_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *energy);
@@ -750,6 +889,14 @@ quadrotor_2link_gravity_forces_batch(
     const quadrotor_2link_real *q,
     quadrotor_2link_real *force);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_gravity_forces_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *force);
+
 /**
  * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
  *
@@ -778,6 +925,15 @@ quadrotor_2link_wrench_forces(
 void
 quadrotor_2link_wrench_forces_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *W,
+    quadrotor_2link_real *force);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_wrench_forces_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     const quadrotor_2link_real *W,
@@ -816,6 +972,17 @@ quadrotor_2link_forward_dynamics_with_wrenches(
 void
 quadrotor_2link_forward_dynamics_with_wrenches_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *u,
+    const quadrotor_2link_real *W,
+    quadrotor_2link_real *acceleration);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_forward_dynamics_with_wrenches_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     const quadrotor_2link_real *v,
@@ -866,6 +1033,17 @@ quadrotor_2link_joint_wrenches_batch(
     const quadrotor_2link_real *u,
     quadrotor_2link_real *wrenches);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_joint_wrenches_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a,
+    const quadrotor_2link_real *u,
+    quadrotor_2link_real *wrenches);
+
 /**
  * @brief World positions of POINTS in m, one row each.
  *
@@ -888,6 +1066,14 @@ quadrotor_2link_positions(
 void
 quadrotor_2link_positions_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *position);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_positions_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *position);
@@ -921,6 +1107,14 @@ quadrotor_2link_tip_pose_batch(
     const quadrotor_2link_real *q,
     quadrotor_2link_real *pose);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_tip_pose_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *pose);
+
 /**
  * @brief Jacobian of the tip: linear rows, then angular rows, in world axes.
  *
@@ -945,6 +1139,14 @@ quadrotor_2link_tip_jacobian(
 void
 quadrotor_2link_tip_jacobian_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *jacobian);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_tip_jacobian_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *jacobian);
@@ -982,6 +1184,15 @@ quadrotor_2link_tip_bias_acceleration_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *bias_acceleration);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_tip_bias_acceleration_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *bias_acceleration);
+
 /**
  * @brief Homogeneous transforms from the frames to the world.
  *
@@ -1004,6 +1215,14 @@ quadrotor_2link_frame_poses(
 void
 quadrotor_2link_frame_poses_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *poses);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_frame_poses_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *poses);
@@ -1037,6 +1256,14 @@ quadrotor_2link_frame_jacobians_batch(
     const quadrotor_2link_real *q,
     quadrotor_2link_real *jacobians);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_frame_jacobians_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *jacobians);
+
 /**
  * @brief Velocities of the frames' origins, then angular velocities, in world axes.
  *
@@ -1063,6 +1290,15 @@ quadrotor_2link_frame_velocities(
 void
 quadrotor_2link_frame_velocities_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *velocities);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_frame_velocities_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     const quadrotor_2link_real *v,
@@ -1102,6 +1338,15 @@ quadrotor_2link_frame_bias_accelerations_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *bias_accelerations);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_frame_bias_accelerations_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *bias_accelerations);
+
 /**
  * @brief World position of the centre of mass.
  *
@@ -1124,6 +1369,14 @@ quadrotor_2link_centre_of_mass(
 void
 quadrotor_2link_centre_of_mass_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *position);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_centre_of_mass_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     quadrotor_2link_real *position);
@@ -1156,6 +1409,14 @@ quadrotor_2link_centre_of_mass_jacobian_batch(
     const quadrotor_2link_real *q,
     quadrotor_2link_real *jacobian);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_centre_of_mass_jacobian_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    quadrotor_2link_real *jacobian);
+
 /**
  * @brief Linear momentum, then angular momentum about the centre of mass, in world axes.
  *
@@ -1183,6 +1444,15 @@ quadrotor_2link_centroidal_momentum(
 void
 quadrotor_2link_centroidal_momentum_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *momentum);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_centroidal_momentum_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q,
     const quadrotor_2link_real *v,
@@ -1221,6 +1491,15 @@ quadrotor_2link_coordinate_rates_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *rate);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_coordinate_rates_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *rate);
+
 /**
  * @brief Coordinates after a displacement v, which is a velocity times the time that it lasts.
  *
@@ -1254,6 +1533,15 @@ quadrotor_2link_integrate_batch(
     const quadrotor_2link_real *v,
     quadrotor_2link_real *coordinates);
 
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_integrate_batch_each(
+    const quadrotor_2link_real *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *coordinates);
+
 /**
  * @brief Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
  *
@@ -1282,6 +1570,15 @@ quadrotor_2link_difference(
 void
 quadrotor_2link_difference_batch(
     const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q0,
+    const quadrotor_2link_real *q1,
+    quadrotor_2link_real *displacement);
+
+/** @brief The same where each state has its own constants, which are in blocks too. */
+void
+quadrotor_2link_difference_batch_each(
+    const quadrotor_2link_real *constants,
     size_t count,
     const quadrotor_2link_real *q0,
     const quadrotor_2link_real *q1,

@@ -12,6 +12,7 @@ static void fill_lanes(
     }
 }
 
+#ifndef EACH
 void MODULE(pack)(
     const size_t count,
     const size_t width,
@@ -42,3 +43,4 @@ void MODULE(unpack)(
         }
     }
 }
+#endif

@@ -1,4 +1,4 @@
-"""How a generated NumPy module takes parameters and states, and calls its kernels.
+"""How a generated NumPy module takes states, and calls its kernels.
 
 The text of this file stands in every generated module, so it imports nothing but NumPy and the
 standard library. The C back end imports it, and so refuses and reports in the same words.
@@ -6,8 +6,7 @@ standard library. The C back end imports it, and so refuses and reports in the s
 
 from __future__ import annotations
 
-import contextlib
-import difflib
+import functools
 import inspect
 import math
 import warnings
@@ -17,106 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gibbs_codegen.emitted.preparation import MOST_AXES, common_shape, real_numbers
+
 _FLOAT = np.dtype(np.float64)
-# NumPy had at most 32 before version 2, and results have one more than arguments.
-_MOST_AXES = 31
-
-
-def prepared(
-    compute: Callable[[dict[str, float]], tuple[float, tuple[float, ...]]],
-    defaults: Mapping[str, float],
-    folded: Sequence[str],
-    parameters: Mapping[str, float],
-) -> tuple[float, ...]:
-    """Constants of a module for given parameters.
-
-    Args:
-        compute: Total mass and constants, from all parameters.
-        defaults: All parameters with their defaults.
-        folded: Names that are no parameters, since they are zero in the robot file.
-        parameters: Values that differ from the defaults, by name.
-
-    Returns:
-        The constants, all of them finite.
-
-    Raises:
-        TypeError: What is given is no number.
-        ValueError: A name is unknown, a value is not finite, or the constants are not.
-    """
-    given = {**defaults, **parameters}
-    unknown = [name for name in given if name not in defaults]
-    if unknown:
-        raise ValueError("; ".join(_unknown(name, defaults, folded) for name in unknown[:5]))
-    values = {}
-    for name, value in given.items():
-        number = real_numbers(name, value)
-        if number.ndim != 0:
-            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
-        if not math.isfinite(number):
-            raise ValueError(f"{name} must be a finite number, not {number}")
-        values[name] = float(number)
-    mass, constants = 0.0, tuple[float, ...]()
-    with contextlib.suppress(ZeroDivisionError):
-        mass, constants = compute(values)
-    if not mass > 0.0:
-        raise ValueError(
-            "these parameters leave an acceleration undetermined: "
-            "look for masses and inertias that are zero or negative"
-        )
-    if not all(map(math.isfinite, constants)):
-        raise ValueError("these parameters are too large or too small to compute with")
-    return constants
-
-
-def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
-    """What an error says of a name that is no parameter.
-
-    Args:
-        name, defaults, folded: As of `prepared`.
-
-    Returns:
-        A sentence.
-    """
-    if name in folded:
-        return (
-            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
-            "gibbs-codegen generate --all-parameters keeps it"
-        )
-    close = difflib.get_close_matches(str(name), defaults, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
-    return f"unknown parameter {name!r:.80}: {hint}"
-
-
-def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Real numbers as an array of float64; what only looks like numbers is refused by name.
-
-    Args:
-        name: What an error calls the values.
-        values: Numbers, or nested sequences of them.
-
-    Returns:
-        An array of the shape that NumPy gives the values; not a copy where none is needed.
-
-    Raises:
-        TypeError: An entry is not a real number.
-        ValueError: An entry does not fit into a float or is masked, or rows differ in length.
-    """
-    try:
-        array = np.asarray(values)
-        if array.dtype.kind not in "biufO":
-            raise TypeError(f"not {array.dtype.type.__name__.rstrip('_0123456789')}")
-        if array.dtype.kind == "O":
-            # None would become NaN, and text would be read.
-            for entry in array.flat:
-                if not hasattr(entry, "__float__"):
-                    raise TypeError(f"not {type(entry).__name__}")
-        if np.ma.is_masked(values):
-            raise ValueError("not masked")
-        return array.astype(np.float64, copy=False)
-    except TypeError as error:
-        raise TypeError(f"{name} must be real numbers: {error}") from None
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
 def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64]:
@@ -145,8 +47,8 @@ def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64
         else:
             must = f"{shape[0]} rows of {shape[1]} entries along its last two axes"
         raise ValueError(f"{name} must have {must}, not shape {array.shape}")
-    if array.ndim > _MOST_AXES:
-        raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
+    if array.ndim > MOST_AXES:
+        raise ValueError(f"{name} must have at most {MOST_AXES} axes, not {array.ndim}")
     return array if len(shape) == 1 else array.reshape(*leading, math.prod(shape))
 
 
@@ -186,11 +88,14 @@ def sign(x: Any) -> Any:
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
 
 
-def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
+def batch_shape(
+    arguments: Mapping[str, NDArray[np.float64]], constants: tuple[int, ...] = ()
+) -> tuple[int, ...]:
     """Shape of the batch that the leading axes of arguments broadcast to.
 
     Args:
-        arrays: Arguments (..., width), each with a width of its own.
+        arguments: Arrays (..., width) by their names, each with a width of its own.
+        constants: Shape of the batch that the constants have.
 
     Returns:
         The common shape without the last axis.
@@ -198,11 +103,8 @@ def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
     Raises:
         ValueError: The leading axes do not broadcast.
     """
-    shapes = [array.shape[:-1] for array in arrays]
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ValueError(f"leading axes {shapes} do not broadcast") from None
+    shapes = {name: array.shape[:-1] for name, array in arguments.items()}
+    return common_shape("leading axes", {**shapes, "constants": constants})
 
 
 class Evaluator:
@@ -219,7 +121,7 @@ class Evaluator:
         velocities: Sequence[str],
         inputs: Sequence[str],
         frames: Sequence[str],
-        default_constants: tuple[float, ...],
+        default_constants: tuple[Any, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
         self._report = NotFiniteReport(module, coordinates, velocities, inputs, frames)
@@ -228,7 +130,7 @@ class Evaluator:
     def __call__(
         self,
         kernel: Callable[..., Sequence[Any]],
-        constants: tuple[float, ...] | None,
+        constants: tuple[Any, ...] | None,
         *arguments: NDArray[np.float64],
     ) -> tuple[Sequence[Any], tuple[int, ...]]:
         """Evaluate a kernel, and warn where finite arguments give what is not finite.
@@ -239,19 +141,17 @@ class Evaluator:
             arguments: Arrays (..., width) in the order of the kernel.
 
         Returns:
-            The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
+            The entries of the outputs, numbers or arrays over the batch, and the batch's shape:
+            that which arguments and constants broadcast to.
 
         Raises:
             TypeError: The constants are not this module's.
             ValueError: The leading axes do not broadcast.
         """
         k = self._default if constants is None else constants
-        if k is not self._default:
-            alike = isinstance(k, tuple) and len(k) == len(self._default)
-            if not alike or not {*map(type, k)} <= {float}:
-                raise TypeError("constants must be what this module's prepare() returned")
+        per_state = k is not self._default and self._differ(k)
         for argument in arguments:
-            if argument.ndim > 1:
+            if per_state or argument.ndim > 1:
                 break
         else:
             try:
@@ -262,13 +162,24 @@ class Evaluator:
                 # Floats raise where arrays give inf or nan; one state answers as a batch does.
                 pass
             return self._evaluate_and_report(kernel, k, arguments, arguments, ()), ()
-        batch = batch_shape(arguments)
+        named = dict(zip(_argument_names(kernel), arguments, strict=True))
+        batch = batch_shape(named, k[0].shape if per_state else ())
         columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
         try:
             with np.errstate(all="raise", under="ignore"):
                 return kernel(k, np.sin, np.cos, *columns), batch
         except FloatingPointError:
             return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
+
+    def _differ(self, k: tuple[Any, ...]) -> bool:
+        """Whether constants differ from state to state. Raises TypeError for another module's."""
+        alike = isinstance(k, tuple) and len(k) == len(self._default)
+        kinds = {*map(type, k)} if alike else {type(k)}
+        if alike and kinds <= {float}:
+            return False
+        if alike and kinds <= {float, np.ndarray} and isinstance(k[0], np.ndarray):
+            return True
+        raise TypeError("constants must be what this module's prepare() returned")
 
     def _evaluate_and_report(
         self,
@@ -292,10 +203,15 @@ class Evaluator:
         with np.errstate(all="ignore"):
             entries = kernel(k, np.sin, np.cos, *columns)
         finite = [np.broadcast_to(np.isfinite(entry), batch) for entry in entries]
-        names = [*inspect.signature(kernel).parameters][3:]
-        named = dict(zip(names, arguments, strict=True))
+        named = dict(zip(_argument_names(kernel), arguments, strict=True))
         self._report(kernel.__name__[1:], named, np.logical_and.reduce(finite), 5)
         return entries
+
+
+@functools.cache
+def _argument_names(kernel: Callable[..., Any]) -> list[str]:
+    """Names of a kernel's arguments, without constants, sine and cosine."""
+    return [*inspect.signature(kernel).parameters][3:]
 
 
 class NotFiniteReport:

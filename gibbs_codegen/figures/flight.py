@@ -6,14 +6,12 @@ saves it, shows it in a notebook or changes it. They look the same whatever the 
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.figures.coordinates import coordinates as coordinates
 from gibbs_codegen.figures.curves import (
     DASHED,
@@ -28,13 +26,11 @@ from gibbs_codegen.figures.curves import (
     symbol,
 )
 from gibbs_codegen.figures.inputs import inputs as inputs
+from gibbs_codegen.figures.saving import save_figures
 from gibbs_codegen.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.figures.snapshots import snapshots_panels as snapshots_panels
 from gibbs_codegen.figures.style import COLOURS, COLUMN, style
 from gibbs_codegen.simulator.record.flight import Flight
-
-# A date would make every file another.
-_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 def constraint_torques(flight: Flight) -> Figure:
@@ -135,27 +131,10 @@ def write_figures(
 
     Returns:
         Paths of the files, in order.
-
-    Raises:
-        OutputError: The folder cannot hold them.
     """
-    paths = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for draw in FIGURES:
-            if draw is constraint_torques and not flight.constraint_torques.shape[1]:
-                continue
-            figure = draw(flight)
-            for suffix in formats:
-                path = folder / f"{draw.__name__}.{suffix}"
-                # A writer of PDF loses what the disk said; memory takes it whole.
-                drawn = io.BytesIO()
-                with style():
-                    figure.savefig(drawn, format=suffix, metadata=_METADATA.get(suffix))
-                path.write_bytes(drawn.getbuffer())
-                paths.append(path)
-    except OSError as error:
-        raise OutputError(
-            f"{printable(folder)}: cannot hold the figures: {error.strerror}"
-        ) from None
-    return paths
+    drawn = (
+        (draw.__name__, draw(flight))
+        for draw in FIGURES
+        if draw is not constraint_torques or flight.constraint_torques.shape[1]
+    )
+    return save_figures(drawn, folder, formats)

@@ -23,12 +23,14 @@ class Feedback:
 
     It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
-    (1 or n, 1 or steps, nv).
+    (1 or n, 1 or steps, nv). What it is added to, `u` (1 or n, 1 or steps, nu), is what `rollout`
+    makes the inputs of the problem; where there is a problem, those are looked at alone.
     """
 
     gain: Array
     q: Array
     v: Array
+    u: Array | float = 0.0
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import Signature
@@ -35,12 +36,46 @@ def compiled_library(
         Path of the library, which exports the module's C functions, those of its CasADi adapter
         but in single precision, which CasADi does not have, and those of `rows.c`.
     """
-    # Read once: what is compiled is what the key was made of, whatever happens to the files.
-    texts = {file: (folder / file).read_bytes() for file in c_files(name)}
-    texts[_ROWS] = (NATIVE / "rows.c").read_bytes()
-    _check_of_one_make(folder, texts)
+    files = c_files(name)
     if f"-D{name.upper()}_FLOAT" in extra:
-        del texts[f"{name}_casadi.c"]
+        files.remove(f"{name}_casadi.c")
+    rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
+    return compiled_files(folder, name, files, compiler, extra, rows)
+
+
+def compiled_files(
+    folder: Path,
+    name: str,
+    files: Sequence[str],
+    compiler: Compiler,
+    extra: Sequence[str] = (),
+    others: Mapping[str, bytes] = MappingProxyType({}),
+) -> Path:
+    """A shared library of C files of a generated module, from the cache or compiled now.
+
+    Args:
+        folder: Where the module's C files are.
+        name: Of the robot.
+        files: Names of those that it is made of, and of what they include.
+        compiler: What compiles them.
+        extra: Flags that come after the compiler's.
+        others: Texts of further sources, by names that no file of the module has.
+
+    Returns:
+        Path of the library.
+
+    Raises:
+        UsageError: A file is missing, or was not generated together with the module.
+    """
+    # Read once: what is compiled is what the key was made of, whatever happens to the files.
+    missing = [file for file in files if not (folder / file).is_file()]
+    if missing:
+        raise UsageError(
+            f"{printable(folder)}: has no {', '.join(missing)}; generate the module again"
+        )
+    texts = {file: (folder / file).read_bytes() for file in files}
+    _check_of_one_make(folder, texts)
+    texts |= others
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
     def make(output: Path) -> None:
@@ -49,8 +84,8 @@ def compiled_library(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         with _announced(f"compiling {name}"):
-            files = [sources / file for file in texts if file.endswith(".c")]
-            compiler.library(files, output, extra)
+            compiled = [sources / file for file in texts if file.endswith(".c")]
+            compiler.library(compiled, output, extra)
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
@@ -97,7 +132,7 @@ def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:
     """Refuse C that was not generated together with the module's Python. Raises `UsageError`."""
     made = _make_of((folder / "numpy_module.py").read_bytes())
     for file, text in texts.items():
-        if file != _ROWS and _make_of(text) != made:
+        if _make_of(text) != made:
             raise UsageError(
                 f"{printable(folder / file)}: was not generated together with numpy_module.py; "
                 f"generate the module again"

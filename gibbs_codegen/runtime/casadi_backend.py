@@ -14,6 +14,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from gibbs_codegen.emitted.preparation import real_numbers
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.runtime.kernels import Kernels, Objects, objects
 from gibbs_codegen.runtime.loaded_module import LoadedModule
@@ -151,8 +152,10 @@ class _CasadiModule(LoadedModule):
         """
         given = {**parameters}
         for name, value in given.items():
-            if isinstance(value, casadi.DM | casadi.SX | casadi.MX) and value.shape != (1, 1):
-                raise TypeError(f"{name} must be one number or symbol, not of shape {value.shape}")
+            own = isinstance(value, casadi.DM | casadi.SX | casadi.MX)
+            shape = value.shape if own else real_numbers(name, value).shape
+            if shape != ((1, 1) if own else ()):
+                raise TypeError(f"{name} must be one number or symbol, not of shape {shape}")
             given[name] = float(value) if isinstance(value, casadi.DM) else value
         kinds = {type(value) for value in given.values()} & {casadi.SX, casadi.MX}
         if not kinds:

@@ -149,7 +149,7 @@ class CompiledFunction:
             state_array(name, given[name], *shape)
             for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
         ]
-        batch = batch_shape(arrays)
+        batch = batch_shape(dict(zip(signature.arguments, arrays, strict=True)))
         inputs = [
             np.require(np.broadcast_to(array, (*batch, array.shape[-1])), requirements=["C", "A"])
             for array in arrays

@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gibbs_codegen.emitted.evaluation import batch_shape, real_numbers, state_array
+from gibbs_codegen.emitted.evaluation import batch_shape, state_array
+from gibbs_codegen.emitted.preparation import real_numbers
 from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.runtime.jax_functions import Functions
 from gibbs_codegen.runtime.loaded_module import LoadedModule
@@ -112,7 +113,8 @@ def _function(
         constants = given.get("constants")
         if constants is not None:
             operands.append(_constants(constants, size, operands))
-        batch = batch_shape(operands)
+        names = [*signature.arguments, "constants"][: len(operands)]
+        batch = batch_shape(dict(zip(names, operands, strict=True)))
         operands = [a.reshape((1,) * (len(batch) + 1 - a.ndim) + a.shape) for a in operands]
         last = None if constants is None else operands.pop()
         shaped = [

@@ -67,7 +67,10 @@ TARGETS: dict[str, Target] = {
         {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
+            "c_each.c.jinja": "{name}_each.c",
             "c_casadi.c.jinja": "{name}_casadi.c",
+            "c_rollout.h.jinja": "{name}_rollout.h",
+            "c_rollout.c.jinja": "{name}_rollout.c",
         },
     ),
     "matlab": Target(

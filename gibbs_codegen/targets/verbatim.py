@@ -9,30 +9,58 @@ from pathlib import Path
 
 _FOLDER = Path(__file__).parent.parent / "emitted"
 _IMPORT = re.compile(r"^(?:import|from) .*$", re.MULTILINE)
+# What files of the folder import from each other stands above it in a module.
+_OWN = "from gibbs_codegen.emitted."
 _INCLUDE = re.compile(r'^#include "([\w/]+\.\w)"\n', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class PythonSource:
-    """A Python file without its docstring: its imports, and what follows them."""
+    """Python files without their docstrings: their imports, and what follows them."""
 
     imports: str
     body: str
 
 
-def python_source(name: str) -> PythonSource:
-    """A Python file of the folder.
+def python_source(*names: str) -> PythonSource:
+    """Python files of the folder as one.
 
     Args:
-        name: Of the file.
+        names: Of the files, each after those that it imports from.
 
     Returns:
-        Its parts.
+        Their parts.
     """
-    # Parsing it would compile text, which no command does.
-    text = _text(name).partition('"""\n\n')[2]
-    end = max(match.end() for match in _IMPORT.finditer(text))
-    return PythonSource(text[:end], text[end:].strip())
+    lines: list[str] = []
+    bodies = []
+    for name in names:
+        # Parsing it would compile text, which no command does.
+        text = _text(name).partition('"""\n\n')[2]
+        found = [*_IMPORT.finditer(text)]
+        lines += [match[0] for match in found if _OWN not in match[0]]
+        bodies.append(text[found[-1].end() :].strip())
+    return PythonSource(_imports(lines), "\n\n\n".join(bodies))
+
+
+def _imports(lines: Iterable[str]) -> str:
+    """Imports in the order that linters want, those from one module in one line.
+
+    Args:
+        lines: Imports of the standard library and of NumPy, some of them twice.
+
+    Returns:
+        Their text.
+    """
+    names: dict[str, set[str]] = {}
+    for line in lines:
+        start, _, imported = line.partition(" import ")
+        names.setdefault(start, set()).update(imported.split(", "))
+    groups: dict[str, list[str]] = {"__future__": [], "": [], "numpy": []}
+    for start in sorted(names, key=lambda start: (start.startswith("from"), start)):
+        package = start.split()[1].partition(".")[0]
+        imported = ", ".join(sorted(names[start]))
+        groups.get(package, groups[""]).append(f"{start} import {imported}" if imported else start)
+    return "\n\n".join("\n".join(group) for group in groups.values())
 
 
 def c_source(name: str) -> str:

@@ -10,6 +10,10 @@ typedef double real;
 #define LANES 8
 #define MODULE(name) alone_##name
 
+typedef struct {
+    real one;
+} alone_constants;
+
 void alone_pack(size_t count, size_t width, const real *rows, real *blocks);
 void alone_unpack(size_t count, size_t width, const real *blocks, real *rows);
 

@@ -13,12 +13,9 @@ from gibbs_codegen.emitted.evaluation import (
     Evaluator,
     NotFiniteReport,
     batch_shape,
-    prepared,
     shaped,
     state_array,
 )
-
-DEFAULTS = {"mass": 2.0, "length": 3.0}
 
 
 def _kernel(k, sin, cos, q, u):
@@ -29,17 +26,17 @@ def _kernel(k, sin, cos, q, u):
 EVALUATE = Evaluator("toy", ("angle", "height"), ("turn", "climb"), ("thrust",), ("base",), (4.0,))
 
 
-def inertia(values: dict[str, float]) -> tuple[float, tuple[float, ...]]:
-    return values["mass"], (values["mass"] * values["length"] ** 2,)
-
-
 def test_numbers_become_an_array() -> None:
     q = np.array([1.0, 2.0])
     assert state_array("q", q, 2) is q
     assert state_array("q", [True, 2], 2).tolist() == [1.0, 2.0]
-    assert batch_shape([np.zeros((3, 1, 2)), np.zeros((4, 5))]) == (3, 4)
-    with pytest.raises(ValueError, match=r"leading axes \[\(2,\), \(3,\)\] do not broadcast"):
-        batch_shape([np.zeros((2, 1)), np.zeros((3, 1))])
+    assert batch_shape({"q": np.zeros((3, 1, 2)), "v": np.zeros((4, 5))}) == (3, 4)
+    assert batch_shape({"q": np.zeros((3, 1, 2)), "v": np.zeros(5)}, (4,)) == (3, 4)
+    words = r"leading axes do not broadcast: q \(2,\), v \(3,\)$"
+    with pytest.raises(ValueError, match=words):
+        batch_shape({"q": np.zeros((2, 1)), "v": np.zeros((3, 1)), "u": np.zeros(2)})
+    with pytest.raises(ValueError, match=r"do not broadcast: q \(2,\), constants \(3,\)$"):
+        batch_shape({"q": np.zeros((2, 1))}, (3,))
 
 
 @pytest.mark.parametrize(
@@ -60,33 +57,6 @@ def test_what_is_no_state_is_refused_by_name(
 ) -> None:
     with pytest.raises(error) as raised:
         state_array("q", values, 2)
-    assert str(raised.value).startswith(message)
-
-
-def test_parameters_keep_their_defaults() -> None:
-    assert prepared(inertia, DEFAULTS, [], {}) == (18.0,)
-    assert prepared(inertia, DEFAULTS, [], {"length": np.float32(2.0)}) == (8.0,)
-    assert DEFAULTS == {"mass": 2.0, "length": 3.0}
-
-
-@pytest.mark.parametrize(
-    ("parameters", "error", "message"),
-    [
-        ({"mas": 1.0}, ValueError, "unknown parameter 'mas': did you mean mass?"),
-        ({"zzz": 1.0}, ValueError, "unknown parameter 'zzz': PARAMETERS has all names"),
-        ({"drag": 1.0}, ValueError, "drag is no parameter: it is zero in the robot file"),
-        ({"mass": "1"}, TypeError, "mass must be real numbers: not str"),
-        ({"mass": [1.0]}, ValueError, "mass must be one number, not an array of shape (1,)"),
-        ({"mass": math.inf}, ValueError, "mass must be a finite number, not inf"),
-        ({"mass": 0.0}, ValueError, "these parameters leave an acceleration undetermined"),
-        ({"mass": 1e308}, ValueError, "these parameters are too large or too small to compute"),
-    ],
-)
-def test_parameters_are_refused_by_name(
-    parameters: dict[str, object], error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error) as raised:
-        prepared(inertia, DEFAULTS, ["drag"], parameters)
     assert str(raised.value).startswith(message)
 
 

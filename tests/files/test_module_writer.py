@@ -365,7 +365,8 @@ def test_nothing_is_left_behind_when_ended(
     process.send_signal(number)
     process.wait(timeout=30)
     left = visible(tmp_path)
-    sources = ["quadrotor_2link.c", "quadrotor_2link.h", "quadrotor_2link_casadi.c"]
+    endings = (".c", ".h", "_casadi.c", "_each.c", "_rollout.c", "_rollout.h")
+    sources = [f"quadrotor_2link{ending}" for ending in endings]
     module = [MANIFEST, "__init__.py", "numpy_module.py", *sources, "robot.toml"]
     whole = {"generated": ["quadrotor_2link"], "generated/quadrotor_2link": module}
     assert left in ({}, whole)

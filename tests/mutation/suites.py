@@ -38,6 +38,7 @@ EMISSION = (
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_functions jax_rules jax_tangents"),
     "emitted.evaluation",
+    "emitted.preparation",
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
@@ -179,6 +180,7 @@ _QUICK = {
     "sine_cosine.c": _QUICK_SINE,
     "sine_cosine_kernel.c": _QUICK_SINE,
     "emitted.evaluation": ("tests/emitted/test_evaluation.py", *_QUICK_EMISSION),
+    "emitted.preparation": ("tests/emitted/test_preparation.py", *_QUICK_EMISSION),
 }
 _SHIPPED = "tests/properties/test_pinocchio.py::test_shipped_robots"
 _EMITTED = "tests/targets/test_registry.py"
@@ -212,6 +214,7 @@ _REST = {
     "targets.numpy.target": _IN_NUMPY,
     "targets.numpy.statements": _IN_NUMPY,
     "emitted.evaluation": (*_IN_NUMPY, "tests/runtime"),
+    "emitted.preparation": (*_IN_NUMPY, "tests/runtime"),
     "targets.c.target": (_EMITTED, *_IN_C),
     "targets.c.function": (_EMITTED, *_IN_C),
     "targets.c.sections": (_EMITTED, *_IN_C),

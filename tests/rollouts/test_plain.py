@@ -8,9 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from support.emitted import module_with_derivatives
 
-from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import (
     DIVERGED,
@@ -24,14 +22,6 @@ from gibbs_codegen.rollouts.problem import (
 
 STATES, STEPS, DT = 4, 6, 0.02
 ROTORS = 3
-
-
-@pytest.fixture(scope="module", params=["xyz", "quaternion"])
-def module(request: pytest.FixtureRequest) -> ModuleType:
-    """A small robot with its time steps."""
-    robot = paper_family(ROTORS, 1)
-    robot = replace(robot, base=replace(robot.base, attitude=request.param))
-    return module_with_derivatives(robot, "step_euler", "step_rk4")
 
 
 def problem_of(module: ModuleType, method: Method = "rk4") -> Problem:

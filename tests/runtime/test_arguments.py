@@ -108,16 +108,8 @@ def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path
         ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not str"),
         ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex"),
         ({"gravity": 10**400}, ValueError, "gravity must be real numbers: int too large"),
-        (
-            {"gravity": [9.81, 1.0]},
-            ValueError,
-            "gravity must be one number, not an array of shape (2,)",
-        ),
-        (
-            {"gravity": np.ones((9, 99))},
-            ValueError,
-            "must be one number, not an array of shape (9, ",
-        ),
+        ({"gravity": [9.81, np.inf]}, ValueError, "gravity: value 1 of 2 must be a finite number"),
+        ({"gravity": np.ones((1,) * 32)}, ValueError, "gravity must have at most 31 axes, not 32"),
         ({"gravity": None}, TypeError, "gravity must be real numbers: not NoneType"),
         ({3: 1.0, "x": 1.0}, ValueError, "unknown parameter 3: PARAMETERS has all names; unknown"),
         ({"link2_mas": 1.0}, ValueError, "'link2_mas': did you mean link2_mass_per_length or link"),

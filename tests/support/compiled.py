@@ -69,8 +69,9 @@ class Emitted:
         return [str(self.file(".c")), str(self.file("_casadi.c"))]
 
     def sources_in(self, real: str) -> list[str]:
-        """Those that compile in a precision; the adapter is in double precision alone."""
-        return self.sources if real == "double" else self.sources[:1]
+        """All that compile in a precision; the adapter is in double precision alone."""
+        own = self.sources if real == "double" else self.sources[:1]
+        return [*own, str(self.file("_each.c"))]
 
     @property
     def single(self) -> str:
@@ -156,8 +157,10 @@ class Library:
         compiler: str,
         options: Sequence[str],
         real: type[np.floating] = np.float64,
+        each: bool = False,
     ) -> None:
-        build(compiler, ["-shared", "-fPIC", *options], emitted.sources[:1], path)
+        sources = [str(emitted.file(end)) for end in ((".c", "_each.c") if each else (".c",))]
+        build(compiler, ["-shared", "-fPIC", *options], sources, path)
         self.real = real
         self._library = ctypes.CDLL(str(path))
         self._name = emitted.name
@@ -185,19 +188,39 @@ class Library:
         numbers = np.array(parameters, self.real)
         return self.call(f"init_constants{self._mark}", numbers, constants), constants
 
-    def one(self, signature: Signature, rows: Sequence[Array]) -> list[Array]:
-        """The function, state by state; outputs hold garbage before."""
+    def init_batch(self, parameters: Array, unused: Array) -> tuple[int, Array]:
+        """What init_constants_batch returns, and the constants of each state."""
+        count = len(parameters)
+        constants = np.full((math.ceil(count / LANES), self._size, LANES), unused, self.real)
+        given = self.blocks(parameters, unused)
+        name = f"init_constants_batch{self._mark}"
+        returned = self.call(name, count, given, constants)
+        return returned, self.rows(constants, count)
+
+    def one(
+        self, signature: Signature, rows: Sequence[Array], constants: Array | None = None
+    ) -> list[Array]:
+        """The function, state by state, with constants of each; outputs hold garbage before."""
         count = len(rows[0])
+        if constants is None:
+            constants = np.broadcast_to(self.constants, (count, self._size))
         outputs = [np.full((count, *shape), np.nan, self.real) for shape in signature.shapes]
         for i in range(count):
-            inputs = [np.ascontiguousarray(array[i], self.real) for array in rows]
-            self.call(signature.name, self.constants, *inputs, *(out[i : i + 1] for out in outputs))
+            inputs = [np.ascontiguousarray(array[i], self.real) for array in (constants, *rows)]
+            self.call(signature.name, *inputs, *(out[i : i + 1] for out in outputs))
         return outputs
 
-    def batch(self, signature: Signature, rows: Sequence[Array], unused: Array) -> list[Array]:
-        """The _batch function; unused lanes of inputs and all of the outputs hold `unused`.
+    def batch(
+        self,
+        signature: Signature,
+        rows: Sequence[Array],
+        unused: Array,
+        constants: Array | None = None,
+    ) -> list[Array]:
+        """The _batch function, or with constants of each state the _batch_each function.
 
-        One block more than the outputs need must be left as it is.
+        Unused lanes of inputs and all of the outputs hold `unused`. One block more than the outputs
+        need must be left as it is.
         """
         count = len(rows[0])
         inputs = [self.blocks(array, unused) for array in rows]
@@ -205,7 +228,10 @@ class Library:
             np.full((math.ceil(count / LANES) + 1, math.prod(shape), LANES), unused, self.real)
             for shape in signature.shapes
         ]
-        self.call(f"{signature.name}_batch", self.constants, count, *inputs, *outputs)
+        name, first = f"{signature.name}_batch", self.constants
+        if constants is not None:
+            name, first = f"{name}_each", self.blocks(constants, unused)
+        self.call(name, first, count, *inputs, *outputs)
         for output in outputs:
             assert output[-1].tobytes() == np.full_like(output[-1], unused).tobytes()
         return [

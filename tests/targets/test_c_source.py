@@ -609,21 +609,24 @@ def test_symbols(
     robot = emitted(label)
     options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
     objects = compile_only(compiler, options, robot.sources_in(real), tmp_path)
-    source, *adapter = map(_symbols, objects)
-    for path, symbols in zip(objects, (source, *adapter), strict=True):
+    source, *adapter, each = map(_symbols, objects)
+    for path, symbols in zip(objects, (source, *adapter, each), strict=True):
         assert {kind for kind, _ in symbols} <= set("TtRrU")
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")
     declared = _declared(robot.text(".h"))
     if real == "float":
-        marked = {f"{robot.name}_{name}" for name in ("default_constants", "init_constants")}
+        names = ("default_constants", "init_constants", "init_constants_batch")
+        marked = {f"{robot.name}_{name}" for name in names}
         declared = (declared - marked) | {f"{name}_float" for name in marked}
-    assert {name for kind, name in source if kind in "TR"} == declared
+    of_each = {name for name in declared if re.search("_batch_each$|_constants_batch", name)}
+    assert {name for kind, name in each if kind in "TR"} == of_each
+    assert {name for kind, name in source if kind in "TR"} == declared - of_each
     assert all(name.startswith(f"{robot.name}_") for name in declared)
     suffix = "f" if real == "float" else ""
     library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
     moving = {"memcpy", "memset", "memmove"}
-    assert {name for kind, name in source if kind == "U"} <= library | moving
+    assert {name for kind, name in (*source, *each) if kind == "U"} <= library | moving
     if real == "float":
         return
     (casadi,) = adapter

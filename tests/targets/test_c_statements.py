@@ -43,7 +43,7 @@ def test_statements_are_c() -> None:
 
 def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
     assert call_helper("f", ["q", "x"], lanes=False) == ["f(constants, q, x, 1);"]
-    lines = ["f(constants, q + lane, x + lane, LANES);"]
+    lines = ["f(OF_LANE(constants, lane), q + lane, x + lane, LANES);"]
     assert call_helper("f", ["q", "x"], lanes=True) == vector_loop("lane", "LANES", lines)
     assert [array_size(3, lanes) for lanes in (False, True)] == ["3", "3 * LANES"]
     assert from_entry("angle", 4) == "angle + 4"

@@ -124,7 +124,7 @@ def test_names_are_those_of_the_contract(module: ModuleType) -> None:
 
 
 def test_leading_axes_that_do_not_fit_are_named(module: ModuleType) -> None:
-    with pytest.raises(ValueError, match=r"leading axes \[\(2,\), \(3,\)\] do not broadcast"):
+    with pytest.raises(ValueError, match=r"leading axes do not broadcast: q \(2,\), v \(3,\)"):
         module.residual(np.zeros((2, 9)), np.zeros((3, 9)))
 
 

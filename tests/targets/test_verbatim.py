@@ -11,15 +11,21 @@ EMITTED = ROOT / "gibbs_codegen" / "emitted"
 ROBOT = ROOT / "generated" / "hexarotor_3link"
 
 
-def test_a_python_file_is_its_docstring_its_imports_and_the_rest() -> None:
-    source = python_source("evaluation.py")
-    text = (EMITTED / "evaluation.py").read_text(encoding="utf-8")
+def test_python_files_are_their_docstrings_their_imports_and_the_rest() -> None:
+    first, second = python_source("preparation.py"), python_source("evaluation.py")
+    text = (EMITTED / "preparation.py").read_text(encoding="utf-8")
     docstring = text.partition('"""\n\n')[0] + '"""\n\n'
-    assert source.imports.startswith("from __future__ import annotations\n\nimport contextlib\n")
-    assert text == f"{docstring}{source.imports}\n\n{source.body}\n"
+    assert text.startswith(f"{docstring}{first.imports}\n\n")
+    assert text.endswith(f"{first.body}\n")
+    both = python_source("preparation.py", "evaluation.py")
+    assert both.body == f"{first.body}\n\n\n{second.body}"
+    assert "gibbs_codegen" not in both.imports
+    assert both.imports.startswith("from __future__ import annotations\n\nimport contextlib\n")
+    lines = {*first.imports.splitlines(), *second.imports.splitlines()}
+    assert {*both.imports.splitlines()} == lines
     module = (ROBOT / "numpy_module.py").read_text(encoding="utf-8")
-    assert f"\n{source.imports}\n\nNAME = " in module
-    assert f"\n{source.body}\n\n\n_evaluate = " in module
+    assert f"\n{both.imports}\n\nNAME = " in module
+    assert f"\n{both.body}\n\n\n_evaluate = " in module
 
 
 def test_a_c_file_has_those_that_it_includes_in_their_places() -> None:

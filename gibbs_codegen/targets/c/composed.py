@@ -120,7 +120,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
         signature.name,
         derivatives,
         read_arrays(signature.arguments) + written_arrays(names),
-        state_lines(model.robot.name, METHODS[method], derivatives, layout.is_quaternion),
+        state_lines(METHODS[method], derivatives, layout.is_quaternion),
         column_lines(METHODS[method], layout.is_quaternion),
         [*VECTORS[method], *PLACES[method]],
         dict(zip(sizes, [0, *ends[:-1]], strict=True)),

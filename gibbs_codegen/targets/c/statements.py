@@ -121,7 +121,7 @@ def comment(words: str) -> list[str]:
 
 
 def load_constant(name: str) -> str:
-    """A local constant that is one of the struct that `constants` points to.
+    """A local constant that is one of those that `constants` points to.
 
     Args:
         name: Of both.
@@ -129,7 +129,7 @@ def load_constant(name: str) -> str:
     Returns:
         A line.
     """
-    return f"const real {name} = constants->{name};"
+    return f"const real {name} = CONSTANT({name});"
 
 
 def load_parameter(name: str, place: int) -> str:
@@ -142,7 +142,7 @@ def load_parameter(name: str, place: int) -> str:
     Returns:
         A line.
     """
-    return f"const real {name} = parameters[{place}];"
+    return f"const real {name} = parameters[{place} * stride];"
 
 
 def unused(name: str) -> str:
@@ -185,7 +185,8 @@ def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
     if not lanes:
         return call(name, ["constants", *arrays, "1"])
     beginning_at_lane = [f"{array} + lane" for array in arrays]
-    return vector_loop("lane", "LANES", call(name, ["constants", *beginning_at_lane, "LANES"]))
+    of_lane = ["OF_LANE(constants, lane)", *beginning_at_lane, "LANES"]
+    return vector_loop("lane", "LANES", call(name, of_lane))
 
 
 def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:

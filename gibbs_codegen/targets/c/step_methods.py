@@ -142,11 +142,10 @@ METHODS: dict[str, Method] = {
 }
 
 
-def state_lines(robot: str, method: Method, derivatives: bool, is_quaternion: bool) -> Lines:
+def state_lines(method: Method, derivatives: bool, is_quaternion: bool) -> Lines:
     """What a method does to states.
 
     Args:
-        robot: Name of the robot.
         method: One of `METHODS`.
         derivatives: Whether derivatives of accelerations and moves are kept, for `column_lines`.
         is_quaternion: Whether moves are no sums.
@@ -160,19 +159,19 @@ def state_lines(robot: str, method: Method, derivatives: bool, is_quaternion: bo
             start = ["const int e = i * lanes + lane;", "const real step = h[lane];"]
             lines += loop("i", "NV", vector_loop("lane", "lanes", [*start, *part.lines]))
         elif isinstance(part, Move):
-            lines += _called(robot, "integrate", [part.q, "displacement", part.result])
+            lines += _called("integrate", [part.q, "displacement", part.result])
             if derivatives and is_quaternion:
                 given = [part.q, "displacement", "by_q", "by_v"]
-                lines += _called(robot, "integrate_derivatives", given)
+                lines += _called("integrate_derivatives", given)
                 kept = f"moves + {part.number - 1} * MOVE * lanes"
                 lines += call("keep_move", ["lanes", "by_q", "by_v", kept])
         else:
             given = [part.q, part.v, "u", f"acceleration_{part.stage}"]
             if not derivatives:
-                lines += _called(robot, "forward_dynamics", given)
+                lines += _called("forward_dynamics", given)
                 continue
             by = ["by_q", "by_v", "by_u"]
-            lines += _called(robot, "forward_dynamics_derivatives", [*given, *by])
+            lines += _called("forward_dynamics_derivatives", [*given, *by])
             lines += call("keep_slope", ["lanes", *by, _slope(part)])
     return lines
 
@@ -237,18 +236,14 @@ def _slope(part: Accelerate) -> str:
     return f"slopes + {part.stage - 1} * SLOPE * lanes"
 
 
-def _called(robot: str, function: str, arguments: Sequence[str]) -> Lines:
+def _called(function: str, arguments: Sequence[str]) -> Lines:
     """A call of a function for one state, or for a block of them.
 
     Args:
-        robot: Name of the robot.
         function: Name of the function.
         arguments: Those after the constants.
 
     Returns:
         Lines.
     """
-    given = ["constants", *arguments]
-    one, block = call(f"{robot}_{function}", given), call(f"{function}_block", given)
-    indented = [[f"    {line}" for line in lines] for lines in (one, block)]
-    return ["if (lanes == 1) {", *indented[0], "} else {", *indented[1], "}"]
+    return call("CALL", [function, "constants", *arguments])

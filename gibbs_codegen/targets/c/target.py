@@ -16,6 +16,7 @@ from gibbs_codegen.targets.c.casadi import CasadiText, casadi_text
 from gibbs_codegen.targets.c.composed import composed_texts
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.function_text import FunctionText
+from gibbs_codegen.targets.c.rollout import RolloutText, rollout_text
 from gibbs_codegen.targets.c.sparse import (
     PatternText,
     SparseText,
@@ -53,7 +54,8 @@ class ModuleText:
 
     `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
     places in arguments, by the words for these. `support` is the source that depends on no robot,
-    and `gather` that of functions without zeros. `casadi` is what the adapter is given besides.
+    and `gather` that of functions without zeros. `casadi` is what the adapter is given besides, and
+    `rollout` what the source of rollouts is.
     """
 
     header: Lines
@@ -78,6 +80,7 @@ class ModuleText:
     sparse: list[SparseText]
     gather: str
     casadi: CasadiText
+    rollout: RolloutText
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
@@ -122,13 +125,15 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         sparse=sparse_texts(model),
         gather=c_source("gather.c"),
         casadi=casadi_text(model),
+        rollout=rollout_text(robot),
     )
 
 
 def _sizes(model: Model) -> list[tuple[str, int]]:
     listed = module_lists(model.robot, model.derivatives)
     sizes = [(name, len(names)) for name, names in listed.items()]
-    return [*sizes, ("PARAMETERS", len(model.defaults))]
+    lengths = len(model.defaults), len(model.program.constants)
+    return [*sizes, *zip(("PARAMETERS", "CONSTANTS"), lengths, strict=True)]
 
 
 def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:

@@ -160,7 +160,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         prepare=statements.assign_all(program.prepare),
         total_mass=printer.expression(model.total_mass),
         constants=elements(program.constants),
-        evaluation=python_source("evaluation.py"),
+        evaluation=python_source("preparation.py", "evaluation.py"),
         functions=_functions(model, statements),
         steps=steps,
         euler=any(step.method == "euler" for step in steps),

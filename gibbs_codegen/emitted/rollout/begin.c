@@ -1,0 +1,3 @@
+#include "platform.c"
+
+#include "rollout/block.c"

@@ -1,0 +1,112 @@
+/* Fills a block: lanes beyond the `filled` ones have the last state again. */
+static INLINE void begin_block(
+    const Settings *settings,
+    const States *states,
+    const size_t first,
+    const int filled,
+    Block *b)
+{
+    const int lags = settings->time_constants.entries != NULL;
+    for (int lane = 0; lane < LANES; ++lane) {
+        b->states[lane] = first + (size_t)(lane < filled ? lane : filled - 1);
+        b->ended[lane] = states->ended[b->states[lane]];
+        b->taken[lane] = 0;
+    }
+    load_rows(rows_of(states->q, NQ), b->states, 0, NQ, b->q);
+    load_rows(rows_of(states->v, NV), b->states, 0, NV, b->v);
+    if (lags) {
+        load_rows(rows_of(states->thrusts, ROTORS), b->states, 0, ROTORS, b->thrusts);
+        prepare_lag(settings, b);
+    }
+    b->begin = lags ? b->lagged[0] : b->command;
+    b->middle = lags ? b->lagged[1] : b->command;
+    b->end = lags ? b->lagged[2] : b->command;
+    b->wrenches = settings->wrenches.entries ? b->loads : NULL;
+}
+
+static INLINE void keep_sample(
+    const States *states,
+    const size_t sample,
+    const int filled,
+    const Block *b)
+{
+    const size_t row = b->states[0] * states->samples + sample;
+    if (states->q_samples) {
+        store_rows(b->q, filled, NQ, NQ * states->samples, states->q_samples + row * NQ);
+    }
+    if (states->v_samples) {
+        store_rows(b->v, filled, NV, NV * states->samples, states->v_samples + row * NV);
+    }
+    if (states->thrust_samples) {
+        real *rows = states->thrust_samples + row * ROTORS;
+        store_rows(b->thrusts, filled, ROTORS, ROTORS * states->samples, rows);
+    }
+}
+
+static INLINE void end_block(
+    const States *states,
+    const int filled,
+    const Block *b)
+{
+    const size_t first = b->states[0];
+    store_rows(b->q, filled, NQ, NQ, states->q + first * NQ);
+    store_rows(b->v, filled, NV, NV, states->v + first * NV);
+    if (states->thrusts) {
+        store_rows(b->thrusts, filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
+    }
+    for (int lane = 0; lane < filled; ++lane) {
+        states->ended[first + (size_t)lane] = (unsigned char)b->ended[lane];
+        states->steps[first + (size_t)lane] += (size_t)b->taken[lane];
+    }
+}
+
+static WIDE void roll_block(
+    const Settings *settings,
+    const States *states,
+    const size_t first,
+    const int filled,
+    const size_t begin,
+    const size_t end)
+{
+    Block block ALIGNED;
+    size_t to_sample = settings->every - begin % settings->every;
+    size_t sample = begin / settings->every;
+    int goes_on = 1;
+    begin_block(settings, states, first, filled, &block);
+    if (begin == 0) {
+        keep_sample(states, 0, filled, &block);
+    }
+    for (size_t step = begin; step < end; ++step) {
+        if (goes_on) {
+            act(settings, step, step == begin, &block);
+            if (settings->method == EULER) {
+                euler(settings->constants, settings->dt, &block);
+            } else {
+                rk4(settings->constants, settings->dt, &block);
+            }
+            goes_on = take_over(settings, &block);
+        }
+        if (--to_sample == 0) {
+            to_sample = settings->every;
+            keep_sample(states, ++sample, filled, &block);
+        }
+    }
+    end_block(states, filled, &block);
+}
+
+void MODULE(rollout)(
+    const Settings *settings,
+    const States *states,
+    const size_t first,
+    const size_t count,
+    const size_t begin,
+    const size_t end)
+{
+    const size_t blocks = count / LANES + (count % LANES != 0);
+    PARALLEL
+    for (size_t block = 0; block < blocks; ++block) {
+        const size_t left = count - block * LANES;
+        const int filled = left < LANES ? (int)left : LANES;
+        roll_block(settings, states, first + block * LANES, filled, begin, end);
+    }
+}

@@ -1,0 +1,194 @@
+"""Rollouts: many states of one robot in fixed steps, by the back end of its module."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import ModuleType
+from typing import Any, get_args
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.rollouts.asked import asked_rollout
+from gibbs_codegen.rollouts.given import Given, whole
+from gibbs_codegen.rollouts.plain import plain_rollout
+from gibbs_codegen.rollouts.problem import Method, Precision, Problem, Rollout
+from gibbs_codegen.rollouts.steps import Steps
+from gibbs_codegen.runtime.load import BACKENDS, load
+
+
+def rollout(
+    robot: ModuleType | str | os.PathLike[str],
+    q0: Any,
+    v0: Any,
+    control: Any,
+    steps: int,
+    dt: float,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    method: Method = "rk4",
+    every: int = 1,
+    wrenches: Any = None,
+    limits: Any = None,
+    time_constants: Any = None,
+    thrusts: Any = None,
+    bounds: Any = None,
+    precision: Precision = "double",
+    threads: int | None = None,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Rollout:
+    """Roll out n states of a robot, in fixed steps, each with its own inputs and parameters.
+
+    What is said of a state may be given once for all. See docs/rollouts.md.
+
+    Args:
+        robot: A generated module with the back end "c", "numpy" or "jax", or the name or path of
+            one, which is loaded with the C back end.
+        q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the begin.
+        control: Inputs u that are held through each step, N, then N m or N of the joints: (nu),
+            (steps, nu) or (1 or n, 1 or steps, nu). Or a `Feedback`. Or a callable that takes the
+            time, s, and coordinates (n, nq) and velocities (n, nv), and returns inputs (nu) or
+            (n, nu), which are held until the next sample.
+        steps: Number of steps.
+        dt: Size of a step, s.
+        parameters: Parameters of the module's `prepare`: numbers, or arrays (n).
+        method: "rk4", or "euler", which is semi-implicit.
+        every: A sample is kept after every so many steps; it must divide them.
+        wrenches: Wrenches on the frames, held through each step, in N and N m as
+            `forward_dynamics_with_wrenches` takes them: (f, 6), (steps, f, 6) or
+            (1 or n, 1 or steps, f, 6).
+        limits: The least and the greatest inputs, each a number or an array (nu).
+        time_constants: Those of the motors' lag, s, 0 for none: a number, (rotors) or (n, rotors).
+        thrusts: Thrusts of lagging motors at the begin, N, in the same shapes; those that are
+            commanded first, if None.
+        bounds: The least and the greatest q and v, each a number or an array (nq + nv); a state
+            ends where it is beyond them.
+        precision: "double", or "single", which the C back end can do.
+        threads: How many threads of the C back end share the states; all processors if None.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        The states at the samples, NumPy's arrays or JAX's, and why states have ended.
+
+    Raises:
+        UsageError: An argument is not what it must be, or the module is of an older version.
+    """
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    given = _given(module, whole("steps", steps))
+    _check(given.steps, every, dt, method, precision)
+    (q, v), constants = given.start(q0, v0), given.constants(parameters or {})
+    motors = given.motors(limits, time_constants, thrusts)
+    size, frames = q.shape[1] + v.shape[1], len(module.FRAMES)
+    beyond = None if bounds is None else given.range("bounds", bounds, size)
+    pushes = None if wrenches is None else given.in_time("wrenches", wrenches, frames, 6)
+    inputs, feedback = given.control(control)
+    q, v = (given.xp.repeat(each, given.count() // len(each), 0) for each in (q, v))
+    problem = Problem(
+        *(module, constants, q, v, inputs, given.steps, float(dt), method, int(every), feedback),
+        *(motors, pushes, beyond, precision),
+    )
+    if callable(control):
+        problem = replace(problem, inputs=given.asked(control(0.0, q.copy(), v.copy())))
+    if motors is not None and thrusts is None:
+        first = Steps(problem, given.xp).commanded(0, q, v)[:, : given.rotors]
+        problem = replace(problem, motors=replace(motors, thrusts=first))
+    return _rolled(problem, given, control, _threads(threads), progress)
+
+
+def _given(module: ModuleType, steps: int) -> Given:
+    """What reads arguments of a rollout.
+
+    Args:
+        module: The module.
+        steps: How many steps there are.
+
+    Returns:
+        What reads them as arrays of NumPy, or of JAX.
+
+    Raises:
+        UsageError: The back end has no rollouts.
+    """
+    backend = getattr(module, "backend", None)
+    if backend == "jax":
+        from gibbs_codegen.rollouts.traced import given_to_jax
+
+        return given_to_jax(module, steps)
+    if backend not in BACKENDS:
+        known = ", ".join((*BACKENDS, "jax"))
+        raise UsageError(f"robot: rollouts are of modules with the back ends {known}")
+    return Given(module, steps)
+
+
+def _rolled(
+    problem: Problem,
+    given: Given,
+    control: Any,
+    threads: int,
+    progress: Callable[[str, float], None],
+) -> Rollout:
+    """What comes out of a problem.
+
+    Args:
+        problem: The problem.
+        given: What has read it.
+        control: What was given for the inputs.
+        threads: How many threads of the C back end share the states.
+        progress: As of `rollout`.
+
+    Returns:
+        The states.
+    """
+    told = functools.partial(progress, "rolling out")
+    if given.module.backend == "jax":
+        from gibbs_codegen.rollouts.traced import traced_rollout
+
+        return traced_rollout(problem, control if callable(control) else None)
+    if not callable(control):
+        return _known_inputs(problem, threads, told)
+    roll = functools.partial(_known_inputs, threads=threads)
+    return asked_rollout(problem, control, given.asked, roll, told)
+
+
+def _known_inputs(
+    problem: Problem, threads: int, told: Callable[[float], None] = lambda share: None
+) -> Rollout:
+    """A rollout whose inputs are known, in C where that can be had.
+
+    Args:
+        problem: The problem.
+        threads: How many threads of the C back end share the states.
+        told: Is told the share of it that is done, 0 to 1.
+
+    Returns:
+        The states.
+    """
+    return plain_rollout(problem, told)
+
+
+def _check(steps: int, every: int, dt: float, method: str, precision: str) -> None:
+    """Raise `UsageError` for what is none of the numbers and names that it must be.
+
+    Args:
+        steps, every, dt, method, precision: As of `rollout`.
+    """
+    if steps % whole("every", every):
+        raise UsageError(f"every: must divide the {steps} steps, not {every}")
+    is_number = isinstance(dt, int | float | np.number) and not isinstance(dt, bool)
+    if not (is_number and 0.0 < dt < math.inf):
+        raise UsageError(f"dt: must be a finite time above 0 s, not {printable(repr(dt), 60)}")
+    for name, value, known in (
+        ("method", method, get_args(Method)),
+        ("precision", precision, get_args(Precision)),
+    ):
+        if value not in known:
+            words = ", ".join(known)
+            raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+
+
+def _threads(threads: int | None) -> int:
+    """How many threads share the states: as many as there are processors, if None."""
+    return (os.cpu_count() or 1) if threads is None else whole("threads", threads)

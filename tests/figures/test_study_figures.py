@@ -1,0 +1,91 @@
+"""Figures of a study show its table, whatever a study holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.synthetic_study import EFFORT, MASS, TIP, synthetic_study
+
+from gibbs_codegen.figures import study as figures
+from gibbs_codegen.sweeps.study import Study
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return synthetic_study(Path("study"))
+
+
+def test_every_flight_that_went_on_is_in_the_histogram(study: Study) -> None:
+    figure = figures.distributions(study)
+    tip, effort = figure.axes
+    for axes, measure in ((tip, TIP), (effort, EFFORT)):
+        bars: Any = [bar for bar in axes.patches if bar.get_width() and bar.get_y() == 0]
+        heights = sum(bar.get_height() for bar in axes.containers[0])
+        assert heights == len(study.whole) == 570
+        assert axes.get_xlabel() == measure
+        assert bars
+        median = f"median {np.median(study.whole[measure]):.3g};"
+        assert axes.get_title(loc="right").startswith(median)
+    # Values over more than two decades are on a logarithmic axis.
+    assert (tip.get_xscale(), effort.get_xscale()) == ("log", "linear")
+    assert figure.get_suptitle() == "robot0, hover: 590 flights, 20 ended early, 10 cases failed"
+
+
+def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) -> None:
+    tip, effort = figures.worst_cases(study).axes
+    assert (tip.get_xlabel(), tip.get_ylabel()) == (MASS, TIP)
+    dots, crosses = tip.get_lines()
+    early = study.table["stopped"] != ""
+    assert np.array_equal(crosses.get_xdata(), study.table[MASS][early])
+    assert np.array_equal(dots.get_ydata(), study.table[TIP][~early], equal_nan=True)
+    for axes, measure in ((tip, TIP), (effort, EFFORT)):
+        named = [text.get_text() for text in axes.texts]
+        assert named == [f"case {each.case}" for each in study.worst(measure)]
+
+
+def test_bars_are_the_shares_with_their_intervals(study: Study) -> None:
+    for axes, measure in zip(figures.sensitivities(study).axes, study.measures, strict=True):
+        found = study.sensitivity(measure)
+        bars: Any = axes.patches
+        assert [bar.get_width() for bar in bars] == [each.share for each in found]
+        assert [text.get_text() for text in axes.get_yticklabels()] == [e.key for e in found]
+        intervals: Any = axes.collections[0]
+        for (low, high), each in zip(intervals.get_segments(), found, strict=True):
+            assert low[0] == pytest.approx(max(each.share - each.error, 0.0), abs=1e-12)
+            assert high[0] == pytest.approx(min(each.share + each.error, 1.0))
+
+
+def _odd_studies() -> dict[str, Study]:
+    few = synthetic_study(Path("few"), 8, broken=False)
+    few.table["stopped"] = "at t = 0 s: $5 of θ₀ is too_much"
+    few.table[TIP] = np.nan
+    alike = synthetic_study(Path("alike"), 60, robots=6, broken=False)
+    alike.table[TIP] = 1e-9
+    fixed = synthetic_study(Path("fixed"), 60)
+    dtype = [("$x" if name == TIP else name, kind) for name, kind in fixed.table.dtype.descr]
+    odd = replace(fixed, table=fixed.table.astype(dtype))
+    none = replace(fixed, cases=[replace(case, values={}) for case in fixed.cases])
+    columns = ["case", "robot", "scenario", EFFORT, "stopped", "failed"]
+    return {
+        "few": few,
+        "alike": alike,
+        "$": odd,
+        "no key": replace(none, table=fixed.table[columns]),
+    }
+
+
+@pytest.mark.parametrize("kind", ["few", "alike", "$", "no key"])
+def test_a_study_of_any_kind_is_drawn(kind: str, tmp_path: Path) -> None:
+    study = _odd_studies()[kind]
+    paths = figures.write_study_figures(study, tmp_path, ("svg",))
+    assert [path.name for path in paths] == [f"{d.__name__}.svg" for d in figures.FIGURES]
+
+
+def test_two_writings_have_the_same_bytes(tmp_path: Path) -> None:
+    study = _odd_studies()["few"]
+    first, second = (figures.write_study_figures(study, tmp_path / name) for name in "ab")
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
