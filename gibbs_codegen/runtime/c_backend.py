@@ -19,6 +19,7 @@ from gibbs_codegen.runtime.compiled_function import (
     Pool,
 )
 from gibbs_codegen.runtime.compiler import Compiler
+from gibbs_codegen.runtime.each_library import EachLibrary
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
@@ -45,11 +46,12 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     made.__file__ = str(path)
     constants = CompiledConstants(library, module)
     prepare = GeneralFunction(lambda given: constants.prepare(**given), module.prepare)
+    each = EachLibrary(folder, module.NAME, compiler)
     made.prepare = prepare  # type: ignore[attr-defined]
     pool = Pool(threads)
     caller = caller_type(compiler)
     for signature in functions:
-        function = CompiledFunction(library, module, signature, constants, pool)
+        function = CompiledFunction(library, module, signature, constants, each.function, pool)
         general = GeneralFunction(function.evaluate, getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made

@@ -50,6 +50,7 @@ def compiled_files(
     compiler: Compiler,
     extra: Sequence[str] = (),
     others: Mapping[str, bytes] = MappingProxyType({}),
+    included: Sequence[str] = (),
 ) -> Path:
     """A shared library of C files of a generated module, from the cache or compiled now.
 
@@ -60,6 +61,7 @@ def compiled_files(
         compiler: What compiles them.
         extra: Flags that come after the compiler's.
         others: Texts of further sources, by names that no file of the module has.
+        included: Names of C files that others include, and that are not compiled by themselves.
 
     Returns:
         Path of the library.
@@ -84,7 +86,8 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         with _announced(f"compiling {name}"):
-            compiled = [sources / file for file in texts if file.endswith(".c")]
+            own = [file for file in texts if file.endswith(".c") and file not in included]
+            compiled = [sources / file for file in own]
             compiler.library(compiled, output, extra)
         shutil.rmtree(sources)
 

@@ -17,64 +17,99 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.emitted.evaluation import NotFiniteReport, batch_shape, state_array
+from gibbs_codegen.emitted.preparation import first_of, real_numbers
 from gibbs_codegen.interface import LANES, Signature
 
 # Fewer states a thread are mostly sooner done than handed over.
 _MIN_ROWS = 16_384
 
+_UNDETERMINED = "these parameters leave an acceleration undetermined"
+
 Arrays = Sequence[NDArray[np.float64]]
+Constants = bytes | NDArray[np.float64]
 
 
 class CompiledConstants:
-    """What `prepare` returns in this back end: the C module's constants, as bytes."""
+    """What `prepare` returns in this back end: the C module's constants.
+
+    They are bytes, or where they differ from state to state, an array (..., size / 8) of numbers.
+    """
 
     def __init__(self, library: ctypes.CDLL, module: ModuleType) -> None:
         self._parameters: dict[str, float] = module.PARAMETERS
         self._check = module.prepare
         self._init = library[f"{module.NAME}_init_constants"]
-        self.size = ctypes.sizeof(ctypes.c_double) * len(module.prepare({}))
-        self.default: bytes = self.prepare({})
+        self._of_each = library["gibbs_codegen_constants_of_each"]
+        self._of_each.restype = ctypes.c_size_t
+        self.count = len(module.prepare({}))
+        self.size = ctypes.sizeof(ctypes.c_double) * self.count
+        self.default = self._one([*self._parameters.values()])
 
-    def prepare(self, parameters: dict[str, float]) -> bytes:
+    def prepare(self, parameters: Mapping[str, ArrayLike]) -> Constants:
         """Constants of the functions for given parameters.
 
         Args:
-            parameters: Values that differ from the defaults, by name.
+            parameters: Values that differ from the defaults, by name: numbers, or arrays with a
+                value for each state, which broadcast.
 
         Returns:
-            Bytes of the C module's struct.
+            Bytes of the C module's struct; or its numbers (..., count), for arrays that broadcast
+            to (...).
 
         Raises:
             ValueError: They leave an acceleration undetermined, or the NumPy module refuses them.
         """
-        self._check(parameters)
-        values = {**self._parameters, **parameters}
-        numbers = np.array([float(value) for value in values.values()])
+        first = self._check(parameters)[0]
+        given = {**self._parameters, **parameters}
+        values = [real_numbers(name, value) for name, value in given.items()]
+        if not isinstance(first, np.ndarray):
+            return self._one([float(value) for value in values])
+        rows = np.stack([np.broadcast_to(value, first.shape) for value in values], axis=-1)
+        constants = np.empty((*first.shape, self.count))
+        sizes = map(ctypes.c_size_t, (first.size, len(values), self.count))
+        useless = self._of_each(self._init, *sizes, _pointer(rows), _pointer(constants))
+        if useless:
+            wrong = np.arange(first.size).reshape(first.shape) == useless - 1
+            raise ValueError(f"{first_of('state', wrong)[1]}: {_UNDETERMINED}")
+        return constants
+
+    def _one(self, values: Sequence[float]) -> bytes:
+        """Constants for one value of each parameter. Raises ValueError as `prepare` does."""
         constants = ctypes.create_string_buffer(self.size)
-        if self._init(numbers.ctypes.data_as(ctypes.c_void_p), constants):
-            raise ValueError("these parameters leave an acceleration undetermined")
+        if self._init(_pointer(np.array(values)), constants):
+            raise ValueError(_UNDETERMINED)
         return constants.raw
 
-    def chosen(self, constants: object) -> bytes:
+    def chosen(self, constants: object) -> Constants:
         """Constants of a call.
 
         Args:
             constants: What `prepare` returned, or None for the default.
 
         Returns:
-            Bytes of the C module's struct.
+            What was given, or the default.
 
         Raises:
             TypeError: They are not this module's.
         """
         if constants is None:
             return self.default
-        if not isinstance(constants, bytes) or len(constants) != self.size:
-            raise TypeError("constants must be what this module's prepare() returned")
-        return constants
+        if isinstance(constants, bytes) and len(constants) == self.size:
+            return constants
+        if (
+            isinstance(constants, np.ndarray)
+            and constants.dtype == np.float64
+            and constants.shape[1:][-1:] == (self.count,)
+        ):
+            return constants
+        raise TypeError("constants must be what this module's prepare() returned")
+
+
+def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
 
 
 class Pool:
@@ -101,6 +136,7 @@ class CompiledFunction:
         module: ModuleType,
         signature: Signature,
         constants: CompiledConstants,
+        of_each: Callable[[str], ctypes.c_void_p],
         pool: Pool,
     ) -> None:
         self._signature = signature
@@ -112,9 +148,10 @@ class CompiledFunction:
         own = f"{module.NAME}_{signature.name}"
         self._one = library[own]
         self._batch = ctypes.cast(library[f"{own}_batch"], ctypes.c_void_p)
+        self._batch_each = functools.partial(of_each, f"{own}_batch_each")
         self._rows = library["gibbs_codegen_rows"]
         self._lost = library["gibbs_codegen_lost"]
-        sizes = [*signature.widths, *(math.prod(shape) for shape in signature.shapes)]
+        sizes = [*signature.widths, *map(math.prod, signature.shapes), constants.count]
         self._sizes = sizes
         self._c_sizes = (ctypes.c_size_t * len(sizes))(*sizes)
 
@@ -145,23 +182,22 @@ class CompiledFunction:
         """
         signature = self._signature
         constants = self._constants.chosen(given.get("constants"))
+        of_all = constants if isinstance(constants, bytes) else None
+        of_each = [] if isinstance(constants, bytes) else [constants]
         arrays = [
             state_array(name, given[name], *shape)
             for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
         ]
-        batch = batch_shape(dict(zip(signature.arguments, arrays, strict=True)))
-        inputs = [
-            np.require(np.broadcast_to(array, (*batch, array.shape[-1])), requirements=["C", "A"])
-            for array in arrays
-        ]
+        named = dict(zip(signature.arguments, arrays, strict=True))
+        batch = batch_shape(named, *(array.shape[:-1] for array in of_each))
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
+        inputs, own = ([_rows(array, batch) for array in some] for some in (arrays, of_each))
         if not batch:
             self._lost()
-            pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*inputs, *outputs)]
-            self._one(constants, *pointers)
+            self._one(of_all, *map(_pointer, (*inputs, *outputs)))
             lost = bool(self._lost())
         else:
-            lost = self._all_rows(constants, math.prod(batch), inputs, outputs)
+            lost = self._all_rows(of_all, [*inputs, *outputs, *own], batch)
         if lost:
             self._report_lost(arrays, outputs, batch)
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
@@ -181,52 +217,63 @@ class CompiledFunction:
         named = dict(zip(signature.arguments, arrays, strict=True))
         self._report(signature.name, named, finite, 5)
 
-    def _all_rows(self, constants: bytes, count: int, inputs: Arrays, outputs: Arrays) -> bool:
+    def _all_rows(self, constants: bytes | None, arrays: Arrays, batch: tuple[int, ...]) -> bool:
         """Compute all rows, on several threads where they are many.
 
         Args:
-            constants: Bytes of the C module's constants.
-            count: Number of rows.
-            inputs: Arrays (*batch, width) in C order.
-            outputs: Arrays (*batch, *shape), which are filled.
+            constants: Bytes of the C module's constants, or None for those of each state.
+            arrays: Inputs (*batch, width), outputs (*batch, *shape), which are filled, and
+                constants of each state, all in C order.
+            batch: Shape of the batch.
 
         Returns:
             Whether finite inputs may have given what is not finite.
         """
-        flat = [a.reshape(-1) for a in [*inputs, *outputs]]
+        count = math.prod(batch)
+        function = self._batch_each() if constants is None else self._batch
+        flat = [a.reshape(-1) for a in arrays]
         parts = min(self._pool.threads, count // _MIN_ROWS)
         if parts < 2:
-            return self._some_rows(constants, flat, 0, count)
+            return self._some_rows(function, constants, flat, 0, count)
         # Whole blocks, so that no two threads write to one block.
         step = -(-count // (parts * LANES)) * LANES
         futures = [
             self._pool.executor().submit(
-                self._some_rows, constants, flat, start, min(step, count - start)
+                self._some_rows, function, constants, flat, start, min(step, count - start)
             )
             for start in range(0, count, step)
         ]
         lost = [future.result() for future in futures]
         return any(lost)
 
-    def _some_rows(self, constants: bytes, flat: Arrays, start: int, count: int) -> bool:
+    def _some_rows(
+        self,
+        function: ctypes.c_void_p,
+        constants: bytes | None,
+        flat: Arrays,
+        start: int,
+        count: int,
+    ) -> bool:
         """Compute rows that follow each other, on this thread.
 
         Args:
-            constants: Bytes of the C module's constants.
-            flat: Inputs and outputs, flattened.
+            function: The function for batches.
+            constants: Bytes of the C module's constants, or None for those of each state.
+            flat: Inputs, outputs, and constants of each state, flattened.
             start: Number of the first row.
             count: How many rows.
 
         Returns:
             Whether finite inputs may have given what is not finite.
         """
-        starts = [a[start * size :] for a, size in zip(flat, self._sizes, strict=True)]
+        sizes = self._sizes[: len(flat)]
+        starts = [a[start * size :] for a, size in zip(flat, sizes, strict=True)]
         pointers = (ctypes.c_void_p * len(starts))(*(a.ctypes.data for a in starts))
-        scratch = np.empty(LANES * (sum(self._sizes) + 1))
+        scratch = np.empty(LANES * (sum(sizes) + 1))
         # Blocks that begin where a cache line does are faster.
         aligned = scratch.ctypes.data + -scratch.ctypes.data % 64
         lost = self._rows(
-            self._batch,
+            function,
             constants,
             ctypes.c_size_t(count),
             len(self._signature.widths),
@@ -236,6 +283,12 @@ class CompiledFunction:
             ctypes.c_void_p(aligned),
         )
         return bool(lost)
+
+
+def _rows(array: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.float64]:
+    """An array (..., width) as rows that follow each other, (*batch, width)."""
+    whole = np.broadcast_to(array, (*batch, array.shape[-1]))
+    return np.require(whole, requirements=["C", "A"])
 
 
 class GeneralFunction:

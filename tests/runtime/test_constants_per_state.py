@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -10,10 +13,13 @@ import numpy as np
 import pytest
 from support.calls import as_tuple, random_arguments
 from support.compiled import emit
+from support.tools import tool
 
 from gibbs_codegen import load
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.runtime import compiled_function
 
 ROWS, COLUMNS = 3, 5
 STEPS = ("forward_dynamics_parameters_vjp", "step_euler", "step_rk4_derivatives")
@@ -32,6 +38,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def module(folder: Path) -> ModuleType:
     return load(folder)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_in_a_moment() -> Iterator[None]:
+    """What the source says does not depend on how well it is optimised."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", f"{tool('cc')} -O0")
+        yield
+
+
+@pytest.fixture(scope="module")
+def compiled(folder: Path) -> ModuleType:
+    made = load(folder, backend="c", threads=2)
+    assert made.backend == "c"
+    return made
+
+
+@pytest.fixture(scope="module", params=["numpy", "c"])
+def either(request: pytest.FixtureRequest, folder: Path) -> ModuleType:
+    return request.getfixturevalue("module" if request.param == "numpy" else "compiled")
 
 
 def parameters(module: ModuleType) -> dict[str, np.ndarray | float]:
@@ -75,8 +101,10 @@ def assert_as_one_at_a_time(numpy: ModuleType, ours: ModuleType) -> None:
                 )
 
 
-def test_numpy_gives_what_it_gives_for_one_state_at_a_time(module: ModuleType) -> None:
-    assert_as_one_at_a_time(module, module)
+def test_functions_give_what_they_give_for_one_state_at_a_time(
+    module: ModuleType, either: ModuleType
+) -> None:
+    assert_as_one_at_a_time(module, either)
 
 
 def test_one_set_gives_what_it_gave(module: ModuleType) -> None:
@@ -86,16 +114,16 @@ def test_one_set_gives_what_it_gave(module: ModuleType) -> None:
     assert constants == module.prepare({"gravity": 3.7})
 
 
-def test_constants_have_the_batch_of_all_parameters(module: ModuleType) -> None:
+def test_constants_have_the_batch_of_all_parameters(either: ModuleType) -> None:
     """Also where functions do not depend on what varies; and they are copies of what was given."""
-    gravity, q = np.full(4, 9.81), np.zeros(len(module.COORDINATES))
-    q[module.COORDINATES.index("qw")] = 1.0
-    constants = module.prepare({"gravity": gravity})
-    expected = module.potential_energy(q, constants)
+    gravity, q = np.full(4, 9.81), np.zeros(len(either.COORDINATES))
+    q[either.COORDINATES.index("qw")] = 1.0
+    constants = either.prepare({"gravity": gravity})
+    expected = either.potential_energy(q, constants)
     gravity[:] = np.nan
-    np.testing.assert_array_equal(module.potential_energy(q, constants), expected)
-    assert module.mass_matrix(q, constants).shape[:-2] == (4,)
-    assert module.mass_matrix(q, module.prepare({"gravity": []})).shape[:-2] == (0,)
+    np.testing.assert_array_equal(either.potential_energy(q, constants), expected)
+    assert either.mass_matrix(q, constants).shape[:-2] == (4,)
+    assert either.mass_matrix(q, either.prepare({"gravity": []})).shape[:-2] == (0,)
 
 
 THOUSAND = np.ones(1000)
@@ -143,8 +171,9 @@ WRONG = np.where(np.arange(1000) == 17, np.nan, 1.0)
     ],
 )
 def test_the_one_that_is_wrong_is_named(
-    given: dict[str, object], error: type[Exception], message: str, module: ModuleType
+    given: dict[str, object], error: type[Exception], message: str, either: ModuleType
 ) -> None:
+    module = either
     massless = {name: 0.0 for name in module.PARAMETERS if "mass" in name or "inertia" in name}
     others = massless if "base_arm_mass_per_length" in given else {}
     with pytest.raises(error) as raised:
@@ -153,20 +182,60 @@ def test_the_one_that_is_wrong_is_named(
     assert len(str(raised.value)) < 200
 
 
-def test_constants_that_do_not_fit_the_states_are_named(module: ModuleType) -> None:
-    constants = module.prepare({"gravity": [9.81, 3.7, 1.6]})
-    q = np.zeros((2, len(module.COORDINATES)))
+def test_constants_that_do_not_fit_the_states_are_named(either: ModuleType) -> None:
+    constants = either.prepare({"gravity": [9.81, 3.7, 1.6]})
+    q = np.zeros((2, len(either.COORDINATES)))
     with pytest.raises(ValueError, match=r"leading axes do not broadcast: q \(2,\), constants \("):
-        module.mass_matrix(q, constants)
+        either.mass_matrix(q, constants)
 
 
-def test_a_state_that_is_lost_is_named(module: ModuleType) -> None:
+def test_a_state_that_is_lost_is_named(either: ModuleType) -> None:
     """The state, where all states have the same arguments and only constants differ."""
-    constants = module.prepare({"link1_length": [1.0, 1e60, 1.0]})
-    signature = next(s for s in module_signatures(module) if s.name == "inverse_dynamics")
-    q, v, a = random_arguments(module, signature)
+    constants = either.prepare({"link1_length": [1.0, 1e60, 1.0]})
+    signature = next(s for s in module_signatures(either) if s.name == "inverse_dynamics")
+    q, v, a = random_arguments(either, signature)
     with pytest.warns(RuntimeWarning, match=r"in 1 of 3 states, first \[1\]"):
-        found = module.inverse_dynamics(q, v, 1e200 * a, constants)
-    one = module.prepare({"link1_length": 1.0})
-    expected = module.inverse_dynamics(q, v, 1e200 * a, one)
+        found = either.inverse_dynamics(q, v, 1e200 * a, constants)
+    one = either.prepare({"link1_length": 1.0})
+    expected = either.inverse_dynamics(q, v, 1e200 * a, one)
     np.testing.assert_allclose(found[[0, 2]], [expected, expected], rtol=1e-13)
+
+
+def test_compiled_constants_are_those_of_one_at_a_time(compiled: ModuleType) -> None:
+    """Bit for bit, and so are those that a process was sent."""
+    values = parameters(compiled)
+    constants = pickle.loads(pickle.dumps(compiled.prepare(values)))  # noqa: S301
+    assert constants.shape[:-1] == (ROWS, COLUMNS)
+    for place in np.ndindex(ROWS, COLUMNS):
+        assert constants[place].tobytes() == compiled.prepare(of_state(values, *place))
+    q = np.zeros(len(compiled.COORDINATES))
+    for wrong in (constants[0, 0], constants[..., 1:], constants.astype(np.float32), [constants]):
+        with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):
+            compiled.mass_matrix(q, wrong)
+
+
+def test_threads_share_the_states(compiled: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks that are not full at the end of either share."""
+    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 10)
+    rng = np.random.default_rng(5)
+    signature = next(s for s in module_signatures(compiled) if s.name == "forward_dynamics")
+    given = random_arguments(compiled, signature, 43)
+    constants = compiled.prepare({"link1_length": rng.uniform(0.5, 1.5, 43)})
+    found = compiled.forward_dynamics(*given, constants)
+    for i in range(43):
+        one = compiled.forward_dynamics(*(a[i : i + 1] for a in given), constants[i : i + 1])
+        np.testing.assert_array_equal(found[i], one[0])
+
+
+def test_a_module_of_an_earlier_version_is_to_be_generated_again(
+    folder: Path, tmp_path: Path
+) -> None:
+    """It still computes with one set of constants."""
+    older = tmp_path / folder.name
+    shutil.copytree(folder, older)
+    next(older.glob("*_each.c")).unlink()
+    module = load(older, backend="c")
+    q, constants = np.zeros(len(module.COORDINATES)), module.prepare({"gravity": [9.81, 3.7]})
+    module.mass_matrix(q, module.prepare({"gravity": 3.7}))
+    with pytest.raises(UsageError, match=r"has no \w+_each.c; generate the module again"):
+        module.mass_matrix(q, constants)

@@ -158,7 +158,7 @@ CONSTANTS_CHANGED: dict[str, Callable[[Array], Array]] = {
     "not numbers": lambda k: np.full_like(k, np.nan),
 }
 # Mostly as they should be.
-CONSTANTS = [*["left out", "none", *CONSTANTS_CHANGED] * 8, *CONSTANTS_REFUSED]
+CONSTANTS = [*["left out", "none", "of each", *CONSTANTS_CHANGED] * 8, *CONSTANTS_REFUSED]
 
 
 @dataclass(frozen=True)
@@ -288,6 +288,12 @@ def check_call(case: Case, signature: Signature, made: list[Argument], data: st.
     if constants in CONSTANTS_CHANGED:
         numbers = CONSTANTS_CHANGED[constants](np.array(case.numpy.prepare({})))
         chosen = {"tuple": tuple(numbers.tolist()), "bytes": numbers.tobytes()}
+    elif constants == "of each":
+        # Along an axis before all others.
+        axes = max((x.ndim - len(s) for x, s in zip(plain, signature.argument_shapes, strict=True)))
+        factors = np.linspace(1.0, 1.5, 3).reshape(3, *(1,) * max(axes, 0), 1)
+        each = factors * np.array(case.numpy.prepare({}))
+        chosen = {"tuple": tuple(np.moveaxis(each, -1, 0)), "bytes": each}
     expected = outcome(
         lambda: getattr(case.numpy, signature.name)(*plain, constants=chosen.get("tuple"))
     )

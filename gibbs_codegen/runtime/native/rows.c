@@ -3,7 +3,7 @@
  *
  * The functions of an emitted C module that end in _batch take each entry of eight states side by
  * side. NumPy has one state after the other. This turns eight states at a time, in buffers small
- * enough to stay in the cache.
+ * enough to stay in the cache. Constants that differ from state to state are turned as inputs are.
  */
 
 #include <fenv.h>
@@ -15,12 +15,20 @@
 #endif
 
 #define LANES 8
+/* Inputs and outputs; constants of each state come on top. */
 #define MAX_ARRAYS 8
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 int gibbs_codegen_lost(void);
+size_t gibbs_codegen_constants_of_each(
+    int (*init)(const double *, void *),
+    size_t count,
+    size_t parameters_width,
+    size_t constants_width,
+    const double *parameters,
+    double *constants);
 int GIBBS_CODEGEN_ROWS(
     void (*batch)(void),
     const void *constants,
@@ -36,6 +44,7 @@ int GIBBS_CODEGEN_ROWS(
 
 /* A batch function of a number of arrays. */
 #define R double *
+typedef void One(const void *, size_t, R);
 typedef void Two(const void *, size_t, R, R);
 typedef void Three(const void *, size_t, R, R, R);
 typedef void Four(const void *, size_t, R, R, R, R);
@@ -63,6 +72,9 @@ int gibbs_codegen_lost(void)
 static void call_block(void (*batch)(void), const void *constants, int number, double *const *b)
 {
     switch (number) {
+    case 1:
+        ((One *)batch)(constants, LANES, b[0]);
+        break;
     case 2:
         ((Two *)batch)(constants, LANES, b[0], b[1]);
         break;
@@ -164,9 +176,30 @@ static void unpack(const double *block, size_t filled, size_t width, double *row
 }
 
 /*
- * `arrays` are the inputs and then the outputs of `batch`, each with `count` rows of its width;
- * `scratch` holds LANES states of all of them. Returns 0 where finite inputs gave finite outputs,
- * 1 where they may not have, and -1 where there are too many arrays.
+ * Constants of each state for its parameters, by the function for one state. Returns 0, or 1 and the
+ * number of the first state whose constants are of no use.
+ */
+size_t gibbs_codegen_constants_of_each(
+    int (*init)(const double *, void *),
+    size_t count,
+    size_t parameters_width,
+    size_t constants_width,
+    const double *parameters,
+    double *constants)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (init(parameters + i * parameters_width, constants + i * constants_width)) {
+            return i + 1;
+        }
+    }
+    return 0;
+}
+
+/*
+ * `arrays` are the inputs and then the outputs of `batch`, each with `count` rows of its width.
+ * Where `constants` is NULL, one more array has those of each state, and `batch` takes them in
+ * blocks. `scratch` holds LANES states of all arrays. Returns 0 where finite inputs gave finite
+ * outputs, 1 where they may not have, and -1 where there are too many arrays.
  */
 int GIBBS_CODEGEN_ROWS(
     void (*batch)(void),
@@ -178,13 +211,13 @@ int GIBBS_CODEGEN_ROWS(
     double *const *arrays,
     double *scratch)
 {
-    double *block[MAX_ARRAYS];
-    const int number = inputs + outputs;
-    if (number < 2 || number > MAX_ARRAYS) {
+    double *block[MAX_ARRAYS + 1];
+    const int number = inputs + outputs, arrays_given = constants ? number : number + 1;
+    if (number < 1 || number > MAX_ARRAYS) {
         return -1;
     }
     (void)gibbs_codegen_lost();
-    for (int i = 0; i < number; ++i) {
+    for (int i = 0; i < arrays_given; ++i) {
         block[i] = scratch;
         scratch += LANES * widths[i];
     }
@@ -193,7 +226,11 @@ int GIBBS_CODEGEN_ROWS(
         for (int i = 0; i < inputs; ++i) {
             pack(arrays[i] + first * widths[i], filled, widths[i], block[i]);
         }
-        call_block(batch, constants, number, block);
+        if (!constants) {
+            const size_t width = widths[number];
+            pack(arrays[number] + first * width, filled, width, block[number]);
+        }
+        call_block(batch, constants ? constants : block[number], number, block);
         for (int i = inputs; i < number; ++i) {
             unpack(block[i], filled, widths[i], arrays[i] + first * widths[i]);
         }

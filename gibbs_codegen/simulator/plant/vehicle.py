@@ -37,7 +37,8 @@ class Vehicle:
 
     Args:
         module: a generated module, with the back end "numpy" or "c".
-        parameters: parameters of the module's `prepare`; those left out keep their defaults.
+        parameters: parameters of the module's `prepare`; those left out keep their defaults. Arrays
+            have a value for each state: they broadcast to the states' leading axes.
         key: key of a scenario file that gave them.
 
     Raises:
@@ -48,7 +49,7 @@ class Vehicle:
     def __init__(
         self,
         module: ModuleType,
-        parameters: Mapping[str, float] | None = None,
+        parameters: Mapping[str, ArrayLike] | None = None,
         key: str = "parameters",
     ) -> None:
         _check(module)
@@ -145,7 +146,7 @@ class Vehicle:
         return self.positions(at_origin)[..., self.points.index(self.centre), :]
 
     def arm_angles(self) -> Array:
-        """Angles, rad, of the base arms about z of the base, in the order of the rotors.
+        """Angles (…, N), rad, of the base arms about z of the base, in the order of the rotors.
 
         Arms point away from the centre; but where azimuths are equal, by the paper's rule, angles
         are against arm 1, which points at the centre, so that it and the arm across are both at 0.
@@ -154,8 +155,9 @@ class Vehicle:
         if "motor1" not in self.points or self.centre != "O2":
             return np.zeros(0)
         places, first = self.positions(self.neutral), self.points.index("motor1")
-        arms = places[first : first + self.rotors] - places[self.points.index(self.centre)]
-        angles: Array = np.arctan2(arms[:, 1], arms[:, 0])
+        centre = places[..., [self.points.index(self.centre)], :]
+        arms = places[..., first : first + self.rotors, :] - centre
+        angles: Array = np.arctan2(arms[..., 1], arms[..., 0])
         by_rule = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
         if np.any(np.abs(np.sin(0.5 * (angles - by_rule))) > _SAME_ANGLE):
             return angles
@@ -194,13 +196,14 @@ class Vehicle:
             Forces and torques (…, 6, N), in the base's frame.
         """
         q = self.neutral if q is None else q
-        columns = np.swapaxes(self.input_matrix(q)[..., : self.rotors], -1, -2)
-        places = np.broadcast_to(q[..., np.newaxis, :], (*columns.shape[:-1], q.shape[-1]))
-        return np.swapaxes(self.base_wrench(places, columns), -1, -2)
+        # The rotors come first, since constants may differ along the axes of the states.
+        columns = np.moveaxis(self.input_matrix(q)[..., : self.rotors], -1, 0)
+        places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
+        return np.moveaxis(self.base_wrench(places, columns), 0, -1)
 
     @cached_property
     def damping(self) -> Array:
-        """Damping (nv) of the joints, N m s/rad or N s/m: of forces, the part odd in velocities."""
+        """Damping (…, nv) of joints, N m s/rad or N s/m: of forces, the part odd in velocities."""
         q, v = self.neutral, np.ones(self.layout.v.size)
         forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
         return 0.5 * (forward - backward)
@@ -211,7 +214,7 @@ class Vehicle:
         q = self.neutral
         q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
         here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
-        loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
+        loads = self.input_matrix(q)[..., self.arm_rates, : self.rotors]
         moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
         return bool(np.any(loads) or np.any(moves))
 
@@ -234,7 +237,7 @@ def _check(module: ModuleType) -> None:
         )
 
 
-def _about_parameters(module: ModuleType, given: Mapping[str, float], words: str) -> str:
+def _about_parameters(module: ModuleType, given: Mapping[str, Any], words: str) -> str:
     """What to add to the words in which `prepare` of a module rejects parameters.
 
     Args:
@@ -248,7 +251,10 @@ def _about_parameters(module: ModuleType, given: Mapping[str, float], words: str
     names = list(module.PARAMETERS)
     unknown = [name for name in given if name not in names]
     if not unknown:
-        listed = ", ".join(f"{name} = {value:g}" for name, value in given.items())
+        listed = ", ".join(
+            f"{name} = {value:g}" if np.ndim(value) == 0 else f"{name} of shape {np.shape(value)}"
+            for name, value in given.items()
+        )
         return "" if any(name in words for name in given) else f"; given: {listed}"
     ends = {f"_{name.rpartition('_')[2]}" for name in unknown if "_" in name}
     alike = [name for name in names if name.endswith(tuple(ends)) and name not in words]

@@ -1,0 +1,57 @@
+"""The functions of a module for constants per state, compiled when they are first needed."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from pathlib import Path
+
+from gibbs_codegen.runtime.c_library import compiled_files
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError
+
+
+class EachLibrary:
+    """The shared library of a module's functions that take constants of each state in blocks."""
+
+    def __init__(self, folder: Path, name: str, compiler: Compiler) -> None:
+        """Take what is compiled later.
+
+        Args:
+            folder: Where the module's C files are.
+            name: Of the robot.
+            compiler: What compiles them.
+        """
+        self._folder, self._name, self._compiler = folder, name, compiler
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the module has the source, which earlier versions did not generate."""
+        return (self._folder / f"{self._name}_each.c").is_file()
+
+    def function(self, name: str) -> ctypes.c_void_p:
+        """A function of the library, which is compiled now or taken from the cache.
+
+        Args:
+            name: Of the function in C.
+
+        Returns:
+            Its address.
+
+        Raises:
+            UsageError: The module has no such source, or one that was not generated with it.
+            CompilerError: The library cannot be compiled or loaded, or lacks the function.
+            CacheError: It cannot be kept.
+        """
+        if not hasattr(self._library, name):
+            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
+        return ctypes.cast(self._library[name], ctypes.c_void_p)
+
+    @functools.cached_property
+    def _library(self) -> ctypes.CDLL:
+        name = self._name
+        files = [f"{name}.h", f"{name}.c", f"{name}_each.c"]
+        path = compiled_files(self._folder, name, files, self._compiler, included=[f"{name}.c"])
+        try:
+            return ctypes.CDLL(str(path))
+        except OSError as error:
+            raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
