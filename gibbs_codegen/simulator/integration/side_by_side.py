@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.scenario.scenario import Settings
-from gibbs_codegen.simulator.integration.block_loop import BlockLoop
+from gibbs_codegen.simulator.integration.block_loop import BlockLoop, Blocks
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.input_ranges import InputRanges
@@ -93,7 +93,7 @@ class _Flown:
             progress: Is told the time reached, s.
         """
         plan, count = self._plan, len(self._last)
-        block = BlockLoop.of(plan.loop, self._bounds, interval.acting, count, plan.threads)
+        block = BlockLoop.of(plan.loop, self._bounds, interval.acting, count)
         if block is None:
             self._alone[:] = True
             return
@@ -104,15 +104,22 @@ class _Flown:
                 if not self._flies.any():
                     return
                 steps, number = min(most, stretch.steps - done), stretch.first + done
-                taken, samples, last, refused = block(
-                    time, self._last, stretch.step, steps, stretch.every, number
+                found = block(
+                    time,
+                    self._last,
+                    stretch.step,
+                    steps,
+                    stretch.every,
+                    number,
+                    self._flies,
+                    plan.threads,
                 )
-                kept = (number + taken) // stretch.every - number // stretch.every
-                self._kept[self._flies] += kept[self._flies]
-                self._samples.append(samples)
+                taken = found.taken
+                self._kept += (number + taken) // stretch.every - number // stretch.every
+                self._samples.append(found.samples)
                 time = min((number + steps) * self._grid.size, interval.end)
                 ends = np.where(taken < steps, (number + taken) * self._grid.size, time)
-                self._go_on(last, np.minimum(ends, interval.end), taken == steps, refused)
+                self._go_on(found, np.minimum(ends, interval.end), taken == steps)
                 progress(time)
 
     def histories(self) -> list[StateHistory | None]:
@@ -128,19 +135,18 @@ class _Flown:
             found.append(None if self._alone[i] else whole)
         return found
 
-    def _go_on(self, last: Array, ends: Array, finished: Flags, refused: Flags) -> None:
+    def _go_on(self, found: Blocks, ends: Array, finished: Flags) -> None:
         """Take the states to which flights under way have come.
 
         Args:
-            last: The states (n, size).
-            ends: Their times (n), s.
+            found: What became of all flights.
+            ends: Times (n) to which those under way have come, s.
             finished: Whether all steps were taken (n).
-            refused: Whether the law refused a state (n).
         """
         flies = self._flies
-        self._last[flies], self._ends[flies] = last[flies], ends[flies]
-        self._alone |= flies & refused
-        self._flies = flies & ~refused
+        self._last[flies], self._ends[flies] = found.last[flies], ends[flies]
+        self._alone |= flies & found.refused
+        self._flies = flies & ~found.refused
         for i in np.flatnonzero(self._flies & ~(finished & self._goes_on())).tolist():
             self._end(i)
 
