@@ -59,6 +59,12 @@ if TYPE_CHECKING:
     from gibbs_codegen.simulator.record.flight import read_flight as read_flight
     from gibbs_codegen.simulator.simulation import simulate as simulate
     from gibbs_codegen.simulator.stepping import Simulation as Simulation
+    from gibbs_codegen.sweeps.sampling import log_uniform as log_uniform
+    from gibbs_codegen.sweeps.sampling import normal as normal
+    from gibbs_codegen.sweeps.sampling import scaled as scaled
+    from gibbs_codegen.sweeps.sampling import together as together
+    from gibbs_codegen.sweeps.sampling import uniform as uniform
+    from gibbs_codegen.sweeps.sweep import sweep as sweep
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
@@ -86,8 +92,10 @@ _LAZY = {
     "hybrid_pattern_figure": "figures.coupling",
     "linearise": "analysis.linear_model",
     "load": "runtime.load",
+    "log_uniform": "sweeps.sampling",
     "lqr": "analysis.regulator",
     "machine_figure": "figures.machine",
+    "normal": "sweeps.sampling",
     "paper_family": "robot.family",
     "parse_robot": "robot.file",
     "reachable_wrenches": "analysis.reach",
@@ -96,8 +104,12 @@ _LAZY = {
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
     "rollout": "rollouts.rollout",
+    "scaled": "sweeps.sampling",
     "simulate": "simulator.simulation",
+    "sweep": "sweeps.sweep",
+    "together": "sweeps.sampling",
     "trim": "analysis.trim",
+    "uniform": "sweeps.sampling",
     "verify": "verification.modules",
     "write_results": "figures.results",
 }

@@ -28,9 +28,10 @@
  * precision.
  *
  * On small machines -ffunction-sections and -Wl,--gc-sections leave out the functions that are not
- * used. The stack that each function states is an estimate for doubles; floats take half of it. It
- * leaves out what the library's sine and cosine take, which are called only for angles beyond
- * 1e5 rad (400 for floats). The _batch functions can take more than eight times as much.
+ * used. The stack that each function states is an estimate for doubles; floats take half of it, and
+ * as much for derivatives of time steps. It leaves out what the library's sine and cosine take,
+ * which are called only for angles beyond 1e5 rad (400 for floats). The _batch functions can take
+ * more than LANES times as much.
  *
  * The attitude, from base arm 1's frame to the world, is R_x(theta_m1) R_y(theta_0) R_z(theta_1).
  * Rates are plain time derivatives of the coordinates, not body rates. A thrust acts at its motor,
@@ -95,12 +96,12 @@
  *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
  *
  * Every function has a form for any number of states, with _batch at the end of its name. Its
- * arrays are rows of blocks of LANES = 8 states: entry e of state i stands at
- * [(i / LANES) * width * LANES + e * LANES + i % LANES], width being the entries of one state. The
- * last block need not be full: what its unused lanes hold is not read, but outputs must have room
- * for whole blocks, and their unused lanes are overwritten. Functions pack and unpack turn states
- * that follow each other into blocks and back. Compiled with OpenMP, blocks are shared among
- * threads. Arrays that begin at a multiple of 64 bytes are fastest.
+ * arrays are rows of blocks of LANES states, 8 of them, or 16 in single precision: entry e of
+ * state i stands at [(i / LANES) * width * LANES + e * LANES + i % LANES], width being the entries
+ * of one state. The last block need not be full: what its unused lanes hold is not read, but
+ * outputs must have room for whole blocks, and their unused lanes are overwritten. Functions pack
+ * and unpack turn states that follow each other into blocks and back. Compiled with OpenMP, blocks
+ * are shared among threads. Arrays that begin at a multiple of 64 bytes are fastest.
  */
 
 #ifndef HEXAROTOR_3LINK_H
@@ -136,8 +137,12 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_PARAMETERS 16
 #define HEXAROTOR_3LINK_CONSTANTS 62
 
-/** States in a block of the _batch functions. */
+/** States in a block of the _batch functions: what the widest registers hold. */
+#ifdef HEXAROTOR_3LINK_FLOAT
+#define HEXAROTOR_3LINK_LANES 16
+#else
 #define HEXAROTOR_3LINK_LANES 8
+#endif
 
 /*
  * Places of the parameters, and their units.

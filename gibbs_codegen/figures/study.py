@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.figures.saving import save_figures
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, spread, style
+from gibbs_codegen.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.sweeps.study import Study
 
 # Names of a heading, letters of a key and keys of a panel that are shown.
@@ -91,44 +92,22 @@ def worst_cases(study: Study) -> Figure:
 
 
 def sensitivities(study: Study) -> Figure:
-    """Draw what share of each measure each key explains alone, with the interval of 95 %.
+    """Draw what each key explains of each measure: alone, and in products with other keys.
 
     Args:
         study: The study.
 
     Returns:
-        The figure: bars, and beside each its rank correlation; keys that explain most come first.
+        The figure: bars with their intervals of 95 %, and beside each key its rank correlation;
+        keys that explain most come first.
     """
     with style():
-        figure, panels = _panels(study, 0.6 + 0.17 * min(len(study.keys) + 2, _MOST_KEYS))
+        figure, panels = _panels(study, 0.7 + 0.2 * min(len(study.keys) + 2, _MOST_KEYS))
         for axes, measure in zip(panels, study.measures, strict=True):
-            axes.set_title(measure, loc="left", weight="normal", parse_math=False)
-            found = study.sensitivity(measure)[:_MOST_KEYS]
-            if not found or np.isnan(found[0].share):
-                _say(axes, "too few flights, or all alike")
-                continue
-            rows = range(len(found))
-            shares = np.array([each.share for each in found])
-            errors = np.array([each.error for each in found])
-            axes.barh(rows, shares, 0.62, color=COLOURS[0])
-            ends = [
-                shares - np.maximum(shares - errors, 0.0),
-                np.minimum(shares + errors, 1.0) - shares,
-            ]
-            axes.errorbar(shares, rows, xerr=ends, fmt="none", ecolor=DARK, elinewidth=0.8)
-            axes.set_yticks(rows, [_short(each.key) for each in found], parse_math=False)
-            for row, each in zip(rows, found, strict=True):
-                text = (
-                    "–"
-                    if np.isnan(each.correlation)
-                    else f"{each.correlation:+.2f}".replace("-", "−")
-                )
-                place = axes.get_yaxis_transform()
-                axes.text(1.02, row, text, transform=place, verticalalignment="center")
-            axes.set(xlim=(0.0, 1.0), ylim=(len(found) - 0.4, -0.6))
-            axes.set_title("rank correlation", loc="right", weight="normal", x=1.16)
-            axes.set_xlabel("share that the key explains alone")
-            axes.grid(visible=False, axis="y")
+            _draw_sensitivity(axes, measure, study.sensitivity(measure)[:_MOST_KEYS])
+        if drawn := [axes for axes in panels if axes.containers]:
+            handles = [drawn[0].containers[0], drawn[0].containers[2]]
+            figure.legend(handles=handles, loc="outside lower center", ncols=2)
         return _finished(figure)
 
 
@@ -191,6 +170,36 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
             annotation_clip=False,
             arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), **_LINE},
         )
+
+
+def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) -> None:
+    """Bars of what keys explain of a measure.
+
+    Args:
+        axes: The axes.
+        measure: The measure.
+        found: What each key explains.
+    """
+    axes.set_title(measure, loc="left", weight="normal", parse_math=False)
+    if not found or np.isnan(found[0].alone):
+        _say(axes, "too few flights, or all alike")
+        return
+    numbers = np.nan_to_num([each[1:5] for each in found])
+    for column, (name, colour) in enumerate((("alone", 0), ("with others", 4))):
+        shares, errors = numbers[:, 2 * column], numbers[:, 2 * column + 1]
+        rows = np.arange(len(found)) + 0.36 * (column - 0.5)
+        axes.barh(rows, shares, 0.34, color=COLOURS[colour], label=name)
+        ends = [np.minimum(errors, shares), np.minimum(errors, 1.0 - shares)]
+        axes.errorbar(shares, rows, xerr=ends, fmt="none", ecolor=DARK, elinewidth=0.7)
+    axes.set_yticks(range(len(found)), [_short(each.key) for each in found], parse_math=False)
+    for row, each in enumerate(found):
+        text = "–" if np.isnan(each.correlation) else f"{each.correlation:+.2f}".replace("-", "−")
+        place = axes.get_yaxis_transform()
+        axes.text(1.02, row, text, transform=place, verticalalignment="center")
+    axes.set(xlim=(0.0, 1.0), ylim=(len(found) - 0.4, -0.6))
+    axes.set_title("rank correlation", loc="right", weight="normal", x=1.16)
+    axes.set_xlabel("share that the key explains")
+    axes.grid(visible=False, axis="y")
 
 
 def _panels(study: Study, height: float) -> tuple[Figure, list[Axes]]:

@@ -19,7 +19,8 @@ from gibbs_codegen.interface.parameters import PARAMETERS
 from gibbs_codegen.interface.rows import Argument, Output, Row
 from gibbs_codegen.interface.steps import STEPS
 
-# States in a block of the C functions for batches: as many doubles as the widest registers hold.
+# States in a block of the C functions for batches: as many doubles as the widest registers hold, of
+# which floats are half as long, so that their blocks have twice as many.
 LANES = 8
 # Constants of every generated module.
 DATA = (

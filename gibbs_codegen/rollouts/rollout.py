@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -14,11 +15,16 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.rollouts.asked import asked_rollout
+from gibbs_codegen.rollouts.compiled import compiled_rollout
 from gibbs_codegen.rollouts.given import Given, whole
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import Method, Precision, Problem, Rollout
 from gibbs_codegen.rollouts.steps import Steps
+from gibbs_codegen.runtime.cache import CacheError
+from gibbs_codegen.runtime.compiler import CompilerError
 from gibbs_codegen.runtime.load import BACKENDS, load
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 def rollout(
@@ -166,6 +172,12 @@ def _known_inputs(
     Returns:
         The states.
     """
+    if problem.module.backend == "c":
+        try:
+            return compiled_rollout(problem, threads, told)
+        except (CompilerError, CacheError) as error:
+            words = printable(error, 400)
+            _log.warning("%s: NumPy rolls out instead of C: %s", problem.module.NAME, words)
     return plain_rollout(problem, told)
 
 

@@ -23,11 +23,6 @@ class EachLibrary:
         """
         self._folder, self._name, self._compiler = folder, name, compiler
 
-    @property
-    def is_there(self) -> bool:
-        """Whether the module has the source, which earlier versions did not generate."""
-        return (self._folder / f"{self._name}_each.c").is_file()
-
     def function(self, name: str) -> ctypes.c_void_p:
         """A function of the library, which is compiled now or taken from the cache.
 

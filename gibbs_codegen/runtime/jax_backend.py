@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gibbs_codegen.emitted.evaluation import batch_shape, state_array
-from gibbs_codegen.emitted.preparation import real_numbers
+from gibbs_codegen.emitted.preparation import common_shape, real_numbers
 from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.runtime.jax_functions import Functions
 from gibbs_codegen.runtime.loaded_module import LoadedModule
@@ -62,7 +62,8 @@ def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str,
         values = {**parameters}
         module.prepare({name: defaults.get(name, 0.0) for name in values})
         given = _arrays(values, values.values())
-        shape = jnp.broadcast_shapes(*(value.shape for value in given))
+        shapes = {name: value.shape for name, value in zip(values, given, strict=True)}
+        shape = common_shape("values", shapes)
         every = {**defaults, **dict(zip(values, given, strict=True))}
         dtype = given[0].dtype if given else jnp.result_type(float)
         entries = [*functions.kernels.constants(every), *every.values()]

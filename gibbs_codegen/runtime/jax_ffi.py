@@ -19,14 +19,16 @@ from typing import Any
 
 import jax
 
-from gibbs_codegen.errors import printable
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import Signature, module_signatures
 from gibbs_codegen.runtime.c_library import NATIVE, c_files, compiled_library, loaded_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+from gibbs_codegen.runtime.each_library import EachLibrary
 
 _log = logging.getLogger("gibbs_codegen")
 _SLOW = "%s: XLA compiles all functions, which takes long: %s"
+_ONE_BY_ONE = "%s: states with constants of their own are computed one by one: %s"
 _TARGET = "gibbs_codegen"
 _adding = threading.Lock()
 
@@ -34,13 +36,16 @@ _adding = threading.Lock()
 class CompiledCalls:
     """Calls of a module's compiled functions in programs of XLA."""
 
-    def __init__(self, module: ModuleType, path: Path, caller: ctypes.CDLL) -> None:
+    def __init__(
+        self, module: ModuleType, path: Path, caller: ctypes.CDLL, each: EachLibrary
+    ) -> None:
         """Add the functions to those that XLA can call.
 
         Args:
             module: The NumPy module.
             path: Its library.
             caller: That of `native/jax_call.c`.
+            each: The library of the functions for constants of each state.
 
         Raises:
             CompilerError: The library lacks a function, or one cannot be added.
@@ -50,6 +55,8 @@ class CompiledCalls:
         self._prefix = f"{module.NAME}/{path.parent.name}/"
         self._library = loaded_library(path, module.NAME, signatures)
         self._constants = len(module.prepare({}))
+        self._module, self._caller, self._each = module.NAME, caller, each
+        self._known: set[str] = set()
         for signature in signatures:
             self._add(module.NAME, signature, caller)
 
@@ -92,7 +99,11 @@ class CompiledCalls:
         Returns:
             Arrays (..., width), one for each output.
         """
-        operands = [*arguments] if constants is None else [*arguments, constants]
+        operands = [*arguments]
+        if constants is not None:
+            # Whether they differ from state to state is not known where `vmap` adds an axis later.
+            self._add_each(signature.name)
+            operands.append(constants)
         batch = jax.numpy.broadcast_shapes(*(array.shape[:-1] for array in operands))
         shapes = [
             jax.ShapeDtypeStruct((*batch, math.prod(shape)), operands[0].dtype)
@@ -100,6 +111,24 @@ class CompiledCalls:
         ]
         call = jax.ffi.ffi_call(_TARGET, shapes, vmap_method="expand_dims")
         return tuple(call(*operands, function=f"{self._prefix}{signature.name}"))
+
+    def _add_each(self, name: str) -> None:
+        """Add the form for constants of each state to a function; where it can be had, and once.
+
+        Args:
+            name: Of the function.
+        """
+        with _adding:
+            if name in self._known:
+                return
+            self._known.add(name)
+            try:
+                address = self._each.function(f"{self._module}_{name}_batch_each")
+            except (CompilerError, CacheError, UsageError) as error:
+                if len(self._known) == 1:
+                    _log.warning(_ONE_BY_ONE, self._module, printable(error, 400))
+                return
+            self._caller.gibbs_codegen_jax_add_each(f"{self._prefix}{name}".encode(), address)
 
 
 def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
@@ -126,7 +155,8 @@ def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
         compiler = find_compiler(os.environ.get("CC") or None)
         library = compiled_library(folder, module.NAME, compiler)
         with _adding:
-            return CompiledCalls(module, library, _caller())
+            each = EachLibrary(folder, module.NAME, compiler)
+            return CompiledCalls(module, library, _caller(), each)
     except (CompilerError, CacheError, OSError) as error:
         reason = printable(error, 400)
         _log.warning(_SLOW, module.NAME, reason)

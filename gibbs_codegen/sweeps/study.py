@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import json
 import os
 import shlex
@@ -20,7 +19,7 @@ from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.runtime.load import require
 from gibbs_codegen.sweeps.cases import Case
-from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivity
+from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivities
 
 StrPath = str | os.PathLike[str]
 
@@ -148,7 +147,7 @@ class Study:
             measure: The measure.
 
         Returns:
-            What `gibbs_codegen.sweeps.sensitivity` says of each key, the greatest share first.
+            What `gibbs_codegen.sweeps.sensitivity` says of each key, those that explain most first.
 
         Raises:
             UsageError: If there is no such measure.
@@ -156,8 +155,8 @@ class Study:
         self._column(measure)
         rows = self.whole[np.isfinite(self.whole[measure])]
         varied = [key for key in ("robot", "scenario", *self.keys) if len(np.unique(rows[key])) > 1]
-        found = [sensitivity(key, rows[key], rows[measure]) for key in varied]
-        return sorted(found, key=lambda each: -np.nan_to_num(each.share))
+        found = sensitivities({key: rows[key] for key in varied}, rows[measure])
+        return sorted(found, key=lambda each: -np.nansum([each.alone, each.joint]))
 
     def to_parquet(self, path: StrPath) -> None:
         """Write the table as Parquet, which pandas, polars, DuckDB, Julia, R and MATLAB read.
@@ -194,7 +193,7 @@ class Study:
                     writer = csv.writer(file, lineterminator="\n")
                     writer.writerow(self.table.dtype.names or ())
                     writer.writerows(self.table.tolist())
-                cases = [json.dumps(dataclasses.asdict(case)) for case in self.cases]
+                cases = [json.dumps(vars(case)) for case in self.cases]
                 lines = ",\n".join(cases)
                 (new / _CASES).write_text(f"[\n{lines}\n]\n", encoding="utf-8")
                 for name in (_TABLE, _CSV, _CASES):

@@ -4,10 +4,11 @@
 
 #ifdef SINGLE
 typedef float real;
+#define LANES 16
 #else
 typedef double real;
-#endif
 #define LANES 8
+#endif
 #define MODULE(name) alone_##name
 
 typedef struct {

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from support.alone import alone
 
-LANES, WIDTH, COUNT = 8, 3, 13
+WIDTH, COUNT = 3, 21
+
+
+def lanes_of(real: type[np.floating]) -> int:
+    """States in a block."""
+    return 16 if real is np.float32 else 8
 
 
 @pytest.fixture(
@@ -41,30 +46,33 @@ def states(real: type[np.floating]) -> np.ndarray:
 
 def blocks_of(rows: np.ndarray) -> np.ndarray:
     """Block, entry, lane, the last state again in lanes that would be empty."""
-    whole = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % LANES, axis=0)])
-    return whole.reshape(-1, LANES, WIDTH).swapaxes(1, 2)
+    lanes = lanes_of(rows.dtype.type)
+    whole = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % lanes, axis=0)])
+    return whole.reshape(-1, lanes, WIDTH).swapaxes(1, 2)
 
 
 def test_states_are_packed_into_blocks_and_back(library) -> None:
     c, real = library
     rows = states(real)
-    blocks, back = np.full((3, WIDTH, LANES), -1, real), np.full((COUNT + 1, WIDTH), -1, real)
+    expected = blocks_of(rows)
+    blocks = np.full((len(expected) + 1, *expected.shape[1:]), -1, real)
+    back = np.full((COUNT + 1, WIDTH), -1, real)
     call(c.alone_pack, COUNT, WIDTH, rows, blocks)
-    np.testing.assert_array_equal(blocks[:2], blocks_of(rows))
+    np.testing.assert_array_equal(blocks[:-1], expected)
     call(c.alone_unpack, COUNT, WIDTH, blocks, back)
     np.testing.assert_array_equal(back[:-1], rows)
-    assert (blocks[2] == -1).all()
+    assert (blocks[-1] == -1).all()
     assert (back[-1] == -1).all()
 
 
-@pytest.mark.parametrize("lanes", [1, 5, 8])
-def test_lanes_that_are_not_filled_hold_the_last_state(lanes: int, library) -> None:
+@pytest.mark.parametrize("filled", [1, 5, 8])
+def test_lanes_that_are_not_filled_hold_the_last_state(filled: int, library) -> None:
     c, real = library
-    rows = states(real)[:lanes]
-    whole = np.full((WIDTH, LANES), -1, real)
-    block = np.full((WIDTH, LANES), np.nan, real)
-    block[:, :lanes] = rows.T
-    call(c.filled, WIDTH, lanes, block, whole)
+    rows = states(real)[:filled]
+    whole = np.full((WIDTH, lanes_of(real)), -1, real)
+    block = np.full_like(whole, np.nan)
+    block[:, :filled] = rows.T
+    call(c.filled, WIDTH, filled, block, whole)
     np.testing.assert_array_equal(whole, blocks_of(rows)[0])
 
 

@@ -50,13 +50,15 @@ def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) ->
 def test_bars_are_the_shares_with_their_intervals(study: Study) -> None:
     for axes, measure in zip(figures.sensitivities(study).axes, study.measures, strict=True):
         found = study.sensitivity(measure)
-        bars: Any = axes.patches
-        assert [bar.get_width() for bar in bars] == [each.share for each in found]
         assert [text.get_text() for text in axes.get_yticklabels()] == [e.key for e in found]
-        intervals: Any = axes.collections[0]
-        for (low, high), each in zip(intervals.get_segments(), found, strict=True):
-            assert low[0] == pytest.approx(max(each.share - each.error, 0.0), abs=1e-12)
-            assert high[0] == pytest.approx(min(each.share + each.error, 1.0))
+        bars: Any = [axes.containers[0], axes.containers[2]]
+        intervals: Any = axes.collections
+        for drawn, lines, place in zip(bars, intervals, (1, 3), strict=True):
+            assert [bar.get_width() for bar in drawn] == [each[place] for each in found]
+            for (low, high), each in zip(lines.get_segments(), found, strict=True):
+                share, error = each[place], each[place + 1]
+                assert low[0] == pytest.approx(max(share - error, 0.0), abs=1e-12)
+                assert high[0] == pytest.approx(min(share + error, 1.0))
 
 
 def _odd_studies() -> dict[str, Study]:

@@ -86,7 +86,7 @@ def calls_program(
     """The program of random calls; the module's source and the rest compiled with own options."""
     text = folder / "calls.c"
     text.write_text(random_calls(robot), encoding="utf-8")
-    objects = compile_only(compiler, source, robot.sources[:1], folder)
+    objects = compile_only(compiler, source, robot.functions, folder)
     objects += compile_only(compiler, [*driver, f"-I{robot.folder}"], [str(text)], folder)
     run([tool(compiler), *source, *objects, "-o", folder / "calls", "-lm"])
     return folder / "calls"

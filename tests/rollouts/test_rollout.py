@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.compiled import Emitted
+from support.tools import tool
 
 from gibbs_codegen import Feedback, Rollout, UsageError, load, rollout
 
@@ -129,6 +131,33 @@ def test_progress_gets_to_its_end_and_can_interrupt(module: ModuleType) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         rollout(module, **given, progress=interrupt)
+
+
+def test_c_and_numpy_do_the_same(
+    emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Parameters of each state too; what they are is tested with the compiled rollout."""
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    compiled = load(emitted_steps.folder, backend="c")
+    given, inputs = arguments(compiled), len(compiled.INPUTS)
+    given["parameters"] = {"link1_mass_per_length": 0.7, "gravity": 3.7}
+    given["control"] = lambda time, q, v: 2.0 + time - v[:, :inputs]
+    found, expected = (rollout(m, **given) for m in (compiled, emitted_steps.module))
+    np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-13)
+    single = rollout(compiled, **given, precision="single").q
+    assert 0.0 < np.abs(single - expected.q).max() < 1e-4
+    monkeypatch.setenv("CC", "no-such-compiler")
+    same(rollout(compiled, **given), expected)
+    assert "NumPy rolls out instead of C: " in caplog.text
+
+
+def test_parameters_of_each_state_are_its_own(module: ModuleType) -> None:
+    given, masses = arguments(module), np.array([0.5, 0.7, 0.9])
+    whole = rollout(module, **given, parameters={"link1_mass_per_length": masses})
+    for i in range(STATES):
+        own = {name: given[name][i] for name in ("q0", "v0", "control")}
+        heavy = {"link1_mass_per_length": masses[i]}
+        same(rollout(module, **given | own, parameters=heavy), whole, slice(i, i + 1))
 
 
 WRONG = {

@@ -86,6 +86,19 @@ static void try_init_constants(const Constants *constants)
     free(made);
 }
 
+static void try_init_constants_batch(const Constants *constants)
+{
+    const size_t count = draw(21), room_for = whole_blocks(count);
+    double *parameters = filled(ROBOT_PARAMETERS * room_for);
+    double *made = room(ROBOT_CONSTANTS * room_for);
+    (void)constants;
+    if (ROBOT_init_constants_batch(count, parameters, made) > count) {
+        exit(2);
+    }
+    free(parameters);
+    free(made);
+}
+
 static void try_pack_and_unpack(const Constants *constants)
 {
     const size_t count = draw(21), width = 1 + draw(9);
@@ -110,6 +123,7 @@ int main(void)
 {
     static void (*const tries[])(const Constants *) = {
         try_init_constants,
+        try_init_constants_batch,
         try_pack_and_unpack,
         TRIES
     };
@@ -133,25 +147,28 @@ def random_calls(emitted: Emitted) -> str:
     """
     parts, tries = [_START], []
     for signature in emitted.signatures():
-        for form in ("", "_batch"):
+        for form in ("", "_batch", "_batch_each"):
             tries.append(f"try_{signature.name}{form}")
             parts.append(_try(signature, form))
     end = _END.replace("TRIES", ",\n        ".join(tries))
     text = "".join([*parts, end])
-    for macro in ("LANES", "PARAMETERS"):
+    for macro in ("LANES", "PARAMETERS", "CONSTANTS"):
         text = text.replace(f"ROBOT_{macro}", f"{emitted.name.upper()}_{macro}")
     return text.replace("ROBOT", emitted.name)
 
 
 def _try(signature: Signature, form: str) -> str:
-    batch = form == "_batch"
-    times = " * whole_blocks(count)" if batch else ""
+    times = " * whole_blocks(count)" if form else ""
     names = [*signature.arguments, *(f"output_{i}" for i in range(len(signature.shapes)))]
     made = [f"filled({width}{times})" for width in signature.widths]
     made += [f"room({math.prod(shape)}{times})" for shape in signature.shapes]
-    call = ", ".join(["constants", *(["count"] if batch else []), *names])
-    lines = ["    const size_t count = draw(21);"] if batch else []
+    first, lines = "constants", ["    const size_t count = draw(21);"] if form else []
+    if form == "_batch_each":
+        first, names, made = "own", ["own", *names], [f"filled(ROBOT_CONSTANTS{times})", *made]
+        lines += ["    (void)constants;"]
     lines += [f"    double *{name} = {array};" for name, array in zip(names, made, strict=True)]
+    given = [name for name in names if name != "own"]
+    call = ", ".join([first, *(["count"] if form else []), *given])
     lines += [f"    ROBOT_{signature.name}{form}({call});"]
     lines += [f"    free({name});" for name in names]
     head = f"\nstatic void try_{signature.name}{form}(const Constants *constants)\n"

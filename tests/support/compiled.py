@@ -68,10 +68,14 @@ class Emitted:
         """The C source and the CasADi adapter."""
         return [str(self.file(".c")), str(self.file("_casadi.c"))]
 
+    @property
+    def functions(self) -> list[str]:
+        """The C source, and that of functions with constants of each state."""
+        return [str(self.file(".c")), str(self.file("_each.c"))]
+
     def sources_in(self, real: str) -> list[str]:
         """All that compile in a precision; the adapter is in double precision alone."""
-        own = self.sources if real == "double" else self.sources[:1]
-        return [*own, str(self.file("_each.c"))]
+        return [*self.functions, *(self.sources[1:] if real == "double" else [])]
 
     @property
     def single(self) -> str:
@@ -159,9 +163,10 @@ class Library:
         real: type[np.floating] = np.float64,
         each: bool = False,
     ) -> None:
-        sources = [str(emitted.file(end)) for end in ((".c", "_each.c") if each else (".c",))]
+        sources = emitted.functions[: 2 if each else 1]
         build(compiler, ["-shared", "-fPIC", *options], sources, path)
         self.real = real
+        self.lanes = LANES if real is np.float64 else 2 * LANES
         self._library = ctypes.CDLL(str(path))
         self._name = emitted.name
         self._mark = "_float" if real is np.float32 else ""
@@ -191,7 +196,9 @@ class Library:
     def init_batch(self, parameters: Array, unused: Array) -> tuple[int, Array]:
         """What init_constants_batch returns, and the constants of each state."""
         count = len(parameters)
-        constants = np.full((math.ceil(count / LANES), self._size, LANES), unused, self.real)
+        constants = np.full(
+            (math.ceil(count / self.lanes), self._size, self.lanes), unused, self.real
+        )
         given = self.blocks(parameters, unused)
         name = f"init_constants_batch{self._mark}"
         returned = self.call(name, count, given, constants)
@@ -201,7 +208,7 @@ class Library:
         self, signature: Signature, rows: Sequence[Array], constants: Array | None = None
     ) -> list[Array]:
         """The function, state by state, with constants of each; outputs hold garbage before."""
-        count = len(rows[0])
+        count = len(rows[0] if constants is None else constants)
         if constants is None:
             constants = np.broadcast_to(self.constants, (count, self._size))
         outputs = [np.full((count, *shape), np.nan, self.real) for shape in signature.shapes]
@@ -222,10 +229,12 @@ class Library:
         Unused lanes of inputs and all of the outputs hold `unused`. One block more than the outputs
         need must be left as it is.
         """
-        count = len(rows[0])
+        count = len(rows[0] if constants is None else constants)
         inputs = [self.blocks(array, unused) for array in rows]
         outputs = [
-            np.full((math.ceil(count / LANES) + 1, math.prod(shape), LANES), unused, self.real)
+            np.full(
+                (math.ceil(count / self.lanes) + 1, math.prod(shape), self.lanes), unused, self.real
+            )
             for shape in signature.shapes
         ]
         name, first = f"{signature.name}_batch", self.constants
@@ -243,11 +252,13 @@ class Library:
         """States in blocks, entry by entry as the header says."""
         rows = rows.reshape(len(rows), -1)
         count, width = rows.shape
-        blocks = np.full(math.ceil(count / LANES) * width * LANES, unused, self.real)
+        blocks = np.full(math.ceil(count / self.lanes) * width * self.lanes, unused, self.real)
         for i, e in np.ndindex(count, width):
-            blocks[(i // LANES) * width * LANES + e * LANES + i % LANES] = rows[i, e]
+            blocks[(i // self.lanes) * width * self.lanes + e * self.lanes + i % self.lanes] = rows[
+                i, e
+            ]
         return blocks
 
     def rows(self, blocks: Array, count: int) -> Array:
         """States from an array of blocks, entries and lanes."""
-        return np.stack([blocks[i // LANES, :, i % LANES] for i in range(count)])
+        return np.stack([blocks[i // self.lanes, :, i % self.lanes] for i in range(count)])

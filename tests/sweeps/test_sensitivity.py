@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import stats
 
-from gibbs_codegen.sweeps.sensitivity import sensitivity
+from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivities
+
+
+def of_one(values: NDArray[Any], measure: NDArray[np.float64]) -> Sensitivity:
+    (found,) = sensitivities({"key": values}, measure)
+    return found
 
 
 @pytest.mark.parametrize("names", [["a", "b", "c"], [0.0, 0.01, 0.02]])
@@ -14,9 +22,9 @@ def test_shares_of_groups_are_those_of_kruskal_and_wallis(names: list[object]) -
     random = np.random.default_rng(1)
     place = random.integers(0, 3, 200)
     measure = random.standard_normal(200) + 0.7 * place
-    found = sensitivity("key", np.array(names)[place], measure)
+    found = of_one(np.array(names)[place], measure)
     statistic = stats.kruskal(*(measure[place == group] for group in range(3))).statistic
-    assert found.share == pytest.approx(1.0 - (1.0 - statistic / 199) * 199 / 197, rel=1e-12)
+    assert found.alone == pytest.approx(1.0 - (1.0 - statistic / 199) * 199 / 197, rel=1e-12)
     if isinstance(names[0], str):
         assert np.isnan(found.correlation)
     else:
@@ -26,37 +34,63 @@ def test_shares_of_groups_are_those_of_kruskal_and_wallis(names: list[object]) -
 def test_harm_in_both_directions_is_seen() -> None:
     """A correlation sees nothing where a value is bad for being too small as for too great."""
     mass = np.random.default_rng(2).uniform(0.8, 1.2, 2000)
-    found = sensitivity("mass", mass, abs(mass - 1.0))
+    found = of_one(mass, abs(mass - 1.0))
     assert abs(found.correlation) < 0.1
-    assert found.share > 0.9
+    assert found.alone > 0.9
+    assert found.joint == 0.0
+
+
+@pytest.mark.parametrize("kind", ["numbers", "texts", "both"])
+def test_keys_that_do_harm_together_are_seen(kind: str) -> None:
+    """The measure is great where two keys agree, of which neither says anything alone."""
+    random = np.random.default_rng(6)
+    first, second, other = random.choice([-1.0, 1.0], (3, 1000))
+    measure = first * second + 0.5 * random.standard_normal(1000)
+    keys: dict[str, NDArray[Any]] = {"first": first, "second": second, "other": other}
+    if kind != "numbers":
+        keys["first"] = np.where(first > 0, "on", "off")
+    if kind == "texts":
+        keys["second"] = np.where(second > 0, "left", "right")
+    one, two, none = sensitivities(keys, measure)
+    # Of a least-squares fit of the product to the ranks.
+    true = stats.spearmanr(first * second, measure).statistic ** 2
+    for each in (one, two):
+        assert abs(each.alone) <= each.alone_error + 0.01
+        assert abs(each.joint - true) < each.joint_error < 0.1
+    assert none.joint < 0.01
 
 
 def test_a_flight_that_went_astray_changes_little() -> None:
     random = np.random.default_rng(3)
     key = random.uniform(size=500)
     measure = key + 0.3 * random.standard_normal(500)
-    before = sensitivity("key", key, measure)
+    before = of_one(key, measure)
     measure[17] = 1e9
-    assert sensitivity("key", key, measure).share == pytest.approx(before.share, abs=0.01)
+    assert of_one(key, measure).alone == pytest.approx(before.alone, abs=0.01)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, 2.0])
-def test_nineteen_of_twenty_intervals_hold_the_true_share(slope: float) -> None:
+def test_nineteen_of_twenty_intervals_hold_the_true_shares(slope: float) -> None:
     random = np.random.default_rng(4)
 
-    def draw(flights: int) -> tuple[float, float]:
-        key = random.uniform(size=flights)
-        measure = slope * (key - 0.5) ** 2 + 0.1 * random.standard_normal(flights)
-        return sensitivity("key", key, measure)[1:3]
+    def draw(flights: int) -> Sensitivity:
+        first, second = random.uniform(-0.5, 0.5, (2, flights))
+        measure = slope * (first + second) ** 2 + 0.1 * random.standard_normal(flights)
+        return sensitivities({"first": first, "second": second}, measure)[0]
 
-    true = draw(200_000)[0]
-    held = [abs(share - true) <= error for share, error in (draw(300) for _ in range(100))]
-    assert np.mean(held) > 0.88
+    true, studies = draw(100_000), [draw(300) for _ in range(100)]
+    assert np.mean([abs(each.alone - true.alone) <= each.alone_error for each in studies]) > 0.88
+    assert np.mean([abs(each.joint - true.joint) <= each.joint_error for each in studies]) > 0.88
 
 
 def test_what_cannot_be_known_is_not_a_number() -> None:
     random = np.random.default_rng(5)
     few, many = random.uniform(size=19), random.uniform(size=50)
-    for key, measure in ((few, few), (np.ones(50), many), (many, np.ones(50))):
-        found = sensitivity("key", key, measure)
-        assert np.isnan([found.share, found.error, found.correlation]).all()
+    for key, measure in ((few, few), (many, np.ones(50))):
+        assert np.isnan(of_one(key, measure)[1:]).all()
+    assert np.isnan(of_one(np.ones(50), many).alone)
+    assert np.isnan(of_one(np.ones(50), many).correlation)
+    # A surface over twelve keys has more terms than fifty flights can tell apart.
+    found = sensitivities({str(key): random.uniform(size=50) for key in range(12)}, many)
+    assert np.isnan([each.joint for each in found]).all()
+    assert np.isfinite([each.alone for each in found]).all()

@@ -86,10 +86,10 @@ def test_the_command_gives_back_every_change(study: Study, changes: dict[str, An
 def test_keys_with_influence_come_first(study: Study) -> None:
     tip, effort = study.sensitivity(TIP), study.sensitivity(EFFORT)
     assert tip[0].key == MASS
-    assert tip[0].share > 0.5
+    assert tip[0].alone > 0.5
     assert abs(tip[0].correlation) < 0.15
     lag = next(each for each in tip if each.key == LAG)
-    assert lag.share <= lag.error
+    assert lag.alone <= lag.alone_error
     assert [each.key for each in effort][:2] == [MASS, "control.law"]
     assert effort[0].correlation > 0.9
 

@@ -528,7 +528,7 @@ def test_sanitizers_find_nothing_in_random_calls(
     robot = emitted(label)
     (tmp_path / "driver.c").write_text(random_calls(robot), encoding="utf-8")
     options = ["-O0", *SANITIZERS, f"-I{robot.folder}"]
-    source = compile_only(compiler, options, robot.sources[:1], tmp_path)
+    source = compile_only(compiler, options, robot.functions, tmp_path)
     driver = [str(tmp_path / "driver.c")]
     for short in ("0", "1"):
         objects = compile_only(compiler, [*options, f"-DSHORT={short}"], driver, tmp_path)
@@ -609,8 +609,8 @@ def test_symbols(
     robot = emitted(label)
     options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
     objects = compile_only(compiler, options, robot.sources_in(real), tmp_path)
-    source, *adapter, each = map(_symbols, objects)
-    for path, symbols in zip(objects, (source, *adapter, each), strict=True):
+    source, each, *adapter = map(_symbols, objects)
+    for path, symbols in zip(objects, (source, each, *adapter), strict=True):
         assert {kind for kind, _ in symbols} <= set("TtRrU")
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.compiled import SMALL, Array, Emitted, Library
+from support.compiled import LANES, ROLLED, SMALL, WHOLE, Array, Emitted, Library, emit
 
+from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.interface import module_signatures
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Attitude
 
 # No multiple of the states in a block, of floats and of doubles.
 STATES = 37
 UNUSED = np.array(np.nan)
+ON_REQUEST = chosen_derivatives("all")
 # The largest deviation from the function for one state, relative to the output's norm, beside which
 # compilers contract and reorder operations.
 NEAR = {np.float64: 1e-12, np.float32: 1e-4}
+
+
+@pytest.fixture(scope="module")
+def double(
+    emitted: Callable[[str], Emitted], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Emitted, Library]:
+    """The small robot in double precision."""
+    small, folder = emitted(SMALL), tmp_path_factory.mktemp("each")
+    return small, Library(small, folder / "small.so", "gcc", ["-O1"], each=True)
 
 
 def parameters(emitted: Emitted, count: int, real: type[np.floating]) -> Array:
@@ -64,22 +79,101 @@ def compare(library: Library, emitted: Emitted, count: int = STATES) -> None:
             assert gap <= NEAR[library.real] * scale, (signature.name, gap, scale)
 
 
+def test_functions_of_the_small_robot(double: tuple[Emitted, Library]) -> None:
+    compare(double[1], double[0])
+
+
 @pytest.mark.parametrize(
-    ("compiler", "real", "options"),
+    ("label", "compiler", "real", "options"),
     [
-        ("gcc", np.float64, ["-O3", "-march=native"]),
-        ("clang", np.float32, ["-O2", "-march=native"]),
-        pytest.param("clang++", np.float64, ["-O2"], marks=pytest.mark.slow),
-        pytest.param("g++", np.float32, ["-O2", "-fopenmp"], marks=pytest.mark.slow),
+        (SMALL, "clang", np.float32, ["-O1", "-march=native"]),
+        (SMALL, "g++", np.float32, ["-O2", "-march=native", "-fopenmp"]),
+        ("random_cut_at_40", "gcc", np.float64, ["-O0"]),
+        (SMALL, "gcc", np.float64, ["-O3", "-march=native"]),
+        (WHOLE, "clang++", np.float64, ["-O2"]),
+        (ROLLED, "gcc", np.float64, ["-O0"]),
+        ("random_2_0", "gcc", np.float32, ["-O1"]),
     ],
 )
-def test_functions_of_the_small_robot(
+def test_functions_in_other_builds(
+    label: str,
     compiler: str,
     real: type[np.floating],
     options: list[str],
     emitted: Callable[[str], Emitted],
     tmp_path: Path,
 ) -> None:
-    small = emitted(SMALL)
-    options = [*options, *([small.single] if real is np.float32 else [])]
-    compare(Library(small, tmp_path / "small.so", compiler, options, real, each=True), small)
+    robot = emitted(label)
+    options = [*options, *([robot.single] if real is np.float32 else [])]
+    compare(Library(robot, tmp_path / "robot.so", compiler, options, real, each=True), robot)
+
+
+@pytest.mark.parametrize(
+    ("attitude", "derivatives", "real"),
+    [
+        ("quaternion", ["step_rk4_derivatives"], np.float32),
+        ("xyz", ["step_euler_derivatives", "step_rk4_derivatives"], np.float64),
+        ("quaternion", [*ON_REQUEST], np.float64),
+        ("xyz", [*ON_REQUEST], np.float32),
+    ],
+)
+def test_derivatives_and_time_steps(
+    attitude: Attitude, derivatives: list[str], real: type[np.floating], tmp_path: Path
+) -> None:
+    robot = paper_family(3, 1)
+    robot = replace(robot, base=replace(robot.base, attitude=attitude))
+    own = emit(robot, tmp_path / "module", derivatives=derivatives)
+    options = ["-O0", *([own.single] if real is np.float32 else [])]
+    compare(Library(own, tmp_path / "own.so", "gcc", options, real, each=True), own)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9])
+def test_the_first_state_whose_constants_are_of_no_use_is_told(
+    count: int, double: tuple[Emitted, Library]
+) -> None:
+    small, library = double
+    given = parameters(small, count, np.float64)
+    assert library.init_batch(given, UNUSED)[0] == 0
+    for place, wrong in itertools.product({0, count // 2, count - 1}, (np.nan, np.inf)):
+        spoilt = given.copy()
+        spoilt[place:, -1] = wrong
+        returned, constants = library.init_batch(spoilt, UNUSED)
+        assert returned == place + 1
+        # The others are what they would be without it.
+        assert (constants[:place] == library.init_batch(given, UNUSED)[1][:place]).all()
+
+
+def test_a_state_without_mass_is_told(double: tuple[Emitted, Library]) -> None:
+    small, library = double
+    given = parameters(small, STATES, np.float64)
+    names = [*small.model.defaults]
+    given[20, [i for i, name in enumerate(names) if "mass" in name]] = 0.0
+    assert library.init(given[20])[0] == 1
+    assert library.init_batch(given, UNUSED)[0] == 21
+
+
+def test_no_states_are_none(double: tuple[Emitted, Library]) -> None:
+    small, library = double
+    none = np.empty((0, len(small.model.defaults)))
+    assert library.call("init_constants_batch", 0, none, none) == 0
+    for signature in small.signatures():
+        outputs = [np.full(LANES, 7.0) for _ in signature.shapes]
+        arrays = [np.empty(0) for _ in signature.arguments]
+        library.call(f"{signature.name}_batch_each", np.empty(0), 0, *arrays, *outputs)
+        assert all((output == 7.0).all() for output in outputs)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 16])
+def test_a_state_has_the_same_results_among_others(
+    count: int, double: tuple[Emitted, Library]
+) -> None:
+    """Whatever lane it is in, and whatever the constants of the others are, to the last bit."""
+    small, library = double
+    signature = {s.name: s for s in small.signatures()}["forward_dynamics"]
+    values = arguments(small, dict(zip("qvu", signature.widths, strict=True)), STATES)
+    rows = [values[name] for name in signature.arguments]
+    constants = library.init_batch(parameters(small, STATES, np.float64), UNUSED)[1]
+    (expected,) = library.batch(signature, rows, UNUSED, constants)
+    part = slice(5, 5 + count)
+    (found,) = library.batch(signature, [row[part] for row in rows], UNUSED, constants[part])
+    assert found.tobytes() == expected[part].tobytes()

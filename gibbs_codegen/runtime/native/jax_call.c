@@ -29,11 +29,17 @@ typedef int Rows(
     double *const *arrays,
     double *scratch);
 
-/* A function of a module; `widths` are those of inputs, outputs and constants. */
+typedef void Batch(void);
+
+/*
+ * A function of a module; `widths` are those of inputs, outputs and constants. `batch_each` takes
+ * constants of each state; it is NULL until it is added.
+ */
 typedef struct Function {
     struct Function *next;
     Rows *rows;
-    void (*batch)(void);
+    Batch *batch;
+    _Atomic(Batch *) batch_each;
     const double *constants;
     int inputs, outputs;
     size_t widths[MAX_ARRAYS];
@@ -50,6 +56,7 @@ int gibbs_codegen_jax_add(
     int inputs,
     int outputs,
     const size_t *widths);
+int gibbs_codegen_jax_add_each(const char *name, void (*batch_each)(void));
 XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame);
 
 /* Add a function, of which nothing is freed: programs that XLA has compiled may call it to the end.
@@ -71,6 +78,7 @@ int gibbs_codegen_jax_add(
     }
     added->rows = rows;
     added->batch = batch;
+    atomic_init(&added->batch_each, NULL);
     added->constants = constants;
     added->inputs = inputs;
     added->outputs = outputs;
@@ -78,6 +86,27 @@ int gibbs_codegen_jax_add(
     memcpy(added->name, name, length);
     added->next = atomic_load(&functions);
     atomic_store(&functions, added);
+    return 0;
+}
+
+/* The function of a name; NULL where this process has none. */
+static Function *named(const char *name, size_t length)
+{
+    Function *found = atomic_load(&functions);
+    while (found && (strlen(found->name) != length || memcmp(found->name, name, length))) {
+        found = found->next;
+    }
+    return found;
+}
+
+/* Add to a function its form for constants of each state. Returns 0, or -1 without the function. */
+int gibbs_codegen_jax_add_each(const char *name, void (*batch_each)(void))
+{
+    Function *function = named(name, strlen(name));
+    if (!function) {
+        return -1;
+    }
+    atomic_store(&function->batch_each, batch_each);
     return 0;
 }
 
@@ -89,17 +118,13 @@ static XLA_FFI_Error *failed(const XLA_FFI_CallFrame *frame, const char *message
 }
 
 /* The function that the only attribute of a call names; NULL where this process has none. */
-static const Function *named(const XLA_FFI_Attrs *attributes)
+static const Function *called(const XLA_FFI_Attrs *attributes)
 {
     if (attributes->size != 1 || attributes->types[0] != XLA_FFI_AttrType_STRING) {
         return NULL;
     }
     const XLA_FFI_ByteSpan *name = attributes->attrs[0];
-    const Function *found = atomic_load(&functions);
-    while (found && (strlen(found->name) != name->len || memcmp(found->name, name->ptr, name->len))) {
-        found = found->next;
-    }
-    return found;
+    return named(name->ptr, name->len);
 }
 
 /* Where an argument has the row of a state, if results have `batch`. */
@@ -149,43 +174,52 @@ static void gather(
 
 /*
  * All states: at once where arguments and results are as `rows` takes them, else block by block, or
- * one by one where each has its own constants. `scratch` holds 2 LANES states of all arrays.
+ * one by one where each has its own constants and the function has no form for these. `buffers` are
+ * those of arguments and results, and of constants, if they are `given`. `scratch` holds 2 LANES
+ * states of all arrays.
  */
 static void all_states(
-    const Function *function,
-    XLA_FFI_Buffer *const *buffers,
-    const XLA_FFI_Buffer *given,
-    double *scratch)
+    const Function *function, XLA_FFI_Buffer *const *buffers, int given, double *scratch)
 {
     const int inputs = function->inputs, number = inputs + function->outputs;
     const XLA_FFI_Buffer *batch = buffers[inputs];
     const size_t states = states_of(batch);
     const int whole = batch->dtype == XLA_FFI_DataType_F64;
+    const int many_constants = given && states_of(buffers[number]) > 1;
+    Batch *batch_each = many_constants ? atomic_load(&function->batch_each) : NULL;
     double *own[MAX_ARRAYS], *arrays[MAX_ARRAYS];
     int is_direct[MAX_ARRAYS], all_direct = 1;
     for (int i = 0; i <= number; ++i) {
+        const int taken = i < number || batch_each;
         own[i] = scratch;
         scratch += LANES * function->widths[i];
-        is_direct[i] = i < number && whole && states_of(buffers[i]) == states;
-        all_direct = all_direct && (is_direct[i] || i == number);
+        is_direct[i] = taken && whole && states_of(buffers[i]) == states;
+        all_direct = all_direct && (is_direct[i] || !taken);
     }
-    const int many_constants = given && states_of(given) > 1;
-    const size_t step = many_constants ? 1 : all_direct ? states : LANES;
-    const double *constants = given ? own[number] : function->constants;
+    const int one_by_one = many_constants && !batch_each;
+    const size_t step = one_by_one ? 1 : all_direct ? states : LANES;
+    const double *constants = batch_each ? NULL : given ? own[number] : function->constants;
     for (size_t first = 0; first < states; first += step) {
         const size_t count = states - first < step ? states - first : step;
-        if (given && (many_constants || first == 0)) {
-            gather(given, batch, first, 1, function->widths[number], own[number]);
+        if (constants && given && (one_by_one || first == 0)) {
+            gather(buffers[number], batch, first, 1, function->widths[number], own[number]);
         }
-        for (int i = 0; i < number; ++i) {
+        for (int i = 0; i < number + (batch_each != NULL); ++i) {
             const size_t width = function->widths[i];
             arrays[i] = is_direct[i] ? (double *)buffers[i]->data + first * width : own[i];
-            if (i < inputs && !is_direct[i]) {
+            if ((i < inputs || i == number) && !is_direct[i]) {
                 gather(buffers[i], batch, first, count, width, own[i]);
             }
         }
         function->rows(
-            function->batch, constants, count, inputs, number - inputs, function->widths, arrays, scratch);
+            batch_each ? batch_each : function->batch,
+            constants,
+            count,
+            inputs,
+            number - inputs,
+            function->widths,
+            arrays,
+            scratch);
         for (int i = inputs; i < number; ++i) {
             float *to = (float *)buffers[i]->data + first * function->widths[i];
             for (size_t k = 0; !whole && k < count * function->widths[i]; ++k) {
@@ -212,7 +246,7 @@ XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame)
         metadata->api_version.minor_version = XLA_FFI_API_MINOR;
         return NULL;
     }
-    const Function *function = named(&frame->attrs);
+    const Function *function = called(&frame->attrs);
     if (!function) {
         return failed(frame, "gibbs_codegen: load the module before a program that calls it is run");
     }
@@ -244,7 +278,7 @@ XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame)
     if (!memory) {
         return failed(frame, "gibbs_codegen: out of memory");
     }
-    all_states(function, buffers, given, (double *)(memory + (64 - (size_t)memory % 64)));
+    all_states(function, buffers, given != NULL, (double *)(memory + (64 - (size_t)memory % 64)));
     free(memory);
     return NULL;
 }

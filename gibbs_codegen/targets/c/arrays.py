@@ -51,11 +51,11 @@ def place_in_loop(first: int, step: int = 0) -> str:
     return f"({first} + {step} * i)" if step else f"({first} + i)"
 
 
-def array_size(entries: int, lanes: bool) -> str:
+def array_size(entries: int | str, lanes: bool) -> str:
     """Reals in an array.
 
     Args:
-        entries: Of one state.
+        entries: Of one state: a number, or an expression that is a factor.
         lanes: Whether it holds a block of states.
 
     Returns:

@@ -41,7 +41,8 @@ class _StepText:
     """A time step as its template takes it.
 
     `vectors` are the arrays of columns of derivatives. `arrays` are those of states, with the entry
-    of the scratch where each begins, of `entries` in all.
+    of the scratch where each begins, of `entries` in all besides `slopes`, the derivatives of so
+    many accelerations.
     """
 
     name: str
@@ -52,6 +53,7 @@ class _StepText:
     vectors: Sequence[str]
     arrays: Mapping[str, int]
     entries: int
+    slopes: int
 
 
 @dataclass(frozen=True)
@@ -106,14 +108,14 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
     derivatives, layout = method != signature.name, layout_of(model.robot)
     size = layout.v.size
     sizes = dict.fromkeys(VECTORS[method], size) | dict.fromkeys(PLACES[method], layout.q.size)
+    called = FUNCTIONS[signature.name].composed
+    if derivatives and layout.is_quaternion:
+        sizes["moves"] = called["integrate_derivatives"] * 2 * _BASE**2
     if derivatives:
-        called = FUNCTIONS[signature.name].composed
-        widths = 2 * size, len(inputs(model.robot))
-        columns = sum(-(-width // LANES) * LANES for width in widths)
-        sizes["slopes"] = called["forward_dynamics_derivatives"] * size * columns
-        if layout.is_quaternion:
-            sizes["moves"] = called["integrate_derivatives"] * 2 * _BASE**2
-        sizes |= {"by_q": size**2, "by_v": size**2, "by_u": size * widths[1]}
+        width = len(inputs(model.robot))
+        sizes |= {"by_q": size**2, "by_v": size**2, "by_u": size * width}
+        # They are the last, since how long they are depends on the precision.
+        sizes["slopes"] = 0
     ends = [*itertools.accumulate(sizes.values())]
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     return _StepText(
@@ -125,6 +127,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
         [*VECTORS[method], *PLACES[method]],
         dict(zip(sizes, [0, *ends[:-1]], strict=True)),
         ends[-1],
+        called["forward_dynamics_derivatives"] if derivatives else 0,
     )
 
 
@@ -141,15 +144,19 @@ def _body(signature: Signature, step: _StepText, lanes: bool) -> Lines:
     """
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     arrays = ["constants", *signature.arguments, *outputs, SCRATCH]
+    entries = f"({step.entries} + {step.slopes} * SLOPE)" if step.slopes else str(step.entries)
     return [
-        local_arrays([SCRATCH], array_size(step.entries, lanes)),
+        local_arrays([SCRATCH], array_size(entries, lanes)),
         *call(f"{signature.name}_states", [*arrays, "LANES" if lanes else "1"]),
     ]
 
 
 def _stack(model: Model, step: _StepText) -> int:
     """Stack that a step takes for one state of doubles (bytes): its own, and that of its parts."""
-    columns = (len(step.vectors) + 4) * layout_of(model.robot).v.size * LANES
-    own = step.entries + (columns if step.derivatives else 0)
+    size = layout_of(model.robot).v.size
+    own = step.entries
+    if step.derivatives:
+        columns = [-(-width // LANES) * LANES for width in (2 * size, len(inputs(model.robot)))]
+        own += step.slopes * size * sum(columns) + (len(step.vectors) + 4) * size * LANES
     functions = map(model.program.function, FUNCTIONS[step.name].composed)
     return _DOUBLE * own + 2 * max(stack_bytes(gather_angles(part)) for part in functions)

@@ -1,0 +1,71 @@
+"""Values of environments that are drawn anew in every episode, each environment by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.rollouts.problem import Array
+
+
+class Draws:
+    """What the values of some names are: numbers, or distributions that they are drawn from.
+
+    A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
+    share between 0 and 1 of all values is below.
+
+    Args:
+        values: A number or a distribution for each name.
+        known: The names that there are.
+        what: What they are of, for messages.
+
+    Raises:
+        UsageError: For a name that is not known, and for what is no number and no distribution.
+    """
+
+    def __init__(self, values: Mapping[str, Any], known: Sequence[str], what: str) -> None:
+        for name, value in values.items():
+            if name not in known:
+                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
+            if not hasattr(value, "ppf") and not _is_number(value):
+                raise UsageError(
+                    f"{what}: {name}: a finite number or a distribution, such as those of "
+                    f"scipy.stats, not {printable(value)}"
+                )
+        self.what = what
+        self.values = dict(values)
+        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
+
+    def __call__(self, shares: Array) -> dict[str, Array]:
+        """The values of some environments.
+
+        Args:
+            shares: Random numbers (m, number of drawn values) between 0 and 1.
+
+        Returns:
+            Values (m) by name.
+
+        Raises:
+            UsageError: If a distribution gives what is not finite.
+        """
+        columns = dict(zip(self.drawn, shares.T, strict=True))
+        found = {}
+        for name, value in self.values.items():
+            if name in columns:
+                found[name] = np.asarray(value.ppf(columns[name]), dtype=np.float64)
+            else:
+                found[name] = np.full(len(shares), float(value))
+            if not np.all(np.isfinite(found[name])):
+                raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
+        return found
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is one finite real number."""
+    try:
+        return bool(np.isfinite(float(value)))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False

@@ -1,0 +1,204 @@
+"""Machines of one robot that are flown decision by decision, each with parameters of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.rollouts.moment import Flags, Moment
+from gibbs_codegen.rollouts.plain import plain_rollout
+from gibbs_codegen.rollouts.problem import Array, Method, Motors, Precision, Problem
+from gibbs_codegen.simulator.plant.actuators import robot_file_actuators
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
+
+
+class Fleet:
+    """n machines: where they are, and what they are told.
+
+    Until an episode begins, all are at rest where they are wanted, and motors that lag have settled
+    at the inputs that hold a machine there, or come nearest to it.
+
+    Args:
+        vehicle: The robot.
+        count: How many machines there are, n.
+        hover: Coordinates (nq) that are wanted; None for those of zero.
+        limits: Least and greatest inputs, N and N m; None for those of the robot file.
+        time_constants: Lag of the motors, s; None for that of the robot file.
+        dt, steps, method, bounds, precision, threads: How a decision is flown.
+
+    Raises:
+        UsageError: If something does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        count: int,
+        hover: ArrayLike | None,
+        limits: tuple[ArrayLike, ArrayLike] | None,
+        time_constants: ArrayLike | None,
+        dt: float,
+        steps: int,
+        method: Method,
+        bounds: ArrayLike | None,
+        precision: Precision,
+        threads: int,
+    ) -> None:
+        nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
+        self.vehicle, self._threads = vehicle, threads
+        self._hover = _filled("hover", vehicle.neutral if hover is None else hover, (nq,))
+        self.motors = motors = _motors(vehicle, limits, time_constants)
+        self._begin = np.clip(_holding_inputs(vehicle, self._hover), motors.least, motors.most)
+        self._problem = Problem(
+            vehicle.module,
+            vehicle.constants,
+            np.tile(self._hover, (count, 1)),
+            np.zeros((count, nv)),
+            np.tile(self._begin, (count, 1, 1)),
+            steps,
+            dt,
+            method,
+            every=steps,
+            bounds=None if bounds is None else _filled("bounds", bounds, (2, nq + nv)),
+            precision=precision,
+        )
+        self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
+        self.decisions = np.zeros(count, dtype=np.int64)
+        self.parameters: dict[str, Array] = {}
+
+    @property
+    def duration(self) -> float:
+        """Of a decision, s."""
+        return self._problem.steps * self._problem.dt
+
+    def restart(self, rows: Flags, away: Array, v: Array, parameters: Mapping[str, Array]) -> None:
+        """Put machines where an episode begins.
+
+        Args:
+            rows: Which of the n machines: m of them.
+            away: Their displacements from where they are wanted (m, nv).
+            v: Their velocities (m, nv).
+            parameters: Their parameters (m) by name, with the same names in each call, of which the
+                first is for all machines.
+        """
+        now = self._problem
+        now.q[rows] = self.vehicle.integrate(self._hover, away)
+        now.v[rows] = v
+        now.inputs[rows] = self._begin
+        self._thrusts[rows] = self._begin[: self.vehicle.rotors]
+        self.decisions[rows] = 0
+        for name, values in parameters.items():
+            self.parameters.setdefault(name, np.empty(len(rows)))[rows] = values
+        if not parameters:
+            return
+        prepare = self.vehicle.module.prepare
+        if isinstance(now.constants, np.ndarray):  # The C back end has a row for each machine.
+            now.constants[rows] = prepare(dict(parameters))
+        else:
+            self._problem = replace(now, constants=prepare(self.parameters))
+
+    def advance(self, inputs: Array) -> NDArray[np.int8]:
+        """Fly all machines through a decision.
+
+        Args:
+            inputs: What each of them is told (n, nu), N and N m.
+
+        Returns:
+            Why each of them has ended (n), as of `Rollout`.
+        """
+        told = np.clip(inputs, self.motors.least, self.motors.most)
+        motors = replace(self.motors, thrusts=self._thrusts)
+        flown = plain_rollout(replace(self._problem, inputs=told[:, np.newaxis], motors=motors))
+        last = flown.thrusts if flown.thrusts is None else flown.thrusts[:, -1]
+        self._thrusts = (told[:, : self.vehicle.rotors] if last is None else last).copy()
+        self._problem = replace(
+            self._problem,
+            q=flown.q[:, -1].copy(),
+            v=flown.v[:, -1].copy(),
+            inputs=told[:, np.newaxis],
+        )
+        self.decisions += 1
+        return flown.ended
+
+    def moment(self) -> Moment:
+        """Where the machines are.
+
+        Returns:
+            That, in arrays of its own.
+        """
+        now, places = self._problem, self.vehicle.layout.v
+        return Moment(
+            np.asarray(self.decisions * self.duration, dtype=np.float64),
+            now.q.copy(),
+            now.v.copy(),
+            np.asarray(self.vehicle.module.difference(self._hover, now.q)),
+            now.inputs[:, 0].copy(),
+            self._thrusts.copy(),
+            places.attitude,
+            places.position,
+        )
+
+
+def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
+    """Inputs (nu) that hold a machine at rest at q (nq), or come nearest to it."""
+    still = np.zeros(len(vehicle.layout.v.names))
+    force = vehicle.inverse_dynamics(q, still, still)
+    return np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0])
+
+
+def _motors(
+    vehicle: Vehicle, limits: tuple[ArrayLike, ArrayLike] | None, time_constants: ArrayLike | None
+) -> Motors:
+    """Limits and lag of a fleet's machines, with thrusts of zero.
+
+    Args:
+        vehicle, limits, time_constants: As of `Fleet`.
+
+    Returns:
+        The motors.
+
+    Raises:
+        UsageError: If limits leave nothing between them, or lag is less than none.
+    """
+    actuators = robot_file_actuators(vehicle)
+    least, most = (
+        _filled("limits", ends, (len(vehicle.inputs),))
+        for ends in (actuators.inputs if limits is None else limits)
+    )
+    for name, low, high in zip(vehicle.inputs, least, most, strict=True):
+        if not low < high:
+            raise UsageError(
+                f"limits: {name}: its least, {low:g}, is not below its greatest, {high:g}"
+            )
+    lag = actuators.lag if time_constants is None else time_constants
+    lag = _filled("time_constants", lag, (1, vehicle.rotors))
+    if np.any(lag < 0.0) or np.any(np.isinf(lag)):
+        raise UsageError(f"time_constants: 0 s or more, not {printable(lag)}")
+    return Motors(least, most, lag, np.zeros_like(lag))
+
+
+def _filled(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Values of an argument in the shape that they are to have.
+
+    Args:
+        name: Of the argument.
+        values: What is given, which is broadcast.
+        shape: What is wanted.
+
+    Returns:
+        The values.
+
+    Raises:
+        UsageError: If they are no numbers, or do not broadcast.
+    """
+    try:
+        filled = np.array(np.broadcast_to(np.asarray(values, dtype=np.float64), shape))
+    except (TypeError, ValueError):
+        filled = np.array(np.nan)
+    if np.isnan(filled).any():
+        raise UsageError(f"{name}: numbers of shape {shape}, not {printable(values)}")
+    return filled

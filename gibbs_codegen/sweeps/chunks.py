@@ -1,0 +1,89 @@
+"""Chunks of a sweep: cases that are flown and kept together, 1 to 10 s of work.
+
+How a sweep is cut depends on its cases alone, so that the same call finds the same chunks.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from gibbs_codegen.errors import GibbsCodegenError
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.sweeps.plan import Block, Cases
+
+# What a chunk is to take at most, s; how many flights, and samples of them, may be in memory.
+_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 300_000
+# Entries in which flights may differ that `simulate_many` computes side by side.
+_SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Cases `begin` to before `end` of one block, whose first case is number `first` of all."""
+
+    block: Block
+    first: int
+    begin: int
+    end: int
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.end - self.begin
+
+    @property
+    def rows(self) -> slice:
+        """Numbers of the cases."""
+        return slice(self.first + self.begin, self.first + self.end)
+
+    def halves(self) -> tuple[Chunk, Chunk]:
+        """The first and the second half."""
+        middle = (self.begin + self.end) // 2
+        return replace(self, end=middle), replace(self, begin=middle)
+
+
+def chunks_of(cases: Cases) -> list[Chunk]:
+    """The chunks of a sweep, in the order of the cases.
+
+    Args:
+        cases: The cases.
+
+    Returns:
+        The chunks, none of which has cases of two blocks.
+    """
+    found = []
+    for block, first in zip(cases.blocks, cases.begins, strict=False):
+        size = _flights(block)
+        for begin in range(0, len(block), size):
+            found.append(Chunk(block, first, begin, min(begin + size, len(block))))
+    return found
+
+
+def _flights(block: Block) -> int:
+    """How many flights of a block make a chunk."""
+    scenarios = [block.scenario.plain]
+    for place in (0, len(block) - 1):  # Where lists ascend or descend, one of them is the longest.
+        with suppress(GibbsCodegenError):
+            scenarios.append(block.scenario.changed(block.chosen(place)[1]))
+    together = all(key.startswith(_SIDE_BY_SIDE) for a in block.axes for key in a.targets)
+    seconds = max(_seconds(each, together) for each in scenarios)
+    samples = max(each.duration * each.integration.rate for each in scenarios)
+    most = min(_SECONDS / seconds, _MOST_SAMPLES / samples, _MOST_FLIGHTS)
+    return max(int(most), 1)
+
+
+def _seconds(scenario: Scenario, together: bool) -> float:
+    """What a flight will take on one core, s, roughly.
+
+    Args:
+        scenario: What is flown.
+        together: Whether flights differ in nothing that keeps them from being side by side.
+
+    Returns:
+        The time.
+    """
+    settings, samples = scenario.integration, scenario.duration * scenario.integration.rate
+    steps = scenario.duration / settings.step if settings.method == "rk4" else 0.0
+    if together and settings.method == "rk4" and scenario.control.rate is None:
+        return 2e-3 + 3e-7 * steps + 3e-6 * samples
+    return 0.05 + 0.03 * scenario.duration + 1e-5 * steps + 2e-5 * samples

@@ -1,0 +1,55 @@
+"""What a worker is told of a chunk, and the digest that its results are kept by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gibbs_codegen.sweeps.chunks import Chunk
+from gibbs_codegen.sweeps.fingerprint import fingerprint
+from gibbs_codegen.sweeps.measures import Measure, packed
+from gibbs_codegen.sweeps.work import Task
+from gibbs_codegen.version import __version__
+
+
+class Job:
+    """Flights and measures.
+
+    Args:
+        measures: the measures by their names.
+    """
+
+    def __init__(self, measures: Mapping[str, Measure]) -> None:
+        self.measures = dict(measures)
+        self._packed = packed(measures)
+        self._of_measures = fingerprint(list(self.measures.values()))
+
+    def task(self, chunk: Chunk) -> Task:
+        """What a worker is told.
+
+        Args:
+            chunk: The chunk.
+
+        Returns:
+            Its flights.
+        """
+        robot, scenario = chunk.block.robot, chunk.block.scenario
+        return Task(str(robot.folder), robot.digest, scenario, _changes(chunk), self._packed)
+
+    def digest(self, chunk: Chunk) -> str:
+        """What tells a chunk from any that may have other results.
+
+        Args:
+            chunk: The chunk.
+
+        Returns:
+            The SHA-256 of all that determines them, in hexadecimal digits.
+        """
+        robot, scenario = chunk.block.robot, chunk.block.scenario
+        what = (scenario.text, scenario.given)
+        return fingerprint(__version__, robot.digest, what, self._of_measures, _changes(chunk))
+
+
+def _changes(chunk: Chunk) -> list[dict[str, Any]]:
+    """What each case of a chunk has of its own."""
+    return [chunk.block.chosen(place)[1] for place in range(chunk.begin, chunk.end)]

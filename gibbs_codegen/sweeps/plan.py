@@ -1,0 +1,145 @@
+"""All cases of a sweep, each of which is made when it is asked for.
+
+Cases are numbered through robots, then scenarios, then combinations of listed values, then samples.
+A sample has the same numbers in all combinations, scenarios and robots: what differs between them
+is then due to them alone.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.sweeps.axes import Axis, axes_of
+from gibbs_codegen.sweeps.cases import Case
+from gibbs_codegen.sweeps.entries import with_places_filled
+from gibbs_codegen.sweeps.sampling import Array, Varied, noise_seed, shares
+from gibbs_codegen.sweeps.sources import RobotSource, ScenarioSource
+
+_NOISE = "sensors.seed"
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cases of one robot and scenario: those of all combinations and samples."""
+
+    robot: RobotSource
+    scenario: ScenarioSource
+    axes: tuple[Axis, ...]
+    samples: int
+    # By column, what is drawn for each sample.
+    drawn: Mapping[str, Array]
+    # The sweep's seed where the scenario has noise that is drawn too.
+    seed: int | None
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
+
+    def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What one of its cases has of its own.
+
+        Args:
+            place: Which case of the block.
+
+        Returns:
+            Values by column, and values of entries by key.
+        """
+        combination, sample = divmod(place, self.samples)
+        columns: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
+        for axis in reversed(self.axes):  # The last listed key changes fastest.
+            if axis.varied.draw is None:
+                combination, level = divmod(combination, len(axis.varied.levels))
+                value = axis.varied.levels[level]
+            else:
+                value = float(self.drawn[axis.column][sample])
+            columns[axis.column] = axis.shown(value)
+            entries = {**axis.entries(value), **entries}
+        if self.seed is not None and _NOISE not in entries:
+            entries[_NOISE] = noise_seed(self.seed, sample)
+        return columns, with_places_filled(self.scenario.says, entries)
+
+
+class Cases(Sequence[Case]):
+    """The cases of all blocks, one after the other.
+
+    Args:
+        blocks: The blocks.
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.blocks = tuple(blocks)
+        # The first case of each block, and the number of all.
+        self.begins = list(itertools.accumulate(map(len, blocks), initial=0))
+        self.columns = tuple(dict.fromkeys(axis.column for b in blocks for axis in b.axes))
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.begins[-1]
+
+    @overload
+    def __getitem__(self, index: int) -> Case: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Case]: ...
+
+    def __getitem__(self, index: int | slice) -> Case | list[Case]:
+        """The case of a number, or those of a slice."""
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(len(self)))]
+        number = index + len(self) if index < 0 else index
+        if not 0 <= number < len(self):
+            raise IndexError(f"there are {len(self)} cases")
+        place = bisect.bisect_right(self.begins, number) - 1
+        block = self.blocks[place]
+        columns, entries = block.chosen(number - self.begins[place])
+        values = {name: columns.get(name, math.nan) for name in self.columns}
+        return Case(number, block.robot.word, block.scenario.word, values, entries)
+
+
+def cases_of(
+    robots: Sequence[RobotSource],
+    scenarios: Sequence[ScenarioSource],
+    parameters: Mapping[str, Varied],
+    samples: int,
+    seed: int,
+) -> Cases:
+    """The cases of a sweep.
+
+    Args:
+        robots, scenarios: What crosses.
+        parameters: What each key takes on.
+        samples: How many times numbers are drawn.
+        seed: Of what is drawn.
+
+    Returns:
+        The cases.
+
+    Raises:
+        UsageError: If a key means nothing, or there are samples of nothing that is drawn.
+    """
+    pairs = list(itertools.product(robots, scenarios))
+    axes = [axes_of(parameters, robot, scenario) for robot, scenario in pairs]
+    drawn = dict.fromkeys(a.column for some in axes for a in some if a.varied.draw)
+    points = shares(samples, len(drawn), seed)
+    of_column = dict(zip(drawn, np.transpose(points), strict=True))
+    sensed = any(key.startswith("sensors.") for key in parameters)
+    noisy = [sensed or s.says("sensors") is not None for s in scenarios] * len(robots)
+    if samples > 1 and not drawn and not any(noisy):
+        raise UsageError(
+            f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
+            "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
+        )
+    blocks = []
+    for (robot, scenario), some, noise in zip(pairs, axes, noisy, strict=True):
+        numbers = {a.column: a.varied.draw.at(of_column[a.column]) for a in some if a.varied.draw}
+        noise_of = seed if noise else None
+        blocks.append(Block(robot, scenario, tuple(some), samples, numbers, noise_of))
+    return Cases(blocks)

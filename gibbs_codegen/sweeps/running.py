@@ -1,0 +1,186 @@
+"""Chunks of a sweep on an executor, until each is in the store.
+
+A chunk whose worker dies is tried again. If it dies again it is flown by itself, in a process of
+this machine, and halved until the one case is found that no process survives, which is recorded. So
+no case is blamed for what another did.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.sweeps.chunks import Chunk
+from gibbs_codegen.sweeps.job import Job
+from gibbs_codegen.sweeps.store import Rows, Store, joined
+from gibbs_codegen.sweeps.work import dead_row, fly
+from gibbs_codegen.sweeps.workers import Workers
+
+# How often the process of a chunk may die before the chunk is flown by itself, and of one case by
+# itself before it is given up.
+_DEATHS = 2
+# So many chunks in a row that die are the fault of the executor.
+_MOST_IN_A_ROW = 20
+# Chunks that are with an executor at a time, of which it is not known how many workers it has.
+_MANY = 1000
+# What is raised not because a worker died but because nothing can be computed there.
+_NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
+_DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
+
+_log = logging.getLogger("gibbs_codegen")
+
+
+class Running:
+    """The run of a sweep.
+
+    Args:
+        job: what is flown and measured.
+        store: where chunks are kept.
+        executor: what computes; processes of this machine if None.
+        workers: how many of them.
+        tell: is told how many cases more are done.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        store: Store,
+        executor: Executor | None,
+        workers: int,
+        tell: Callable[[int], None],
+    ) -> None:
+        self._job, self._store, self._tell = job, store, tell
+        self._own, self._executor = Workers(workers), executor
+        known = getattr(executor, "_max_workers", None) if executor else workers
+        self._window = 2 * known if isinstance(known, int) else _MANY
+        self._deaths: Counter[int] = Counter()
+        self._in_a_row = 0
+
+    def run(self, chunks: Sequence[Chunk]) -> None:
+        """Fly chunks, and keep them.
+
+        Args:
+            chunks: The chunks.
+
+        Raises:
+            GibbsCodegenError: If nothing can be computed, or kept.
+        """
+        try:
+            suspects = self._side_by_side(deque(chunks))
+            self._own.end()
+            for chunk in suspects:
+                self._alone(chunk)
+                self._tell(len(chunk))
+        finally:
+            self._own.end()
+
+    def _side_by_side(self, waiting: deque[Chunk]) -> list[Chunk]:
+        """Fly chunks on all workers.
+
+        Args:
+            waiting: The chunks.
+
+        Returns:
+            Those that died too often.
+        """
+        running: dict[Future[Rows], Chunk] = {}
+        suspects: list[Chunk] = []
+        try:
+            while waiting or running:
+                while waiting and len(running) < self._window:
+                    chunk = waiting.popleft()
+                    running[self._submit(chunk)] = chunk
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    chunk = running.pop(future)
+                    if self._done(future, chunk):
+                        self._tell(len(chunk))
+                    else:
+                        died = self._deaths[chunk.rows.start]
+                        (waiting if died < _DEATHS else suspects).append(chunk)
+        finally:
+            for future in running:
+                future.cancel()
+        return suspects
+
+    def _submit(self, chunk: Chunk) -> Future[Rows]:
+        """Have a chunk flown; a pool that is broken answers like one that breaks."""
+        task = self._job.task(chunk)
+        try:
+            return (self._executor or self._own).submit(fly, task)
+        except BrokenExecutor as error:
+            broken: Future[Rows] = Future()
+            broken.set_exception(error)
+            return broken
+
+    def _done(self, future: Future[Rows], chunk: Chunk) -> bool:
+        """Keep a chunk that was flown.
+
+        Args:
+            future: What was to return its rows.
+            chunk: The chunk.
+
+        Returns:
+            Whether it was flown; False if its worker died.
+
+        Raises:
+            GibbsCodegenError: If nothing can be computed, or kept.
+        """
+        try:
+            rows = future.result()
+        except _NOT_THERE as error:
+            words = printable(f"{type(error).__name__}: {error}", 400)
+            raise UsageError(f"a worker cannot fly: {words}") from None
+        except GibbsCodegenError:
+            raise
+        except (Exception, CancelledError) as error:  # Every executor has words of its own.
+            self._deaths[chunk.rows.start] += 1
+            self._in_a_row += 1
+            _log.info("a worker died: %s", printable(f"{type(error).__name__}: {error}"))
+            if self._executor is None:
+                self._own.end()
+            elif self._in_a_row > _MOST_IN_A_ROW:
+                raise UsageError(
+                    f"the executor has failed {self._in_a_row} times in a row, the last time with "
+                    f"{type(error).__name__}: {printable(error)}; what was done is kept: the same "
+                    "call goes on from there, with an executor that works"
+                ) from None
+            return False
+        self._in_a_row = 0
+        self._store.write(self._job.digest(chunk), rows)
+        return True
+
+    def _alone(self, chunk: Chunk) -> Rows:
+        """Fly a chunk with nothing beside it; one that dies is halved.
+
+        Args:
+            chunk: The chunk.
+
+        Returns:
+            Its rows, which are kept.
+        """
+        digest = self._job.digest(chunk)
+        rows = self._store.read(digest, len(chunk))
+        tries = 1 if len(chunk) > 1 else _DEATHS
+        while rows is None and tries:
+            try:
+                rows = self._own.submit(fly, self._job.task(chunk)).result()
+            except BrokenExecutor:
+                self._own.end()
+                tries -= 1
+        if rows is None and len(chunk) == 1:
+            rows = dead_row(len(self._job.measures), _DEAD)
+        elif rows is None:
+            rows = joined([self._alone(half) for half in chunk.halves()])
+        self._store.write(digest, rows)
+        return rows

@@ -1,0 +1,225 @@
+"""What a key of a sweep takes on: values that are listed, or numbers that are drawn.
+
+Numbers are drawn together, from the scrambled sequence of Sobol: its points fill the space of all
+keys evenly, with errors of averages that fall faster than those of independent draws; and unlike a
+Latin hypercube it can be gone on with, so that more samples keep those that are there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError, printable
+
+Array = NDArray[np.float64]
+Kind = Literal["uniform", "normal", "log_uniform"]
+
+# Points of Sobol's sequence lie on multiples of 2^-30, 0 among them, where a normal distribution
+# has no number: they are moved by half of that.
+_HALF_STEP = 2.0**-31
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A distribution by its two numbers: the ends, or mean and standard deviation."""
+
+    kind: Kind
+    first: float
+    second: float
+
+    def at(self, shares: Array) -> Array:
+        """Numbers below which shares of the distribution lie.
+
+        Args:
+            shares: The shares (s), above 0 and below 1.
+
+        Returns:
+            The numbers (s).
+        """
+        if self.kind == "normal":
+            from scipy.special import ndtri  # Late, as SciPy takes long to import.
+
+            drawn: Array = self.first + self.second * ndtri(shares)
+            return drawn
+        if self.kind == "log_uniform":
+            drawn = np.exp(math.log(self.first) + shares * math.log(self.second / self.first))
+            return drawn
+        return self.first + shares * (self.second - self.first)
+
+
+@dataclass(frozen=True)
+class Varied:
+    """What a key takes on.
+
+    These are `levels`, which cross with those of other keys, or what a distribution draws. They are
+    factors of what robot or scenario says where they are `relative`. A key with * stands for all
+    keys that match, each of which varies by itself, or all of them `together`.
+    """
+
+    levels: tuple[Any, ...] = ()
+    draw: Draw | None = None
+    relative: bool = False
+    together: bool = False
+
+
+def uniform(low: float, high: float) -> Varied:
+    """Numbers that are equally likely between two.
+
+    Args:
+        low, high: The ends.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not below `high`.
+    """
+    return _drawn("uniform", low, high, low < high, "the first number must be below the second")
+
+
+def log_uniform(low: float, high: float) -> Varied:
+    """Numbers whose logarithms are equally likely between those of two, which are above 0.
+
+    Args:
+        low, high: The ends.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not above 0 and below `high`.
+    """
+    right = "the numbers must be above 0, and the first below the second"
+    return _drawn("log_uniform", low, high, 0.0 < low < high, right)
+
+
+def normal(mean: float, deviation: float) -> Varied:
+    """Numbers of a normal distribution.
+
+    Args:
+        mean: Its mean.
+        deviation: Its standard deviation, above 0.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If the standard deviation is not above 0.
+    """
+    right = "the second number, the standard deviation, must be above 0"
+    return _drawn("normal", mean, deviation, deviation > 0.0, right)
+
+
+def scaled(low: float | Varied | Sequence[float], high: float | None = None) -> Varied:
+    """Factors of what robot or scenario says: `scaled(0.8, 1.2)` is within 20 % of it.
+
+    Args:
+        low: The least factor; or without `high` a distribution of factors, or a list of them.
+        high: The greatest factor.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not below `high`.
+    """
+    if high is not None:
+        return replace(uniform(low, high), relative=True)  # type: ignore[arg-type]
+    return replace(varied(low), relative=True)
+
+
+def together(values: Varied | Sequence[Any]) -> Varied:
+    """One draw, or one value of a list, for all keys that match a key with *.
+
+    Args:
+        values: A distribution or a list.
+
+    Returns:
+        What a key of `sweep` takes on.
+    """
+    return replace(varied(values), together=True)
+
+
+def varied(values: Any) -> Varied:
+    """What a value of `parameters` of `sweep` means: a distribution, a list, or one value.
+
+    Args:
+        values: The value.
+
+    Returns:
+        What the key takes on.
+
+    Raises:
+        UsageError: If the list is empty.
+    """
+    if isinstance(values, Varied):
+        return values
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    if not isinstance(values, list | tuple | range):
+        return Varied((values,))
+    if not values:
+        raise UsageError("an empty list: give at least one value")
+    return Varied(tuple(values))
+
+
+def shares(samples: int, keys: int, seed: int) -> Array:
+    """Points of Sobol's sequence.
+
+    Args:
+        samples: How many.
+        keys: How many numbers each has.
+        seed: What scrambles them. The first points do not depend on how many there are.
+
+    Returns:
+        The points (samples, keys), above 0 and below 1.
+    """
+    if keys == 0:
+        return np.zeros((samples, 0))
+    from scipy.stats import qmc  # Late, as SciPy takes long to import.
+
+    sequence = qmc.Sobol(keys, seed=np.random.default_rng(seed))
+    points: Array = sequence.random_base2(math.ceil(math.log2(max(samples, 2))))
+    return points[:samples] + _HALF_STEP
+
+
+def noise_seed(seed: int, sample: int) -> int:
+    """The seed of what is random in a flight itself, from the sweep's and the sample's number.
+
+    Args:
+        seed: Of the sweep.
+        sample: Number of the sample.
+
+    Returns:
+        A whole number from 0 to 2^63 - 1.
+    """
+    return int(np.random.SeedSequence((seed, sample)).generate_state(1, np.uint64)[0] >> 1)
+
+
+def _drawn(kind: Kind, first: float, second: float, right: bool, words: str) -> Varied:
+    """A distribution, whose numbers are checked.
+
+    Args:
+        kind, first, second: What it is.
+        right: Whether the numbers are such as they must be.
+        words: What they must be.
+
+    Returns:
+        What a key takes on.
+
+    Raises:
+        UsageError: If they are not.
+    """
+    numbers = (first, second)
+    given = f"{kind}({', '.join(printable(repr(n), 40) for n in numbers)})"
+    if not all(isinstance(n, float | int) and math.isfinite(n) for n in numbers):
+        raise UsageError(f"{given}: two finite numbers are needed")
+    if not right:
+        raise UsageError(f"{given}: {words}")
+    return Varied(draw=Draw(kind, float(first), float(second)))

@@ -1,0 +1,180 @@
+"""Sweeps: many flights that differ in entries of their scenarios, on any executor, into a table.
+
+    robot_source, scenario_source   words               → modules, scenarios     (sources)
+    cases_of       parameters, samples                   → Cases                  (plan, axes)
+    chunks_of      cases                                 → chunks, 1 to 10 s each (chunks)
+    Job            measures                              → digest, task of a chunk (job)
+    Running        chunks not in the store, executor     → store                  (running)
+      fly          a chunk, in a worker                  → measures of its flights (work)
+    table_of       rows of all chunks                    → Study                  (table, study)
+
+What a chunk's file is named by is all that determines it: so the same call goes on where it was
+ended, be it by force, and the table is the same whatever has computed it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, OutputError, UsageError, printable
+from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.desired.trajectory import Progress
+from gibbs_codegen.sweeps import measures as known_measures
+from gibbs_codegen.sweeps.chunks import Chunk, chunks_of
+from gibbs_codegen.sweeps.job import Job
+from gibbs_codegen.sweeps.measures import Measure
+from gibbs_codegen.sweeps.plan import Cases, cases_of
+from gibbs_codegen.sweeps.running import Running
+from gibbs_codegen.sweeps.sampling import varied
+from gibbs_codegen.sweeps.sources import StrPath, robot_source, scenario_source
+from gibbs_codegen.sweeps.store import Rows, Store, joined
+from gibbs_codegen.sweeps.study import Study
+from gibbs_codegen.sweeps.table import FIXED, table_of
+from gibbs_codegen.sweeps.workers import own_count
+
+_MOST_SAMPLES = 2**24
+
+
+def sweep(
+    robots: StrPath | Sequence[StrPath],
+    scenarios: StrPath | Scenario | Sequence[StrPath | Scenario],
+    parameters: Mapping[str, Any] | None = None,
+    samples: int = 1,
+    seed: int = 0,
+    measure: Mapping[str, Measure] | None = None,
+    executor: Executor | None = None,
+    out: StrPath = "sweep",
+    progress: Progress = lambda what, share: None,
+    workers: int | None = None,
+) -> Study:
+    """Fly all cases of a sweep, but for those that an earlier call has flown, and measure them.
+
+    Args:
+        robots: One or several of what the command line takes as ROBOT.
+        scenarios: One or several scenarios, names or files of scenarios.
+        parameters: What entries of the scenario take on, by their keys, such as
+            `motors.time_constant`, `start.offset[2]` or `plant.gravity`; a bare name of the
+            module's PARAMETERS is one of [parameters], and * in such names matches any. A value is
+            a list, which crosses with those of other keys; a distribution (`uniform`, `normal`,
+            `log_uniform`); `scaled` of these, which are factors of what robot or scenario says; or
+            `together` of these, one for all that a key with * matches.
+        samples: How many times numbers are drawn for each combination of listed values.
+        seed: Of what is drawn, noise of sensors included.
+        measure: Measures by name: functions of a `Flight`, or texts such as "tip_error.max".
+        executor: What computes: any executor of `concurrent.futures`, whose workers see `out`;
+            None for processes of this machine.
+        out: Folder in which modules, what is done, and the study are kept.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        workers: How many processes of this machine there are; default: one for each processor.
+
+    Returns:
+        The study.
+
+    Raises:
+        UsageError: If something asked for means nothing.
+        RobotFileError, ScenarioFileError: If a file is refused.
+        OutputError: If results cannot be written; what was done is kept.
+    """
+    _check_counts(samples, seed, workers)
+    check_output_folder(out)
+    folder = Path(os.path.realpath(out))
+    found = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
+    flown = [scenario_source(each) for each in _listed(scenarios)]
+    given = {key: varied(value) for key, value in (parameters or {}).items()}
+    cases = cases_of(found, flown, given, samples, seed)
+    chosen = measure or known_measures.default(all(robot.has_tip for robot in found))
+    known_measures.check(chosen, (*FIXED, *cases.columns))
+    _refuse_hopeless(cases)
+    job, count = Job(chosen), workers or own_count()
+    rows = _flown(job, chunks_of(cases), Store(folder), executor, count, progress)
+    study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
+    study.save()
+    return study
+
+
+def _listed(given: Any) -> list[Any]:
+    """One or several, as a list."""
+    one = isinstance(given, str | os.PathLike | Scenario)
+    found = [given] if one else list(given)
+    if not found:
+        raise UsageError("a sweep needs at least one robot and one scenario")
+    return found
+
+
+def _check_counts(samples: int, seed: int, workers: int | None) -> None:
+    """Refuse numbers that mean nothing.
+
+    Args:
+        samples, seed, workers: As of `sweep`.
+
+    Raises:
+        UsageError: If they are no whole numbers, or too small or large.
+    """
+    counts = {"samples": (samples, 1), "seed": (seed, 0), "workers": (workers or 1, 1)}
+    for name, (value, least) in counts.items():
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole or value < least:
+            shown = printable(repr(value), 40)
+            raise UsageError(f"{name}: must be a whole number of at least {least}, not {shown}")
+    if samples > _MOST_SAMPLES:
+        raise UsageError(f"samples: at most {_MOST_SAMPLES}, not {samples}")
+
+
+def _refuse_hopeless(cases: Cases) -> None:
+    """Raise the error of scenarios none of which can be read: a key is misspelt, mostly."""
+    for block in cases.blocks:
+        errors = []
+        for place in (places := {0, len(block) // 2, len(block) - 1}):
+            try:
+                block.scenario.changed(block.chosen(place)[1])
+            except GibbsCodegenError as error:
+                errors.append(error)
+        if len(errors) == len(places):
+            raise errors[0]
+
+
+def _flown(
+    job: Job,
+    chunks: Sequence[Chunk],
+    store: Store,
+    executor: Executor | None,
+    workers: int,
+    progress: Progress,
+) -> Rows:
+    """The rows of chunks, of which those that are not in the store are flown.
+
+    Args:
+        job: What is flown and measured.
+        chunks: The chunks.
+        store: Where rows are kept.
+        executor, workers, progress: As of `sweep`.
+
+    Returns:
+        The rows.
+
+    Raises:
+        OutputError: If what was written is not there any more.
+    """
+    done, everything = 0, sum(map(len, chunks))
+
+    def tell(more: int) -> None:
+        nonlocal done
+        done += more
+        progress("flying", done / everything)
+
+    missing = [each for each in chunks if store.read(job.digest(each), len(each)) is None]
+    tell(everything - sum(map(len, missing)))
+    if missing:
+        Running(job, store, executor, min(workers, len(missing)), tell).run(missing)
+    found = [store.read(job.digest(each), len(each)) for each in chunks]
+    rows = [each for each in found if each is not None]
+    if len(rows) < len(found):
+        raise OutputError("what a sweep wrote has been removed while it went on; call it again")
+    return joined(rows)

@@ -1,0 +1,144 @@
+"""What a worker does: it flies the cases of a chunk, and returns their measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from gibbs_codegen.errors import GibbsCodegenError, printable
+from gibbs_codegen.sweeps.sources import ScenarioSource
+
+if TYPE_CHECKING:
+    from gibbs_codegen.scenario.scenario import Scenario
+    from gibbs_codegen.simulator.record.flight import Flight
+    from gibbs_codegen.sweeps.measures import Measure
+    from gibbs_codegen.sweeps.store import Rows
+
+_LONGEST_REASON = 400
+
+
+@dataclass(frozen=True)
+class Task:
+    """The flights of a chunk: all that another process needs to know.
+
+    `folder` is that of the robot's module, with the `digest` of its files. `changes` are the values
+    of entries by key, for each flight. `measures` are packed.
+    """
+
+    folder: str
+    digest: str
+    scenario: ScenarioSource
+    changes: Sequence[Mapping[str, Any]]
+    measures: bytes
+
+
+def fly(task: Task) -> Rows:
+    """Fly the cases of a chunk.
+
+    Args:
+        task: What is flown.
+
+    Returns:
+        A row for each case, as of `store.rows_of`.
+
+    Raises:
+        UsageError: If there is no module, or the measures cannot be unpacked here.
+    """
+    from gibbs_codegen.sweeps.measures import unpacked
+    from gibbs_codegen.sweeps.store import rows_of
+
+    module, measures = _module(task.folder, task.digest), unpacked(task.measures)
+    found = _flights(module, [_scenario(task.scenario, each) for each in task.changes])
+    values, stopped, failed = [], [], []
+    found.reverse()
+    while found:  # A flight takes a megabyte once it has been measured: they go one by one.
+        numbers, why_stopped, why_not = _measured(measures, found.pop())
+        values.append(numbers)
+        stopped.append(why_stopped)
+        failed.append(why_not)
+    return rows_of(values, stopped, failed)
+
+
+def dead_row(measures: int, reason: str) -> Rows:
+    """The row of a case that leaves no flight.
+
+    Args:
+        measures: How many measures there are.
+        reason: Why.
+
+    Returns:
+        The row, in an array of one.
+    """
+    from gibbs_codegen.sweeps.store import rows_of
+
+    return rows_of([[math.nan] * measures], [""], [reason])
+
+
+@cache
+def _module(folder: str, digest: str) -> ModuleType:
+    """The module of a folder, which is loaded once as long as its digest is the same."""
+    from gibbs_codegen.runtime.load import load
+
+    return load(folder, "c")
+
+
+def _scenario(source: ScenarioSource, changes: Mapping[str, Any]) -> Scenario | Exception:
+    """The scenario of a case, or why there is none."""
+    try:
+        return source.changed(changes)
+    except Exception as error:  # Whatever values do to a scenario concerns their case only.
+        return error
+
+
+def _flights(
+    module: ModuleType, scenarios: Sequence[Scenario | Exception]
+) -> list[Flight | Exception]:
+    """The flights of scenarios.
+
+    Args:
+        module: The robot's module.
+        scenarios: Scenarios, or why there are none.
+
+    Returns:
+        For each the flight, or why there is none.
+    """
+    from gibbs_codegen.simulator.many import simulate_many
+
+    flown = [each for each in scenarios if not isinstance(each, Exception)]
+    found: list[Flight | Exception] = []
+    try:
+        found += simulate_many(module, flown)
+    except Exception:  # One of them is to blame, which is told by flying it by itself.
+        for scenario in flown:
+            try:
+                found += simulate_many(module, [scenario])
+            except Exception as error:
+                found.append(error)
+    flights = iter(found)
+    return [each if isinstance(each, Exception) else next(flights) for each in scenarios]
+
+
+def _measured(
+    measures: Mapping[str, Measure], flight: Flight | Exception
+) -> tuple[list[float], str, str]:
+    """Measures of a flight.
+
+    Args:
+        measures: The measures.
+        flight: The flight, or why there is none.
+
+    Returns:
+        Their values, why the flight ended early, and why there is none.
+    """
+    from gibbs_codegen.sweeps.measures import of_flight
+
+    if not isinstance(flight, Exception):
+        values, why = of_flight(measures, flight)
+        return values, printable(flight.stopped, _LONGEST_REASON), why
+    own = isinstance(flight, GibbsCodegenError)
+    words = str(flight) if own else f"{type(flight).__name__}: {flight}"
+    return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON)

@@ -1,0 +1,143 @@
+"""Rollouts in JAX: those of NumPy, in both precisions, traced, transformed and differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from support.compiled import Emitted, emit
+from support.tools import missing, tool
+
+from gibbs_codegen import Feedback, UsageError, load, rollout
+from gibbs_codegen.robot.family import paper_family
+
+try:
+    import jax
+    import jax.numpy as jnp
+except ImportError:
+    missing("jax is not installed")
+
+Array = np.ndarray
+STATES, STEPS, DT = 3, 4, 0.02
+PARAMETERS = {"link1_mass_per_length": np.array([0.5, 0.7, 0.9]), "gravity": 3.7}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _double_precision() -> Iterator[None]:
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
+def traced(emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The functions of JAX, compiled in a moment."""
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    return load(emitted_steps.folder, backend="jax")
+
+
+def arguments(module: ModuleType) -> dict[str, Any]:
+    """A rollout with everything at once; the second state gets out of bounds."""
+    rng = np.random.default_rng(2)
+    nq, nv, nu = (len(names) for names in (module.COORDINATES, module.VELOCITIES, module.INPUTS))
+    q, v = rng.uniform(-0.5, 0.5, (STATES, nq)), rng.uniform(-0.5, 0.5, (STATES, nv))
+    v[1] = 8.0
+    most = np.where(np.arange(nq + nv) < nq, np.inf, 8.2)
+    control = Feedback(rng.normal(size=(nu, 2 * nv)), q[0], v[0], rng.uniform(0, 4, (STEPS, nu)))
+    return {
+        **{"q0": q, "v0": v, "control": control, "steps": STEPS, "dt": DT, "every": 2},
+        "parameters": PARAMETERS,
+        "wrenches": rng.normal(size=(STEPS, len(module.FRAMES), 6)),
+        "limits": (0.5, 3.5),
+        "time_constants": rng.uniform(0.01, 0.1, (STATES, 3)),
+        "bounds": (-most, most),
+    }
+
+
+@pytest.mark.parametrize("method", ["euler", "rk4"])
+def test_everything_is_as_in_numpy(module: ModuleType, traced: ModuleType, method: Any) -> None:
+    given = arguments(module)
+    found, expected = (rollout(m, **given, method=method) for m in (traced, module))
+    for name in ("time", "q", "v", "thrusts", "steps", "ended"):
+        ours, others = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(ours, others, rtol=1e-12, atol=1e-12, err_msg=name)
+    assert expected.ended.tolist() == [0, 2, 0]
+    assert isinstance(found.q, jax.Array)
+    assert found.q.dtype == jnp.float64
+
+
+def test_without_lag_there_are_no_thrusts(module: ModuleType, traced: ModuleType) -> None:
+    given = arguments(module) | {"time_constants": 0.0}
+    assert rollout(traced, **given).thrusts is None
+    del given["time_constants"], given["limits"]
+    assert rollout(traced, **given).thrusts is None
+
+
+def test_a_controller_is_traced(module: ModuleType, traced: ModuleType) -> None:
+    given = arguments(module)
+
+    def law(time: Any, q: Any, v: Any) -> Any:
+        rates = v[:, : len(module.INPUTS)]
+        return 2.0 + time - 0.5 * rates
+
+    found, expected = (rollout(m, **given | {"control": law}) for m in (traced, module))
+    np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.thrusts, expected.thrusts, rtol=1e-12)
+
+
+def test_it_is_differentiated_and_transformed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a parameter and by inputs; against differences."""
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    robot = paper_family(2, 1)
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    needed = ["forward_dynamics_derivatives", "forward_dynamics_parameters_vjp"]
+    emit(robot, tmp_path / robot.name, derivatives=[*needed, "integrate_derivatives"])
+    traced = load(tmp_path / robot.name, backend="jax")
+    q, v = np.zeros(len(traced.COORDINATES)), np.full(len(traced.VELOCITIES), 0.3)
+    q[traced.COORDINATES.index("qw")] = 1.0
+
+    @jax.jit
+    def away(mass: Any, u: Any) -> Any:
+        parameters = {"link1_mass_per_length": mass}
+        lag = {"time_constants": 0.05, "thrusts": 1.0}
+        found = rollout(traced, q, v, u, 3, DT, method="euler", parameters=parameters, **lag)
+        return (found.q[:, -1] ** 2).sum() + (found.v[:, -1] ** 2).sum()
+
+    rng = np.random.default_rng(3)
+    at = [np.array([0.5, 0.9]), rng.uniform(0.0, 3.0, (2, 3, len(traced.INPUTS)))]
+    for place, slope in enumerate(jax.grad(away, argnums=(0, 1))(*at)):
+        direction, ends = rng.normal(size=slope.shape), []
+        for sign in (1.0, -1.0):
+            moved = [*at]
+            moved[place] = at[place] + sign * 1e-5 * direction
+            ends.append(float(away(*moved)))
+        expected = (ends[0] - ends[1]) / 2e-5
+        assert float((slope * direction).sum()) == pytest.approx(expected, rel=1e-6)
+
+
+def test_single_precision_is_jax_s_default(module: ModuleType, traced: ModuleType) -> None:
+    given = arguments(module)
+    jax.config.update("jax_enable_x64", False)
+    try:
+        found = rollout(traced, **given)
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    assert found.q.dtype == jnp.float32
+    np.testing.assert_allclose(found.q, rollout(module, **given).q, rtol=1e-4, atol=1e-5)
+
+
+def test_wrong_values_are_told_where_they_are_known(traced: ModuleType) -> None:
+    given = arguments(traced)
+    with pytest.raises(UsageError, match=r"v0: value \[1, 0\] of \d+ must be finite, not nan"):
+        rollout(traced, **given | {"v0": jnp.asarray(given["v0"]).at[1, 0].set(jnp.nan)})
+    with pytest.raises(UsageError, match="3 in q0, 4 in v0"):
+        jax.jit(lambda v: rollout(traced, **given | {"v0": v}).q)(
+            np.zeros((4, len(traced.VELOCITIES)))
+        )

@@ -1,0 +1,161 @@
+"""Sweeps: the table is that of single flights, whatever computes it and in whatever pieces."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from gibbs_codegen import (
+    GibbsCodegenError,
+    load,
+    normal,
+    read_scenario,
+    scaled,
+    simulate,
+    sweep,
+    together,
+    uniform,
+)
+from gibbs_codegen.sweeps import chunks
+from gibbs_codegen.sweeps.entries import nested
+
+SHORT = {"duration": 0.05, "integration.method": "rk4"}
+LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
+WORST = {"worst [m]": "tip_error.max"}
+
+
+class Backwards(Executor):
+    """Computes what was asked for last, and not before there is nothing more to ask for."""
+
+    def __init__(self, patience):
+        self.waiting, self.patience = [], patience
+
+    def submit(self, function, /, *arguments, **named):
+        """What will be the result."""
+        future = Future()
+        self.waiting.append((future, function, arguments))
+        if len(self.waiting) == self.patience:
+            while self.waiting:
+                last, function, arguments = self.waiting.pop()
+                last.set_result(function(*arguments))
+        return future
+
+
+@pytest.fixture
+def here():
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+def test_measures_are_those_of_single_flights(robot, tmp_path, here):
+    measure = {**WORST, "sum": lambda flight: flight.q[-1].sum()}
+    parameters = {**LATE, "motors.time_constant": [0, 0.01], "gravity": [9.81, 3.7]}
+    study = sweep(robot, "hover", parameters, 2, 5, measure, here, tmp_path)
+    assert len(study.table) == 8
+    assert not np.any(study.table["failed"] != "")
+    module = load(robot, "c")
+    for case, row in zip(study.cases, study.table, strict=True):
+        flight = simulate(module, read_scenario("hover", nested(case.changes)))
+        assert flight.tip_error.max() == pytest.approx(row["worst [m]"], rel=1e-9)
+        assert flight.q[-1].sum() == pytest.approx(row["sum"], rel=1e-9)
+        assert row["motors.time_constant"] == case.changes["motors.time_constant"]
+        assert row["gravity"] == case.changes["parameters.gravity"]
+        assert row["start.offset[1]"] == case.changes["start.offset"][1]
+        mass = module.PARAMETERS["link3_mass_per_length"]
+        assert 0.8 * mass < row["plant.link3_mass_per_length"] < 1.2 * mass
+
+
+def test_samples_are_the_same_in_every_combination(robot, tmp_path, here):
+    table = sweep(
+        robot, ["hover", "line"], {**LATE, "gravity": [9.81, 3.7]}, 3, 0, WORST, here, tmp_path
+    ).table
+    offsets = table["start.offset[1]"].reshape(4, 3)
+    assert np.array_equal(offsets, np.broadcast_to(offsets[0], (4, 3)))
+    assert table["scenario"].tolist() == ["hover"] * 6 + ["line"] * 6
+    assert table["gravity"].tolist() == ([9.81] * 3 + [3.7] * 3) * 2
+
+
+def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch):
+    parameters = {**LATE, "motors.time_constant": [0.0, 0.01]}
+    first = sweep(robot, "hover", parameters, 6, 1, WORST, here, tmp_path / "a")
+    for flights in (1, 5, 12):
+        monkeypatch.setattr(chunks, "_MOST_FLIGHTS", flights)
+        other = sweep(robot, "hover", parameters, 6, 1, WORST, here, tmp_path / str(flights))
+        assert other.table.dtype == first.table.dtype
+        assert other.table.tobytes() == first.table.tobytes()
+    monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 3)
+    last = sweep(robot, "hover", parameters, 6, 1, WORST, Backwards(4), tmp_path / "last")
+    assert last.table.tobytes() == first.table.tobytes()
+
+
+def test_one_call_again_flies_nothing(robot, tmp_path, here):
+    def never(*_, **__):
+        raise AssertionError("flown again")
+
+    first = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
+    broken = ThreadPoolExecutor(1)
+    broken.submit = never
+    again = sweep(robot, "hover", LATE, 4, 1, WORST, broken, tmp_path)
+    assert again.table.tobytes() == first.table.tobytes()
+    with pytest.raises(AssertionError):
+        sweep(robot, "hover", LATE, 4, 2, WORST, broken, tmp_path)
+
+
+def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
+    parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
+    measure = {**WORST, "fails": lambda flight: 1 / 0}
+    table = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path).table
+    assert table["failed"][0] == "measure fails: ZeroDivisionError: division by zero"
+    assert "time_constant: must be at least 0" in table["failed"][1]
+    assert np.isnan(table["worst [m]"][1])
+    assert np.isfinite(table["worst [m]"][0])
+
+
+def test_own_processes_fly_lambdas(robot, tmp_path, here):
+    there = sweep(robot, "hover", LATE, 2, 0, {"x": lambda f: f.q.sum()}, None, tmp_path / "a")
+    same = sweep(robot, "hover", LATE, 2, 0, {"x": lambda f: f.q.sum()}, here, tmp_path / "b")
+    assert there.table.tobytes() == same.table.tobytes()
+
+
+def test_one_factor_for_all_that_match(robot, tmp_path, here):
+    parameters = {**SHORT, "plant.*mass_per_length": together(scaled(0.8, 1.2))}
+    study = sweep(robot, "hover", parameters, 3, 0, WORST, here, tmp_path)
+    known = load(robot).PARAMETERS
+    for case, factor in zip(study.cases, study.table["plant.*mass_per_length"], strict=True):
+        masses = {k: v for k, v in case.changes.items() if k.startswith("plant.")}
+        assert len(masses) == 3
+        for key, value in masses.items():
+            assert value == factor * known[key.removeprefix("plant.")]
+        assert 0.8 < factor < 1.2
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (
+            {"parameters": {"plant.link3_mas_per_length": [1.0]}},
+            "no such parameter.*did you mean",
+        ),
+        ({"parameters": {"motor.time_constant": [1.0]}}, "motor: unknown key; did you mean motors"),
+        ({"parameters": {"motors..x": [1.0]}}, "not a key"),
+        ({"parameters": {"motors.time_constant": scaled(0.5, 2.0)}}, "has no number there"),
+        ({"parameters": {"start.offset[3]": [1.0]}}, "has no such entry"),
+        ({"samples": 4}, "nothing is drawn"),
+        ({"samples": 0}, "samples: must be a whole number of at least 1, not 0"),
+        ({"seed": -1}, "seed: must be a whole number of at least 0"),
+        ({"measure": {"a": "tip_error.most"}}, "must come one of max"),
+        ({"measure": {"a": "tip_eror.max"}}, "no such series; did you mean tip_error"),
+        ({"measure": {"case": "tip_error.max"}}, "a column of the table has that name"),
+        ({"measure": {"a": 3}}, "must be a function of a flight"),
+        ({"scenarios": "hovr"}, "did you mean hover"),
+        ({"robots": "hexrotor"}, "no such robot"),
+        ({"robots": []}, "at least one robot"),
+        ({"parameters": {"duration": normal(1.0, 0.1)}, "samples": True}, "samples: must be"),
+    ],
+)
+def test_what_means_nothing_is_refused(robot, tmp_path, asked, words):
+    given = {"robots": robot, "scenarios": "hover", "out": tmp_path / "sweep", **asked}
+    with pytest.raises(GibbsCodegenError, match=words):
+        sweep(**given)
