@@ -29,6 +29,7 @@ DATA = """
     emitted/blocks.c emitted/column_major.c emitted/constants.c emitted/gather.c emitted/platform.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
+    emitted/rollout/turn.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
     emitted/acados/angles/by_entries.c emitted/acados/angles/place.c
     emitted/acados/angles/rates_along.c emitted/acados/angles/rates_gradient.c
@@ -50,7 +51,8 @@ DATA = """
     simulator/native/allocation.h simulator/native/bounded.h simulator/native/environment.h
     simulator/native/geometric.h simulator/native/integral.h simulator/native/kinematics.h
     simulator/native/lag.h simulator/native/laws.h
-    simulator/native/loop.h simulator/native/number.h simulator/native/plant.h simulator/native/ranges.h
+    simulator/native/loop.h simulator/native/number.h simulator/native/plant.h
+    simulator/native/ranges.h
     simulator/native/reference.h
     simulator/native/rk4.c simulator/native/vectors.h
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
