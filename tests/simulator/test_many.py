@@ -30,7 +30,7 @@ def _scenario(**changed: object) -> Scenario:
     return replace(base, **changed)  # type: ignore[arg-type]
 
 
-def _assert_same(found: Flight | GibbsCodegenError, alone: Flight, tolerance: float = 1e-9) -> None:
+def _assert_same(found: Flight | GibbsCodegenError, alone: Flight, tolerance: float = 1e-8) -> None:
     assert isinstance(found, Flight)
     for each in fields(Flight):
         here, there = getattr(found, each.name), getattr(alone, each.name)
@@ -82,8 +82,9 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_each_flight_is_that_of_its_scenario(fast: Load, name: str) -> None:
     module, scenarios = fast("hexarotor_3link"), CASES[name]
-    # What makes up for a lag is a difference over 1e-7 s, which magnifies what is rounded.
-    tolerance = 1e-6 if name == "lags and starts" else 1e-9
+    # The thin rods of the arm magnify what is rounded, and so does what makes up for a lag, which is
+    # a difference over 1e-7 s.
+    tolerance = 1e-6 if name == "lags and starts" else 1e-8
     found = simulate_many(module, scenarios)
     for flight, scenario in zip(found, scenarios, strict=True):
         _assert_same(flight, simulate(module, scenario), tolerance)
