@@ -43,7 +43,7 @@ EMISSION = (
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
     *("acados_source.c.jinja", "c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
-    *("blocks.c", "column_major.c", "constants.c", "gather.c", "platform.c"),
+    *("blocks.c", "column_major.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 GROUPS = {
@@ -175,7 +175,6 @@ _QUICK = {
     "c_casadi.c.jinja": _QUICK_CASADI,
     "blocks.c": _QUICK_BLOCKS,
     "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
-    "constants.c": ("tests/targets/test_each.py",),
     "gather.c": _QUICK_BLOCKS,
     "platform.c": _QUICK_BLOCKS,
     "sine_cosine.c": _QUICK_SINE,
@@ -227,7 +226,6 @@ _REST = {
     "column_major.c": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
     "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
     "blocks.c": _IN_C,
-    "constants.c": ("tests/targets/test_each.py",),
     "gather.c": ("tests/targets/test_sparse.py",),
     "platform.c": _IN_C,
     "sine_cosine.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
