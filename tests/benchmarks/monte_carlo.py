@@ -43,11 +43,15 @@ def worst_errors(flights: int, threads: int, lag: float) -> np.ndarray:
             )
             for row in masses[begin : begin + TOGETHER]
         ]
+        desired = None  # The same in all flights.
         for flight in simulate_many(robot, chunk, threads):
             if not isinstance(flight, Flight):
                 raise flight
-            off = np.abs(flight.q - flight.q_desired).max()
-            worst.append(np.nan if flight.stopped else off)
+            if flight.stopped:
+                worst.append(np.nan)
+                continue
+            desired = flight.q_desired if desired is None else desired
+            worst.append(np.abs(flight.q - desired).max())
     return np.array(worst)
 
 
