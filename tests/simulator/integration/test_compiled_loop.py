@@ -510,7 +510,7 @@ int main(void)
         memset(f.guesses, 0, (size_t)rotors * sizeof *f.guesses);
         const ptrdiff_t size = coordinates + n + 1 + (f.actuators.lags ? rotors : 0) +
                                f.layout.memory;
-        const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
+        const ptrdiff_t count = draw(30), every = 1 + draw(40), before = draw(1000);
         double *state = filled(size), *samples = room((count / every + 1) * size);
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
             samples[j] = UNTOUCHED;
@@ -521,13 +521,13 @@ int main(void)
         }
         const double time = draw(2) ? 0.0 : 100.0;
         Progress progress = {1, 0, {0}};
-        gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state, samples,
+        gibbs_codegen_rk4(&f, time, 1e-2, count, every, before, state, samples,
                           draw(2) ? ranges : NULL, &progress);
         const ptrdiff_t taken = progress.taken[0];
         if (taken < 0 || taken > count) {
             return 3;
         }
-        const ptrdiff_t kept = (number + taken) / every - number / every;
+        const ptrdiff_t kept = (before + taken) / every - before / every;
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
             if ((samples[j] == UNTOUCHED) != (j >= kept * size)) {
                 return 4;
