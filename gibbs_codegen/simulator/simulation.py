@@ -135,7 +135,7 @@ def prepared(
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
     for machine in {vehicle, loop.vehicle}:
-        _check_mass_matrix(machine, q)
+        check_mass_matrix(machine, q)
     return Prepared(motion, loop, q, v)
 
 
@@ -177,8 +177,16 @@ def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
     return Vehicle(vehicle.module, {**scenario.parameters, **scenario.plant}, "plant")
 
 
-def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
-    """Raise `UsageError` unless the mass matrix is positive definite at coordinates (nq)."""
+def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
+    """Refuse a robot that cannot be.
+
+    Args:
+        vehicle: The robot.
+        q: Coordinates (nq).
+
+    Raises:
+        UsageError: Its mass matrix is not positive definite there.
+    """
     matrix = vehicle.mass_matrix(q)
     try:
         np.linalg.cholesky(matrix)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from gibbs_codegen import emitted
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
@@ -69,16 +70,18 @@ class CompiledLoop:
         if law == "geometric" and not vehicle.layout.is_quaternion:
             return None
         try:
-            rk4 = _rk4(find_compiler(os.environ.get("CC") or None))
+            rk4 = compiled_steps(find_compiler(os.environ.get("CC") or None))
         except (CompilerError, CacheError) as error:
             _log.warning("steps are taken in Python instead of C: %s", error)
             return None
-        structure, owned = filled(closed, bounds, acting, ctypes.CDLL(str(library_file)))
-        held = np.array(acting.held or np.zeros(len(vehicle.inputs)))
-        structure.law, structure.held = LAWS.index(law), held.ctypes.data
-        scratch = np.zeros(rk4.gibbs_codegen_loop_room(ctypes.byref(structure)))
+        library = ctypes.CDLL(str(library_file))
+        structure, arrays = filled(closed, bounds, acting, library)
+        guesses = np.zeros(vehicle.rotors)
+        structure.guesses = guesses.ctypes.data
+        scratch = np.empty(rk4.gibbs_codegen_loop_room(ctypes.byref(structure)))
         structure.scratch = scratch.ctypes.data
-        return cls(rk4, structure, closed.size, held, [*owned, scratch])
+        owned = [library, arrays, guesses, scratch]
+        return cls(rk4, structure, closed.size, arrays["", "held"], owned)
 
     def __call__(
         self,
@@ -108,7 +111,8 @@ class CompiledLoop:
         samples = np.empty((count // every + 1, self.size))
         ranges = np.empty((len(samples) + 1, 2, 2, len(self.held)))
         ranges[:, :, 0], ranges[:, :, 1] = np.inf, -np.inf
-        taken = self.library.gibbs_codegen_rk4(
+        progress = _Progress(going=1)
+        self.library.gibbs_codegen_rk4(
             ctypes.byref(self.structure),
             time,
             step,
@@ -118,7 +122,9 @@ class CompiledLoop:
             last.ctypes.data,
             samples.ctypes.data,
             ranges.ctypes.data if seen else None,
+            ctypes.byref(progress),
         )
+        taken = progress.taken
         first = number // every
         if seen:
             # The first stretch may begin after its sample, and the last one end before it.
@@ -140,10 +146,15 @@ class CompiledLoop:
             `ClosedLoop.derivative` says more.
         """
         rate, state = np.empty(self.size), np.ascontiguousarray(state, dtype=np.float64)
-        refused = self.library.gibbs_codegen_rate(
-            ctypes.byref(self.structure), time, state.ctypes.data, rate.ctypes.data
+        going = ctypes.c_int(1)
+        self.library.gibbs_codegen_rate(
+            ctypes.byref(self.structure),
+            time,
+            ctypes.byref(going),
+            state.ctypes.data,
+            rate.ctypes.data,
         )
-        return None if refused else rate
+        return rate if going else None
 
 
 class CompiledLoops:
@@ -194,25 +205,49 @@ class CompiledLoops:
         return derivative
 
 
+class _Progress(ctypes.Structure):
+    """`Progress` of `native/rk4.c`, of one state."""
+
+    _fields_ = (
+        *(("going", ctypes.c_int), ("refused", ctypes.c_int)),
+        ("taken", ctypes.c_ssize_t),
+    )
+
+
 @functools.cache
-def _rk4(compiler: Compiler) -> ctypes.CDLL:
-    """`native/rk4.c`, compiled. Raises `CompilerError` or `CacheError`."""
-    headers = [path.read_text(encoding="utf-8") for path in sorted(NATIVE.glob("*.h"))]
+def compiled_steps(compiler: Compiler, lanes: int = 1) -> ctypes.CDLL:
+    """`native/rk4.c`, compiled.
+
+    Args:
+        compiler: The compiler.
+        lanes: How many states a number has.
+
+    Returns:
+        The library.
+
+    Raises:
+        CompilerError: It cannot be compiled.
+        CacheError: The cache of libraries cannot be used.
+    """
     source = NATIVE / "rk4.c"
+    read = [source, *sorted(NATIVE.glob("*.h")), *sorted(Path(emitted.__path__[0]).glob("*.c"))]
+    # Nobody asks what square roots leave in errno; with it they are not taken side by side.
+    flags = (f"-DLANES={lanes}", "-fno-math-errno")
 
     def make(output: Path) -> None:
-        compiler.library([source], output)
+        compiler.library([source], output, flags)
 
-    key = "\n".join([compiler.identity, "rk4", source.read_text(encoding="utf-8"), *headers])
-    library = ctypes.CDLL(str(cached_library(key, make)))
+    texts = [path.read_text(encoding="utf-8") for path in read]
+    library = ctypes.CDLL(str(cached_library("\n".join([compiler.identity, *flags, *texts]), make)))
     real, size = ctypes.c_double, ctypes.c_ssize_t
     library.gibbs_codegen_loop_room.argtypes = [POINTER]
     library.gibbs_codegen_loop_room.restype = size
     library.gibbs_codegen_rk4.argtypes = [
         *(POINTER, real, real),
         *(size, size, size),
-        *(POINTER, POINTER, POINTER),
+        *(POINTER, POINTER, POINTER, POINTER),
     ]
-    library.gibbs_codegen_rk4.restype = size
-    library.gibbs_codegen_rate.argtypes = [POINTER, real, POINTER, POINTER]
+    library.gibbs_codegen_rk4.restype = None
+    library.gibbs_codegen_rate.argtypes = [POINTER, real, POINTER, POINTER, POINTER]
+    library.gibbs_codegen_rate.restype = None
     return library

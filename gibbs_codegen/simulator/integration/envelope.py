@@ -61,6 +61,27 @@ class Envelope:
         held: Flags = within & np.all(np.isfinite(states), axis=-1)
         return held
 
+    def goes_on(self, time: Array, states: Array) -> Flags:
+        """From which states a flight can go on: there is no `reason` why not.
+
+        Args:
+            time: Times (s), s.
+            states: States (s, size).
+
+        Returns:
+            Whether it can from each of them (s).
+        """
+        return self.holds(time, states) & ~self._singular(states)
+
+    def _singular(self, states: Array) -> Flags:
+        """Whether states (…, size) have come to the singularity of attitude angles."""
+        layout = self.loop.vehicle.layout
+        if layout.is_quaternion:
+            return np.zeros(states.shape[:-1], dtype=bool)
+        # The angle is not wrapped, so this also finds a step across the singularity.
+        singular: Flags = np.abs(states[..., layout.middle_angle]) > LARGEST_THETA_0
+        return singular
+
     def reason(self, time: float, state: Array) -> str:
         """Why a flight cannot go on from a state.
 
@@ -79,12 +100,9 @@ class Envelope:
         if excess[worst] > 1.0:
             advice = self._advice(self.loop.saturated(time, state))
             return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
-        vehicle = self.loop.vehicle
-        if vehicle.layout.is_quaternion:
-            return ""
-        # The angle is not wrapped, so this also finds a step across the singularity.
-        theta_0 = state[vehicle.layout.middle_angle]
-        if abs(theta_0) > LARGEST_THETA_0:
+        if self._singular(state):
+            vehicle = self.loop.vehicle
+            theta_0 = state[vehicle.layout.middle_angle]
             return (
                 f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
                 f"{vehicle.attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"

@@ -7,7 +7,7 @@ and arrays for fields that are pointers.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,7 @@ def _desired(closed: ClosedLoop, acting: Acting) -> Values:
 
 
 class _Centre(ctypes.Structure):
-    _fields_ = (("mass", _NUMBER), ("weight", POINTER), ("coefficients", POINTER))
+    _fields_ = (("mass", POINTER), ("weight", POINTER), ("coefficients", POINTER))
 
 
 def _centre(closed: ClosedLoop, acting: Acting) -> Values:
@@ -104,7 +104,7 @@ def _centre(closed: ClosedLoop, acting: Acting) -> Values:
 
 
 class _Gains(ctypes.Structure):
-    _fields_ = (("stiffness", POINTER), ("damping", POINTER), ("integral", _NUMBER))
+    _fields_ = (("stiffness", POINTER), ("damping", POINTER), ("integral", POINTER))
 
 
 def _gains(closed: ClosedLoop, acting: Acting) -> Values:
@@ -121,7 +121,7 @@ def _rotors(vehicle: Vehicle) -> Values:
     return {
         "move": vehicle.rotors_move,
         "centre": vehicle.centre_offset(vehicle.neutral),
-        "wrenches": vehicle.thrust_wrenches().T,
+        "wrenches": np.swapaxes(vehicle.thrust_wrenches(), -1, -2),
     }
 
 
@@ -134,14 +134,15 @@ class _Sharing(ctypes.Structure):
 
 def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
     allocation, count = closed.controller.allocation, closed.vehicle.rotors
-    limits = (-np.inf, np.inf) if allocation.limits is None else allocation.limits
-    least, most = (np.broadcast_to(each, count) for each in limits)
+    limits = np.array((-np.inf, np.inf) if allocation.limits is None else allocation.limits)
+    limits = limits[:, np.newaxis] if limits.ndim == 1 else limits
+    limits = np.broadcast_to(limits, (*limits.shape[:-1], count))
     return {
         "limited": allocation.limits is not None,
         "refuses": allocation.refuses and (bool(allocation.missing) or closed.vehicle.rotors_move),
         "distribution": allocation.inverse,
-        "least": least,
-        "most": most,
+        "least": limits[..., 0, :],
+        "most": limits[..., 1, :],
     }
 
 
@@ -153,13 +154,13 @@ class _Actuators(ctypes.Structure):
 
 
 def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
-    least, most = closed.actuators.inputs
+    limits = closed.actuators.inputs
     return {
         "limited": closed.limited,
         "lags": closed.lags,
         "compensates": closed.compensates,
-        "least": least,
-        "most": most,
+        "least": limits[..., 0, :],
+        "most": limits[..., 1, :],
         "lag": closed.actuators.lag,
     }
 
@@ -189,14 +190,69 @@ class Loop(ctypes.Structure):
         *(("functions", _Functions), ("plant", ctypes.c_char_p), ("model", ctypes.c_char_p)),
         ("losses", POINTER),
         *((name, kind) for name, kind, _ in _PARTS),
-        *(("envelope", _Envelope), ("law", _FLAG), ("held", POINTER), ("scratch", POINTER)),
+        *(("envelope", _Envelope), ("law", _FLAG)),
+        *((name, POINTER) for name in ("held", "guesses", "scratch")),
     )
+
+
+# Numbers that differ from state to state in a block, by their part ("" for `Loop` itself), and the
+# axes that they have for one state.
+NUMBERS: Mapping[tuple[str, str], int] = {
+    **{("centre", name): axes for name, axes in (("mass", 0), ("weight", 1), ("coefficients", 3))},
+    **{("gains", name): axes for name, axes in (("stiffness", 1), ("damping", 1), ("integral", 0))},
+    **{(part, "centre"): 1 for part in ("flown", "known")},
+    **{(part, "wrenches"): 2 for part in ("flown", "known")},
+    **{("sharing", name): axes for name, axes in (("distribution", 2), ("least", 1), ("most", 1))},
+    **{("actuators", name): 1 for name in ("least", "most", "lag")},
+    **{("envelope", "bounds"): 1, ("", "losses"): 1, ("", "held"): 1},
+}
+
+
+def values_of(
+    closed: ClosedLoop, bounds: Array | float, acting: Acting
+) -> Iterator[tuple[str, str, Any]]:
+    """What C knows of a closed loop, but for functions, constants, and room to compute in.
+
+    Args:
+        closed: The closed loop.
+        bounds: Errors, then their rates (2 nv), beyond which control is lost, or one number.
+        acting: What acts on the robot.
+
+    Yields:
+        Part, "" for `Loop` itself, and name of a field, and its value.
+    """
+    limits = np.broadcast_to(bounds, (*np.shape(bounds)[:-1], 2 * closed.vehicle.layout.v.size))
+    law = closed.controller.law if acting.held is None else "held"
+    held = np.zeros(len(closed.vehicle.inputs)) if acting.held is None else np.array(acting.held)
+    whole = {
+        **{name: values(closed, acting) for name, _, values in _PARTS},
+        "envelope": {"bounds": limits, "largest_theta_0": LARGEST_THETA_0},
+        "": {"losses": closed.vehicle.damping, "law": LAWS.index(law), "held": held},
+    }
+    for part, values in whole.items():
+        for name, value in values.items():
+            yield part, name, value
+
+
+def addresses(library: ctypes.CDLL, name: str, ending: str = "") -> list[int]:
+    """Where the functions of a compiled module are.
+
+    Args:
+        library: The module.
+        name: Name of the robot.
+        ending: What the names of the functions end with.
+
+    Returns:
+        Their addresses, in the order of `Functions`.
+    """
+    found = (library[f"{name}_{function}{ending}"] for function in FUNCTIONS)
+    return [ctypes.cast(function, POINTER).value or 0 for function in found]
 
 
 def filled(
     closed: ClosedLoop, bounds: Array | float, acting: Acting, library: ctypes.CDLL
-) -> tuple[Loop, list[Any]]:
-    """The structure of a closed loop, but for its law, the inputs that are held, and its scratch.
+) -> tuple[Loop, dict[tuple[str, str], Array]]:
+    """The structure of a closed loop, but for its room to compute in.
 
     Args:
         closed: The closed loop.
@@ -205,30 +261,18 @@ def filled(
         library: The compiled module of the robot.
 
     Returns:
-        The structure, and what it points to, which must live as long.
+        The structure, and the arrays that it points to, by part and name: they and the library
+        must live as long.
     """
     vehicle, model = closed.vehicle, closed.controller.vehicle
-    loop = Loop()
-    owned: list[Any] = [library]
-    for name in FUNCTIONS:
-        address = ctypes.cast(library[f"{vehicle.name}_{name}"], POINTER).value
-        setattr(loop.functions, name, address)
+    loop, arrays = Loop(), {}
+    loop.functions = _Functions(*addresses(library, vehicle.name))
     defaults = vehicle.module.prepare({})
     loop.plant, loop.model = (each.constants or defaults for each in (vehicle, model))
-    for name, _, values in _PARTS:
-        owned += _put(getattr(loop, name), values(closed, acting))
-    owned += _put(loop, {"losses": vehicle.damping})
-    limits = np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64)
-    owned += _put(loop.envelope, {"bounds": limits, "largest_theta_0": LARGEST_THETA_0})
-    return loop, owned
-
-
-def _put(part: ctypes.Structure, values: Values) -> list[Array]:
-    """Put values into a part of the structure; returns the arrays that it points to."""
-    owned = []
-    for name, value in values.items():
-        if isinstance(value, np.ndarray):
-            owned.append(np.ascontiguousarray(value, dtype=np.float64))
-            value = owned[-1].ctypes.data
-        setattr(part, name, value)
-    return owned
+    for part, name, value in values_of(closed, bounds, acting):
+        if isinstance(value, np.ndarray) or (part, name) in NUMBERS:
+            array = np.ascontiguousarray(value, dtype=np.float64)
+            arrays[part, name] = array
+            value = array.ctypes.data
+        setattr(getattr(loop, part) if part else loop, name, value)
+    return loop, arrays

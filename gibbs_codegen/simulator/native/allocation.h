@@ -3,7 +3,6 @@
 #ifndef GIBBS_CODEGEN_ALLOCATION_H
 #define GIBBS_CODEGEN_ALLOCATION_H
 
-#include <math.h>
 #include <string.h>
 
 #include "bounded.h"
@@ -18,11 +17,11 @@ static const double PREFERENCE = 1e-5;
 
 /* Wrenches of unit thrusts at a configuration, of rotors that joints move. `matrix` is the input
  * matrix there. */
-static void moved_wrenches(const Loop *f, const Attitude *a, const double *matrix, double *columns,
+static void moved_wrenches(const Loop *f, const Attitude *a, const number *matrix, number *columns,
                            Room room)
 {
     const Layout *const at = &f->layout;
-    double *const generalised = take(&room, at->velocities);
+    number *const generalised = take(&room, at->velocities);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         for (ptrdiff_t i = 0; i < at->velocities; ++i) {
             generalised[i] = matrix[i * inputs_of(f) + k];
@@ -37,8 +36,8 @@ static void moved_wrenches(const Loop *f, const Attitude *a, const double *matri
  */
 static void smallest(ptrdiff_t n, const double *columns, const double *wrench, double *x, Room room)
 {
-    double *const rows = take(&room, BASE * n);
-    double left[BASE], largest = 0.0;
+    double *const rows = take_plain(&room, BASE * n);
+    double left[BASE], greatest = 0.0;
     memcpy(left, wrench, sizeof left);
     memset(x, 0, (size_t)n * sizeof *x);
     for (ptrdiff_t k = 0; k < n; ++k) {
@@ -50,12 +49,12 @@ static void smallest(ptrdiff_t n, const double *columns, const double *wrench, d
         double most = 0.0;
         int next = 0;
         for (int i = 0; i < BASE; ++i) {
-            const double square = dot(n, rows + i * n, rows + i * n);
+            const double square = product(n, rows + i * n, rows + i * n);
             next = square > most ? i : next;
             most = square > most ? square : most;
         }
-        largest = rank == 0 ? most : largest;
-        if (!(most > RANK * RANK * largest)) {
+        greatest = rank == 0 ? most : greatest;
+        if (!(most > RANK * RANK * greatest)) {
             return;
         }
         double *const own = rows + next * n;
@@ -64,7 +63,7 @@ static void smallest(ptrdiff_t n, const double *columns, const double *wrench, d
             x[k] += share * own[k];
         }
         for (int i = 0; i < BASE; ++i) {
-            const double along = dot(n, rows + i * n, own) / most;
+            const double along = product(n, rows + i * n, own) / most;
             for (ptrdiff_t k = 0; k < n && i != next; ++k) {
                 rows[i * n + k] -= along * own[k];
             }
@@ -75,88 +74,133 @@ static void smallest(ptrdiff_t n, const double *columns, const double *wrench, d
     }
 }
 
-/* Whether thrusts produce a wrench, but for rounding. */
-static int produced(ptrdiff_t n, const double *columns, const double *wrench, const double *thrusts)
+/* Where thrusts do not produce a wrench, but for rounding. */
+static INLINE flags missed(ptrdiff_t n, const number *columns, const number *wrench,
+                           const number *thrusts)
 {
-    double missed[BASE];
-    memcpy(missed, wrench, sizeof missed);
+    number left[BASE];
+    memcpy(left, wrench, sizeof left);
     for (ptrdiff_t k = 0; k < n; ++k) {
         for (int i = 0; i < BASE; ++i) {
-            missed[i] -= columns[k * BASE + i] * thrusts[k];
+            left[i] -= columns[k * BASE + i] * thrusts[k];
         }
     }
-    const double exact = EXACT * (1.0 + sqrt(dot(BASE, wrench, wrench)));
-    return !(sqrt(dot(BASE, missed, missed)) > exact);
+    const number exact = EXACT * (1.0 + root(dot(BASE, wrench, wrench)));
+    return (flags)(root(dot(BASE, left, left)) > exact);
 }
 
-/* Where thrusts exceed their limits, put those in their place that come nearest to the wrench. */
-static int keep_within(const Loop *f, const double *columns, const double *wrench, double *thrusts,
-                       Room room)
+/* Weigh a problem of which force and torque do not yet compare, and how much small thrusts count. */
+static void weigh_torques(Nearest *p)
 {
-    const ptrdiff_t n = f->layout.rotors;
-    const double *const least = f->sharing.least, *const most = f->sharing.most;
-    double *const weighted = take(&room, n * BASE), target[BASE], force = 0.0, torque = 0.0;
-    int beyond = 0;
-    for (ptrdiff_t k = 0; k < n; ++k) {
-        beyond |= thrusts[k] < least[k] || thrusts[k] > most[k];
-    }
-    if (!beyond) {
-        return DONE;
-    }
-    for (ptrdiff_t k = 0; k < n; ++k) {
-        force += dot(3, columns + k * BASE, columns + k * BASE);
-        torque += dot(3, columns + k * BASE + 3, columns + k * BASE + 3);
+    double force = 0.0, torque = 0.0;
+    for (ptrdiff_t k = 0; k < p->rotors; ++k) {
+        force += product(3, p->columns + k * BASE, p->columns + k * BASE);
+        torque += product(3, p->columns + k * BASE + 3, p->columns + k * BASE + 3);
     }
     /* Torque is divided by the mean lever arm, so that it compares with force. */
     const int both = force > 0.0 && torque > 0.0;
     const double weight = both ? sqrt(force / torque) : 1.0;
-    for (int i = 0; i < BASE; ++i) {
-        const double own = i < 3 ? 1.0 : weight;
-        target[i] = own * wrench[i];
-        for (ptrdiff_t k = 0; k < n; ++k) {
-            weighted[k * BASE + i] = own * columns[k * BASE + i];
+    for (int i = 3; i < BASE; ++i) {
+        p->target[i] *= weight;
+        for (ptrdiff_t k = 0; k < p->rotors; ++k) {
+            p->columns[k * BASE + i] *= weight;
         }
     }
-    const double preference = PREFERENCE * sqrt(force + weight * weight * torque);
-    const Nearest problem = {n, weighted, target, preference, least, most};
-    return nearest(&problem, f->scratch, thrusts, room);
+    p->preference = PREFERENCE * sqrt(force + weight * weight * torque);
+}
+
+/* Thrusts of one state within limits that come nearest to its wrench. Returns whether they are
+ * found. */
+static int bring_within(const Loop *f, const number *columns, const number *wrench, int lane,
+                        number *thrusts, Room room)
+{
+    const ptrdiff_t n = f->layout.rotors;
+    double *const own = take_plain(&room, n * BASE), *const target = take_plain(&room, BASE);
+    double *const least = take_plain(&room, n), *const most = take_plain(&room, n);
+    double *const sides = take_plain(&room, n), *const found = take_plain(&room, n);
+    gather(n * BASE, columns, lane, own);
+    gather(BASE, wrench, lane, target);
+    gather(n, f->sharing.least, lane, least);
+    gather(n, f->sharing.most, lane, most);
+    gather(n, f->guesses, lane, sides);
+    gather(n, thrusts, lane, found);
+    Nearest problem = {n, own, target, 0.0, least, most};
+    weigh_torques(&problem);
+    const int done = nearest(&problem, sides, found, room);
+    scatter(n, sides, lane, f->guesses);
+    scatter(n, found, lane, thrusts);
+    return done;
+}
+
+/* Where thrusts of flights that go on exceed their limits, put those in their place that come
+ * nearest to the wrench. Returns where none are found. */
+static INLINE flags keep_within(const Loop *f, flags going, const number *columns,
+                                const number *wrench, number *thrusts, Room room)
+{
+    const number *const least = f->sharing.least, *const most = f->sharing.most;
+    flags beyond = {0}, refused = {0};
+    for (ptrdiff_t k = 0; k < f->layout.rotors; ++k) {
+        beyond |= (flags)(thrusts[k] < least[k]) | (flags)(thrusts[k] > most[k]);
+    }
+    beyond &= going;
+    for (int lane = 0; any(beyond) && lane < LANES; ++lane) {
+        if (flag(beyond, lane) && !bring_within(f, columns, wrench, lane, thrusts, room)) {
+            refused |= only(lane);
+        }
+    }
+    return refused;
+}
+
+/* The smallest thrusts of a wrench, state by state, of rotors that joints move. */
+static void smallest_of_each(ptrdiff_t n, const number *columns, const number *wrench,
+                             number *thrusts, Room room)
+{
+    double *const own = take_plain(&room, n * BASE), *const found = take_plain(&room, n);
+    double target[BASE];
+    for (int lane = 0; lane < LANES; ++lane) {
+        gather(n * BASE, columns, lane, own);
+        gather(BASE, wrench, lane, target);
+        smallest(n, own, target, found, room);
+        scatter(n, found, lane, thrusts);
+    }
 }
 
 /*
  * Inputs of a generalised force at coordinates: thrusts for its part on the base; for the joints
- * their own entries, less what thrusts contribute to those. REFUSED where rotors cannot produce it.
+ * their own entries, less what thrusts contribute to those. Returns where rotors cannot produce it.
  */
-static int allocate(const Loop *f, const double *q, const Attitude *a, const double *generalised,
-                    double *inputs, Room room)
+static INLINE flags allocate(const Loop *f, const Moment *now, const number *q, const Attitude *a,
+                             const number *generalised, number *inputs, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->rotors, width = inputs_of(f);
-    const double *columns = f->known.wrenches;
-    double *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
-    double wrench[BASE];
+    const number *columns = f->known.wrenches;
+    number *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
+    number wrench[BASE];
+    flags refused = {0};
     wrench_of(at, a, f->known.centre, generalised, wrench);
     if (f->known.move) {
-        double *const moved = take(&room, n * BASE);
-        f->functions.input_matrix(f->model, q, matrix);
+        number *const moved = take(&room, n * BASE);
+        f->functions.input_matrix(OF(f->model), q, matrix);
         moved_wrenches(f, a, matrix, moved, room);
-        smallest(n, moved, wrench, inputs, room);
+        smallest_of_each(n, moved, wrench, inputs, room);
         columns = moved;
     } else {
         for (ptrdiff_t k = 0; k < n; ++k) {
             inputs[k] = dot(BASE, f->sharing.distribution + k * BASE, wrench);
         }
     }
-    if (f->sharing.refuses && !produced(n, columns, wrench, inputs)) {
-        return REFUSED;
+    if (f->sharing.refuses) {
+        refused = missed(n, columns, wrench, inputs);
     }
-    if (f->sharing.limited && keep_within(f, columns, wrench, inputs, room) == REFUSED) {
-        return REFUSED;
+    if (f->sharing.limited) {
+        refused |= keep_within(f, now->going & opposite(refused), columns, wrench, inputs, room);
     }
     memcpy(inputs + n, generalised + at->joints, (size_t)(width - n) * sizeof *inputs);
     for (ptrdiff_t j = n; j < width && f->known.move; ++j) {
         inputs[j] -= dot(n, matrix + (at->joints + j - n) * width, inputs);
     }
-    return DONE;
+    return refused;
 }
 
 /* Room that `allocate` takes. */
@@ -164,8 +208,8 @@ static ptrdiff_t room_of_allocation(const Loop *f)
 {
     const ptrdiff_t n = f->layout.rotors, m = f->layout.velocities;
     const ptrdiff_t moving = f->known.move ? m * inputs_of(f) + n * BASE : 0;
-    const ptrdiff_t smallest_thrusts = f->known.move ? n * BASE : 0;
-    const ptrdiff_t nearest_thrusts = f->sharing.limited ? n * (2 * BASE + 1 + n) : n * BASE;
+    const ptrdiff_t smallest_thrusts = f->known.move ? n * (2 * BASE + 1) : 0;
+    const ptrdiff_t nearest_thrusts = f->sharing.limited ? n * (2 * BASE + 5 + n) + BASE : 0;
     const ptrdiff_t columns = m > smallest_thrusts ? m : smallest_thrusts;
     return moving + (columns > nearest_thrusts ? columns : nearest_thrusts);
 }

@@ -1,7 +1,7 @@
 /*
  * Thrusts within limits whose wrench is nearest to a wanted one: bounded least squares.
  *
- * Torques are divided by a lever, so that they compare with forces, and thrusts count a little, so
+ * It is solved for one state at a time, with its own plain numbers. Torques are divided by a lever, so that they compare with forces, and thrusts count a little, so
  * that there is one solution. Which thrusts are at a limit is guessed, at first as it was found the
  * last time, and all wrong guesses are changed at once; where that does not lead to fewer, the last
  * of them alone, which comes to an end (Judice and Pires 1994).
@@ -14,19 +14,27 @@
 #include <string.h>
 
 #include "loop.h"
-#include "vectors.h"
 
 /* Rounds in which wrong guesses may not have become fewer before only one is changed. */
 enum { PATIENCE = 3 };
 
 typedef struct {
     ptrdiff_t rotors;
-    const double *columns; /* [rotors][6]: what unit thrusts do */
-    const double *target;  /* [6] */
+    double *columns; /* [rotors][6]: what unit thrusts do */
+    double *target;  /* [6] */
     double preference;     /* of small thrusts */
     const double *least;
     const double *most;
 } Nearest;
+
+static double product(ptrdiff_t n, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
 
 /* A thrust is free (0), or it is at its least (-1) or its greatest (1). */
 static int is_free(double side)
@@ -38,7 +46,7 @@ static int is_free(double side)
 static void solve_free(const Nearest *p, const double *sides, double *x, Room room)
 {
     const ptrdiff_t n = p->rotors;
-    double *const columns = take(&room, n * BASE), *const upper = take(&room, n * n);
+    double *const columns = take_plain(&room, n * BASE), *const upper = take_plain(&room, n * n);
     double left[BASE];
     memcpy(columns, p->columns, (size_t)(n * BASE) * sizeof *columns);
     memcpy(left, p->target, sizeof left);
@@ -52,18 +60,18 @@ static void solve_free(const Nearest *p, const double *sides, double *x, Room ro
             continue;
         }
         const double *const own = columns + k * BASE;
-        const double norm = sqrt(p->preference * p->preference + dot(BASE, own, own));
+        const double norm = sqrt(p->preference * p->preference + product(BASE, own, own));
         const double share = 1.0 / norm, scale = share / (norm + p->preference);
         upper[k * n + k] = norm;
-        x[k] = share * dot(BASE, own, left);
-        const double kept = scale * dot(BASE, own, left);
+        x[k] = share * product(BASE, own, left);
+        const double kept = scale * product(BASE, own, left);
         for (int i = 0; i < BASE; ++i) {
             left[i] -= kept * own[i];
         }
         for (ptrdiff_t l = k + 1; l < n; ++l) {
             double *const other = columns + l * BASE;
             if (is_free(sides[l])) {
-                const double along = dot(BASE, own, other);
+                const double along = product(BASE, own, other);
                 upper[k * n + l] = share * along;
                 for (int i = 0; i < BASE; ++i) {
                     other[i] -= scale * along * own[i];
@@ -95,7 +103,7 @@ static ptrdiff_t guess_again(const Nearest *p, const double *sides, const double
         }
     }
     for (ptrdiff_t k = 0; k < p->rotors; ++k) {
-        const double slope = dot(BASE, p->columns + k * BASE, off) +
+        const double slope = product(BASE, p->columns + k * BASE, off) +
                              p->preference * p->preference * x[k];
         better[k] = is_free(sides[k]) ? (double)(x[k] > p->most[k]) - (double)(x[k] < p->least[k])
                                       : (slope * sides[k] > 0.0 ? 0.0 : sides[k]);
@@ -107,11 +115,11 @@ static ptrdiff_t guess_again(const Nearest *p, const double *sides, const double
     return changed;
 }
 
-/* `sides` are the first guesses, and then what was found. */
+/* `sides` are the first guesses, and then what was found. Returns whether anything was. */
 static int nearest(const Nearest *p, double *sides, double *x, Room room)
 {
     const ptrdiff_t n = p->rotors;
-    double *const better = take(&room, n);
+    double *const better = take_plain(&room, n);
     ptrdiff_t fewest = n + 1, last = 0, patience = PATIENCE;
     for (ptrdiff_t round = 0; round < 10 * (n + 3); ++round) {
         for (ptrdiff_t k = 0; k < n; ++k) {
@@ -120,7 +128,7 @@ static int nearest(const Nearest *p, double *sides, double *x, Room room)
         solve_free(p, sides, x, room);
         const ptrdiff_t changed = guess_again(p, sides, x, better, &last);
         if (changed == 0) {
-            return DONE;
+            return 1;
         }
         patience = changed < fewest ? PATIENCE : patience - 1;
         fewest = changed < fewest ? changed : fewest;
@@ -130,7 +138,7 @@ static int nearest(const Nearest *p, double *sides, double *x, Room room)
             sides[last] = better[last];
         }
     }
-    return REFUSED;
+    return 0;
 }
 
 #endif

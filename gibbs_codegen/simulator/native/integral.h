@@ -3,28 +3,27 @@
 #ifndef GIBBS_CODEGEN_INTEGRAL_H
 #define GIBBS_CODEGEN_INTEGRAL_H
 
-#include <math.h>
-
 #include "loop.h"
 
 /* Whether a commanded input is at a limit, or beyond. */
-static int at_limits(const Loop *f, const double *inputs)
+static INLINE flags at_limits(const Loop *f, const number *inputs)
 {
+    flags reached = {0};
     for (ptrdiff_t k = 0; f->actuators.limited && k < inputs_of(f); ++k) {
-        const double least = f->actuators.least[k], most = f->actuators.most[k];
-        const double margin = isfinite(most - least) ? 1e-9 * (most - least) : 0.0;
-        if (inputs[k] <= least + margin || inputs[k] >= most - margin) {
-            return 1;
-        }
+        const number least = f->actuators.least[k], width = f->actuators.most[k] - least;
+        const number margin = choose(are_finite(width), 1e-9 * width, same(0.0));
+        reached |= (flags)(inputs[k] <= least + margin);
+        reached |= (flags)(inputs[k] >= f->actuators.most[k] - margin);
     }
-    return 0;
+    return reached;
 }
 
-/* Let nothing that is remembered grow away from 0. */
-static void keep_from_winding(const Loop *f, const double *memory, double *growth)
+/* Let nothing that is remembered grow away from 0 where an input is at a limit. */
+static INLINE void keep_from_winding(const Loop *f, flags wound, const number *memory, number *growth)
 {
     for (ptrdiff_t i = 0; i < f->layout.memory; ++i) {
-        growth[i] = growth[i] * memory[i] >= 0.0 ? 0.0 : growth[i];
+        const flags away = wound & (flags)(growth[i] * memory[i] >= 0.0);
+        growth[i] = choose(away, same(0.0), growth[i]);
     }
 }
 

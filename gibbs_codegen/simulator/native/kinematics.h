@@ -3,33 +3,32 @@
 #ifndef GIBBS_CODEGEN_KINEMATICS_H
 #define GIBBS_CODEGEN_KINEMATICS_H
 
-#include <math.h>
 #include <string.h>
 
 #include "loop.h"
 #include "vectors.h"
 
-static Attitude attitude_of(const Layout *at, const double *q)
+static Attitude attitude_of(const Layout *at, const number *q)
 {
-    Attitude found = {q + at->quaternion, {0.0}, {0.0}};
-    for (int i = 0; i < 3 && !has_quaternion(at); ++i) {
-        found.sine[i] = sin(q[at->attitude + i]);
-        found.cosine[i] = cos(q[at->attitude + i]);
+    Attitude found = {0};
+    found.quaternion = q + at->quaternion;
+    if (!has_quaternion(at)) {
+        sines_of(q + at->attitude, found.sine, found.cosine);
     }
     return found;
 }
 
 /* Turn a vector back about the axis of the angle `i`. */
-static void turn_back(const Layout *at, const Attitude *a, int i, double *x)
+static void turn_back(const Layout *at, const Attitude *a, int i, number *x)
 {
     const ptrdiff_t one = (at->axes[i] + 1) % 3, two = (at->axes[i] + 2) % 3;
-    const double first = a->cosine[i] * x[one] + a->sine[i] * x[two];
+    const number first = a->cosine[i] * x[one] + a->sine[i] * x[two];
     x[two] = a->cosine[i] * x[two] - a->sine[i] * x[one];
     x[one] = first;
 }
 
 /* A vector of the world in the axes of the base. */
-static void into_base(const Layout *at, const Attitude *a, const double *x, double *out)
+static void into_base(const Layout *at, const Attitude *a, const number *x, number *out)
 {
     if (has_quaternion(at)) {
         turn(a->quaternion, -1.0, x, out);
@@ -42,10 +41,10 @@ static void into_base(const Layout *at, const Attitude *a, const double *x, doub
 }
 
 /* Velocity of the base centre and angular velocity, in the axes of the base. */
-static void twist_of(const Layout *at, const Attitude *a, const double *centre, const double *v,
-                     double *twist)
+static void twist_of(const Layout *at, const Attitude *a, const number *centre, const number *v,
+                     number *twist)
 {
-    double *const spin = twist + 3, swept[3];
+    number *const spin = twist + 3, swept[3];
     if (has_quaternion(at)) {
         memcpy(twist, v + at->position, 3 * sizeof *twist);
         memcpy(spin, v + at->attitude, 3 * sizeof *spin);
@@ -64,18 +63,18 @@ static void twist_of(const Layout *at, const Attitude *a, const double *centre, 
 }
 
 /* The wrench on the base that a generalised force amounts to: force, torque about its centre. */
-static void wrench_of(const Layout *at, const Attitude *a, const double *centre,
-                      const double *generalised, double *wrench)
+static void wrench_of(const Layout *at, const Attitude *a, const number *centre,
+                      const number *generalised, number *wrench)
 {
-    const double *const g = generalised + at->attitude;
-    double *const torque = wrench + 3, lever[3];
+    const number *const g = generalised + at->attitude;
+    number *const torque = wrench + 3, lever[3];
     if (has_quaternion(at)) {
         memcpy(wrench, generalised + at->position, 3 * sizeof *wrench);
         memcpy(torque, g, 3 * sizeof *torque);
     } else {
         /* The axes of the three angles are not at right angles: the first leans by the second. */
         const int cyclic = (at->axes[0] + 1) % 3 == at->axes[1];
-        const double lean = cyclic ? a->sine[1] : -a->sine[1];
+        const number lean = cyclic ? a->sine[1] : -a->sine[1];
         into_base(at, a, generalised + at->position, wrench);
         torque[at->axes[0]] = (g[0] - lean * g[2]) / a->cosine[1];
         torque[at->axes[1]] = g[1];
@@ -89,21 +88,21 @@ static void wrench_of(const Layout *at, const Attitude *a, const double *centre,
 }
 
 /* Make the quaternion of coordinates one of unit length. */
-static void normalise(const Layout *at, double *q)
+static void normalise(const Layout *at, number *q)
 {
-    double *p = q + at->quaternion;
-    const double length = sqrt(dot(4, p, p));
+    number *p = q + at->quaternion;
+    const number length = root(dot(4, p, p));
     for (int i = 0; i < 4; ++i) {
         p[i] /= length;
     }
 }
 
 /* Rates of coordinates, of which `unit` has the quaternion of length 1; it keeps its length. */
-static void rates_of(const Layout *at, const double *q, const double *unit, const double *v,
-                     double *rate)
+static void rates_of(const Layout *at, const number *q, const number *unit, const number *v,
+                     number *rate)
 {
-    const double *p = q + at->quaternion, *spin = v + at->attitude;
-    double *growth = rate + at->quaternion;
+    const number *p = q + at->quaternion, *spin = v + at->attitude;
+    number *growth = rate + at->quaternion;
     turn(unit + at->quaternion, 1.0, v + at->position, rate + at->placed);
     cross(p, spin, growth);
     for (int i = 0; i < 3; ++i) {
@@ -119,13 +118,13 @@ static void rates_of(const Layout *at, const double *q, const double *unit, cons
  * unit length, velocities and accelerations. With c = r p, where p is of unit length,
  * conj(c) c' = r r' + r^2 spin / 2.
  */
-static void quasi_velocities(const Layout *at, double *out)
+static void quasi_velocities(const Layout *at, number *out)
 {
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     const size_t joints = (size_t)(m - BASE) * sizeof *out;
-    const double *c = out + at->quaternion;
-    const double square = dot(4, c, c), stretching = dot(4, c, c + n) / square;
-    double spin[4], growth[4], linear[3], rate[3], carried[3];
+    const number *c = out + at->quaternion;
+    const number square = dot(4, c, c), stretching = dot(4, c, c + n) / square;
+    number spin[4], growth[4], linear[3], rate[3], carried[3];
     between(c, c + n, spin);
     between(c, c + 2 * n, growth);
     for (int i = 0; i < 3; ++i) {
@@ -150,12 +149,12 @@ static void quasi_velocities(const Layout *at, double *out)
  * Errors of a state, then their rates: with angles, differences. With a quaternion those of the
  * position are in world axes; that of the attitude is the rotation vector in the base's frame.
  */
-static void errors_of(const Layout *at, const double *wanted, const double *q, const double *v,
-                      double *off)
+static void errors_of(const Layout *at, const number *wanted, const number *q, const number *v,
+                      number *off)
 {
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     const ptrdiff_t shift = n - m; /* of the joints, past a quaternion */
-    double *rate = off + m;
+    number *rate = off + m;
     for (ptrdiff_t i = 0; i < m; ++i) {
         off[i] = wanted[i + shift] - q[i + shift];
         rate[i] = wanted[n + i] - v[i];
@@ -163,17 +162,17 @@ static void errors_of(const Layout *at, const double *wanted, const double *q, c
     if (!has_quaternion(at)) {
         return;
     }
-    const double *p = q + at->quaternion, *r = wanted + at->quaternion;
-    double turned[4], spin[3], here[3], there[3];
+    const number *p = q + at->quaternion, *r = wanted + at->quaternion;
+    number turned[4], spin[3], here[3], there[3];
     between(p, r, turned);
-    const double sine = sqrt(dot(3, turned, turned)), cosine = fabs(turned[3]);
-    const double half = sine > 0.0 ? atan2(sine, cosine) / sine : 1.0 / cosine;
+    const number sine = root(dot(3, turned, turned)), cosine = magnitude(turned[3]);
+    const number half = choose((flags)(sine > 0.0), arc_tangent(sine, cosine) / sine, 1.0 / cosine);
     turn(r, 1.0, wanted + n + at->attitude, there);
     turn(p, -1.0, there, spin);
     turn(p, 1.0, v + at->position, here);
     turn(r, 1.0, wanted + n + at->position, there);
     for (int i = 0; i < 3; ++i) {
-        off[at->attitude + i] = copysign(2.0 * half, turned[3]) * turned[i];
+        off[at->attitude + i] = signed_as(2.0 * half, turned[3]) * turned[i];
         off[at->position + i] = wanted[at->placed + i] - q[at->placed + i];
         rate[at->attitude + i] = spin[i] - v[at->attitude + i];
         rate[at->position + i] = there[i] - here[i];
@@ -182,13 +181,13 @@ static void errors_of(const Layout *at, const double *wanted, const double *q, c
 
 /* Of a base with a quaternion, accelerations in which the base would move in the world as wanted
  * but for `pull`, which is what control makes of the errors. */
-static void carried_over(const Layout *at, const double *wanted, const double *q, const double *v,
-                         const double *pull, double *out)
+static void carried_over(const Layout *at, const number *wanted, const number *q, const number *v,
+                         const number *pull, number *out)
 {
     const ptrdiff_t n = at->coordinates, m = at->velocities;
-    const double *p = q + at->quaternion, *r = wanted + at->quaternion;
-    const double *turning = wanted + n + at->attitude, *spin = v + at->attitude;
-    double swept[3], world[3], rate[3], there[3], here[3];
+    const number *p = q + at->quaternion, *r = wanted + at->quaternion;
+    const number *turning = wanted + n + at->attitude, *spin = v + at->attitude;
+    number swept[3], world[3], rate[3], there[3], here[3];
     cross(turning, wanted + n + at->position, swept);
     for (int i = 0; i < 3; ++i) {
         swept[i] += wanted[n + m + at->position + i];

@@ -15,14 +15,15 @@
 
 /* How fast coordinates, velocities and memory change as the law knows the robot, under its inputs
  * within limits and the thrusts of the motors. */
-static void moving(const Loop *f, const Moment *now, const double *inputs, double *rate, Room room)
+static void moving(const Loop *f, const Moment *now, const number *inputs, number *rate, Room room)
 {
     const Layout *const at = &f->layout;
-    double *const acting = take(&room, inputs_of(f));
+    number *const acting = take(&room, inputs_of(f));
     memcpy(acting, inputs, (size_t)inputs_of(f) * sizeof *acting);
     limit(f, acting);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
-        acting[k] = f->actuators.lag[k] > 0.0 ? now->thrusts[k] : acting[k];
+        const flags lags = (flags)(f->actuators.lag[k] > 0.0);
+        acting[k] = choose(lags, now->thrusts[k], acting[k]);
     }
     if (has_quaternion(at)) {
         rates_of(at, now->q, now->q, now->v, rate);
@@ -30,18 +31,19 @@ static void moving(const Loop *f, const Moment *now, const double *inputs, doubl
         memcpy(rate, now->v, (size_t)at->coordinates * sizeof *rate);
     }
     rate += at->coordinates;
-    f->functions.forward_dynamics(f->model, now->q, now->v, acting, rate);
+    f->functions.forward_dynamics(OF(f->model), now->q, now->v, acting, rate);
     remember(f, now, rate + at->velocities, room);
 }
 
-/* Inputs that the law wants some time ahead, for which the motion goes on at a rate; or REFUSED. */
-static int want(const Loop *f, const Moment *now, const double *rate, double ahead, double *inputs,
+/* Inputs that the law wants some time ahead, for which the motion goes on at a rate.
+ * Returns what is refused. */
+static INLINE flags want(const Loop *f, const Moment *now, const number *rate, double ahead, number *inputs,
                 Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->coordinates, m = at->velocities;
-    double *const q = take(&room, n), *const v = take(&room, m);
-    double *const memory = take(&room, at->memory), *const wanted = take(&room, 3 * n);
+    number *const q = take(&room, n), *const v = take(&room, m);
+    number *const memory = take(&room, at->memory), *const wanted = take(&room, 3 * n);
     for (ptrdiff_t i = 0; i < n; ++i) {
         q[i] = now->q[i] + ahead * rate[i];
     }
@@ -56,31 +58,30 @@ static int want(const Loop *f, const Moment *now, const double *rate, double ahe
     }
     reference(f, now->time + ahead, wanted);
     const Moment then = {now->time + ahead, wanted, q, v, now->thrusts, memory,
-                         attitude_of(at, q)};
+                         now->going, attitude_of(at, q)};
     return command(f, &then, inputs, room);
 }
 
 /* Add what makes up for the lag of the motors to the inputs that the law wants, unless they are held.
- * REFUSED where the law refuses those that it wants next. */
-static int compensate(const Loop *f, const Moment *now, double *inputs, Room room)
+ * Returns where the law refuses those that it wants next. */
+static INLINE flags compensate(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const Desired *const path = &f->desired;
     const Layout *const at = &f->layout;
     const double last = path->begin + (double)path->pieces * path->piece - AHEAD;
     const double ahead = now->time > last ? -AHEAD : AHEAD;
-    double *const rate = take(&room, at->coordinates + at->velocities + at->memory);
-    double *const later = take(&room, inputs_of(f));
+    number *const rate = take(&room, at->coordinates + at->velocities + at->memory);
+    number *const later = take(&room, inputs_of(f));
+    flags refused = {0};
     if (f->law == HELD) {
-        return DONE;
+        return refused;
     }
     moving(f, now, inputs, rate, room);
-    if (want(f, now, rate, ahead, later, room) == REFUSED) {
-        return REFUSED;
-    }
+    refused = want(f, now, rate, ahead, later, room);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         inputs[k] += f->actuators.lag[k] * ((later[k] - inputs[k]) / ahead);
     }
-    return DONE;
+    return refused;
 }
 
 /* Room that a command takes, of which the law itself takes `law`. */

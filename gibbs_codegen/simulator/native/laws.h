@@ -11,12 +11,12 @@
 #include "loop.h"
 
 /* Desired accelerations, corrected by the errors of a state. */
-static void corrected(const Loop *f, const Moment *now, double *restrict out, Room room)
+static void corrected(const Loop *f, const Moment *now, number *restrict out, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->coordinates, m = at->velocities;
-    const double *const wanted = now->wanted;
-    double *const off = take(&room, 2 * m);
+    const number *const wanted = now->wanted;
+    number *const off = take(&room, 2 * m);
     errors_of(at, wanted, now->q, now->v, off);
     for (ptrdiff_t i = 0; i < m; ++i) {
         off[i] += learned(f, now, i);
@@ -29,30 +29,31 @@ static void corrected(const Loop *f, const Moment *now, double *restrict out, Ro
 }
 
 /* Inputs of the desired acceleration, corrected by the tracking errors. */
-static int computed_torque(const Loop *f, const Moment *now, double *inputs, Room room)
+static INLINE flags computed_torque(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const ptrdiff_t m = f->layout.velocities;
-    double *const acceleration = take(&room, m), *const force = take(&room, m);
+    number *const acceleration = take(&room, m), *const force = take(&room, m);
     corrected(f, now, acceleration, room);
-    f->functions.inverse_dynamics(f->model, now->q, now->v, acceleration, force);
-    return allocate(f, now->q, &now->attitude, force, inputs, room);
+    f->functions.inverse_dynamics(OF(f->model), now->q, now->v, acceleration, force);
+    return allocate(f, now, now->q, &now->attitude, force, inputs, room);
 }
 
 /* Inputs of the desired motion, whatever the state. */
-static int open_loop(const Loop *f, const Moment *now, double *inputs, Room room)
+static INLINE flags open_loop(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const ptrdiff_t n = f->layout.coordinates, m = f->layout.velocities;
-    const double *const wanted = now->wanted;
+    const number *const wanted = now->wanted;
     const Attitude attitude = attitude_of(&f->layout, wanted);
-    double *const force = take(&room, m);
-    f->functions.inverse_dynamics(f->model, wanted, wanted + n, wanted + n + m, force);
-    return allocate(f, wanted, &attitude, force, inputs, room);
+    number *const force = take(&room, m);
+    f->functions.inverse_dynamics(OF(f->model), wanted, wanted + n, wanted + n + m, force);
+    return allocate(f, now, wanted, &attitude, force, inputs, room);
 }
 
-/* Commanded inputs; REFUSED where the rotors cannot produce them. */
-static int command(const Loop *f, const Moment *now, double *inputs, Room room)
+/* Commanded inputs. Returns where the rotors cannot produce them. */
+static INLINE flags command(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const size_t size = (size_t)inputs_of(f) * sizeof *inputs;
+    const flags none = {0};
     switch (f->law) {
     case COMPUTED_TORQUE:
         return computed_torque(f, now, inputs, room);
@@ -62,10 +63,10 @@ static int command(const Loop *f, const Moment *now, double *inputs, Room room)
         return geometric(f, now, inputs, room);
     case HELD:
         memcpy(inputs, f->held, size);
-        return DONE;
+        return none;
     default: /* OFF */
         memset(inputs, 0, size);
-        return DONE;
+        return none;
     }
 }
 
@@ -78,12 +79,12 @@ static ptrdiff_t room_of_law(const Loop *f)
 }
 
 /* How what a law remembers grows: the integrals of the errors, if there are any. */
-static void remember(const Loop *f, const Moment *now, double *growth, Room room)
+static void remember(const Loop *f, const Moment *now, number *growth, Room room)
 {
     if (f->layout.memory && f->law == GEOMETRIC) {
         remember_centre(f, now, growth);
     } else if (f->layout.memory) {
-        double *const off = take(&room, 2 * f->layout.velocities);
+        number *const off = take(&room, 2 * f->layout.velocities);
         errors_of(&f->layout, now->wanted, now->q, now->v, off);
         memcpy(growth, off, (size_t)f->layout.memory * sizeof *growth);
     }

@@ -5,19 +5,19 @@
 
 #include <stddef.h>
 
+#include "number.h"
+
 enum { BASE = 6, POWERS = 6 };
-/* Whether something could be found, or Python is to take over and say why not. */
-enum { DONE = 0, REFUSED = 1 };
 enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3, GEOMETRIC = 4 };
 
-typedef void Forward(const void *, const double *, const double *, const double *, double *);
-typedef void Inverse(const void *, const double *, const double *, const double *, double *);
-typedef void Matrix(const void *, const double *, double *);
-typedef void Pushed(const void *, const double *, const double *, const double *, const double *,
-                    double *);
-typedef void Forces(const void *, const double *, const double *, double *);
-typedef void Places(const void *, const double *, double *);
-typedef void Moving(const void *, const double *, const double *, double *);
+typedef void Forward(ROBOT, const number *, const number *, const number *, number *);
+typedef void Inverse(ROBOT, const number *, const number *, const number *, number *);
+typedef void Matrix(ROBOT, const number *, number *);
+typedef void Pushed(ROBOT, const number *, const number *, const number *, const number *,
+                    number *);
+typedef void Forces(ROBOT, const number *, const number *, number *);
+typedef void Places(ROBOT, const number *, number *);
+typedef void Moving(ROBOT, const number *, const number *, number *);
 
 /* Functions of an emitted module, by their addresses. */
 typedef struct {
@@ -59,32 +59,32 @@ typedef struct {
 
 /* Centre of mass of the robot that the geometric law knows; not there under other laws. */
 typedef struct {
-    double mass;                /* kg */
-    const double *weight;       /* [3]: the force that holds the robot, world axes, N */
-    const double *coefficients; /* [pieces][6][3] of its desired motion, with the knots of that */
+    const number *mass;         /* kg */
+    const number *weight;       /* [3]: the force that holds the robot, world axes, N */
+    const number *coefficients; /* [pieces][6][3] of its desired motion, with the knots of that */
 } Centre;
 
 /* Gains of the tracking errors. */
 typedef struct {
-    const double *stiffness; /* [velocities] */
-    const double *damping;   /* [velocities] */
-    double integral;         /* rate of integral action, 1/s */
+    const number *stiffness; /* [velocities] */
+    const number *damping;   /* [velocities] */
+    const number *integral;  /* rate of integral action, 1/s */
 } Gains;
 
 /* Rotors of the robot that flies or of the one that the law knows. */
 typedef struct {
     int move;               /* whether joints move them; then their wrenches are those of zero */
-    const double *centre;   /* [3]: from where the position is to the base centre, base axes, m */
-    const double *wrenches; /* [rotors][6] of unit thrusts: forces, torques about the centre */
+    const number *centre;   /* [3]: from where the position is to the base centre, base axes, m */
+    const number *wrenches; /* [rotors][6] of unit thrusts: forces, torques about the centre */
 } Rotors;
 
 /* How the rotors that the law knows share a wrench on the base. */
 typedef struct {
     int limited;
     int refuses;                /* whether a wrench that no thrusts produce is refused */
-    const double *distribution; /* [rotors][6]: thrusts of a force and a torque */
-    const double *least;        /* [rotors]: limits of the thrusts */
-    const double *most;
+    const number *distribution; /* [rotors][6]: thrusts of a force and a torque */
+    const number *least;        /* [rotors]: limits of the thrusts */
+    const number *most;
 } Sharing;
 
 /* Limits and lag of motors and joints. */
@@ -92,9 +92,9 @@ typedef struct {
     int limited;
     int lags;
     int compensates; /* whether commands make up for the lag */
-    const double *least; /* [rotors + joints]: limits of the inputs */
-    const double *most;
-    const double *lag; /* [rotors]: time constants of the motors, 0 for none */
+    const number *least; /* [rotors + joints]: limits of the inputs */
+    const number *most;
+    const number *lag; /* [rotors]: time constants of the motors, 0 for none */
 } Actuators;
 
 /* What acts on the robot besides its inputs: a push, wind, walls, rotors that spin, and payloads.
@@ -117,7 +117,7 @@ typedef struct {
 
 /* Where a flight cannot go on. */
 typedef struct {
-    const double *bounds;   /* [2][velocities]: errors beyond which control is lost */
+    const number *bounds;   /* [2][velocities]: errors beyond which control is lost */
     double largest_theta_0; /* beyond it angles are singular */
 } Envelope;
 
@@ -125,7 +125,7 @@ typedef struct {
     Functions functions;
     const void *plant; /* constants of the robot that flies, */
     const void *model; /* and of the one that the law knows */
-    const double *losses; /* [velocities]: damping of the robot itself */
+    const number *losses; /* [velocities]: damping of the robot itself */
     Layout layout;
     Desired desired;
     Centre centre;
@@ -137,38 +137,46 @@ typedef struct {
     Environment environment;
     Envelope envelope;
     int law;
-    const double *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */
-    double *scratch;    /* [gibbs_codegen_loop_room], zeros before the first call */
+    const number *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */
+    number *guesses;    /* [rotors]: which thrusts are at limits; zeros before the first call */
+    number *scratch;    /* [gibbs_codegen_loop_room] */
 } Loop;
 
 /* Attitude of the base: a quaternion of unit length, or sines and cosines of its angles. */
 typedef struct {
-    const double *quaternion;
-    double sine[3];
-    double cosine[3];
+    const number *quaternion;
+    number sine[3];
+    number cosine[3];
 } Attitude;
 
 /* A state at a time: `q` has a quaternion of unit length; `thrusts` are there if motors lag. */
 typedef struct {
     double time;
-    const double *wanted; /* desired coordinates, velocities and accelerations, one after another */
-    const double *q;
-    const double *v;
-    const double *thrusts;
-    const double *memory;
+    const number *wanted; /* desired coordinates, velocities and accelerations, one after another */
+    const number *q;
+    const number *v;
+    const number *thrusts;
+    const number *memory;
+    flags going; /* flights that have not ended */
     Attitude attitude;
 } Moment;
 
 /* Room for numbers. What is taken is free again where the copy ends that it was taken from. */
 typedef struct {
-    double *free;
+    number *free;
 } Room;
 
-static double *take(Room *room, ptrdiff_t count)
+static number *take(Room *room, ptrdiff_t count)
 {
-    double *const taken = room->free;
+    number *const taken = room->free;
     room->free += count;
     return taken;
+}
+
+/* Room for as many numbers of one state. */
+static double *take_plain(Room *room, ptrdiff_t count)
+{
+    return (double *)take(room, (count + LANES - 1) / LANES);
 }
 
 static ptrdiff_t inputs_of(const Loop *f)

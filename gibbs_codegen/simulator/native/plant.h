@@ -3,22 +3,20 @@
 #ifndef GIBBS_CODEGEN_PLANT_H
 #define GIBBS_CODEGEN_PLANT_H
 
-#include <stddef.h>
-
 #include "environment.h"
 #include "kinematics.h"
 #include "loop.h"
 #include "vectors.h"
 
 /* Power of inputs. Where no joint moves the rotors, thrusts act on the base alone. */
-static double power(const Loop *f, const Moment *now, const double *inputs, Room room)
+static INLINE number power(const Loop *f, const Moment *now, const number *inputs, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t joints = at->velocities - BASE, width = inputs_of(f);
-    double sum = 0.0, twist[BASE];
+    number sum = {0.0}, twist[BASE];
     if (f->flown.move) {
-        double *const matrix = take(&room, at->velocities * width);
-        f->functions.input_matrix(f->plant, now->q, matrix);
+        number *const matrix = take(&room, at->velocities * width);
+        f->functions.input_matrix(OF(f->plant), now->q, matrix);
         for (ptrdiff_t i = 0; i < at->velocities; ++i) {
             sum += now->v[i] * dot(width, matrix + i * width, inputs);
         }
@@ -32,9 +30,9 @@ static double power(const Loop *f, const Moment *now, const double *inputs, Room
 }
 
 /* Power that the damping of the robot itself takes. */
-static double losses(const Loop *f, const double *v)
+static INLINE number losses(const Loop *f, const number *v)
 {
-    double sum = 0.0;
+    number sum = {0.0};
     for (ptrdiff_t i = 0; i < f->layout.velocities; ++i) {
         sum += f->losses[i] * v[i] * v[i];
     }
@@ -42,42 +40,42 @@ static double losses(const Loop *f, const double *v)
 }
 
 /* Bring inputs within their limits. */
-static void limit(const Loop *f, double *inputs)
+static void limit(const Loop *f, number *inputs)
 {
-    const double *const least = f->actuators.least, *const most = f->actuators.most;
+    const number *const least = f->actuators.least, *const most = f->actuators.most;
     for (ptrdiff_t k = 0; f->actuators.limited && k < inputs_of(f); ++k) {
-        inputs[k] = inputs[k] < least[k] ? least[k] : inputs[k] > most[k] ? most[k] : inputs[k];
+        const number within = choose((flags)(inputs[k] > most[k]), most[k], inputs[k]);
+        inputs[k] = choose((flags)(inputs[k] < least[k]), least[k], within);
     }
 }
 
 /* Make inputs that act of those commanded, and of what motors aim for the rates of their thrusts. */
-static void actuate(const Loop *f, const double *thrusts, double *inputs, double *rate)
+static void actuate(const Loop *f, const number *thrusts, number *inputs, number *rate)
 {
     for (ptrdiff_t k = 0; f->actuators.lags && k < f->layout.rotors; ++k) {
-        rate[k] = 0.0;
-        if (f->actuators.lag[k] > 0.0) {
-            rate[k] = (inputs[k] - thrusts[k]) / f->actuators.lag[k];
-            inputs[k] = thrusts[k];
-        }
+        const number lag = f->actuators.lag[k];
+        const flags lags = (flags)(lag > 0.0);
+        rate[k] = choose(lags, (inputs[k] - thrusts[k]) / lag, same(0.0));
+        inputs[k] = choose(lags, thrusts[k], inputs[k]);
     }
 }
 
 /* Accelerations under inputs that act. Returns the power of all that acts. */
-static double move(const Loop *f, const Moment *now, const double *inputs, double *acceleration,
+static INLINE number move(const Loop *f, const Moment *now, const number *inputs, number *acceleration,
                    Room room)
 {
     const Functions *const of = &f->functions;
-    const double *const q = now->q, *const v = now->v;
+    const number *const q = now->q, *const v = now->v;
     const ptrdiff_t m = f->layout.velocities;
-    const double given = power(f, now, inputs, room) - losses(f, v);
+    const number given = power(f, now, inputs, room) - losses(f, v);
     if (!f->environment.frames) {
-        of->forward_dynamics(f->plant, q, v, inputs, acceleration);
+        of->forward_dynamics(OF(f->plant), q, v, inputs, acceleration);
         return given;
     }
-    double *const force = take(&room, m), *const wrenches = take(&room, 6 * f->environment.frames);
+    number *const force = take(&room, m), *const wrenches = take(&room, 6 * f->environment.frames);
     surround(f, now, inputs, wrenches, room);
-    of->forward_dynamics_with_wrenches(f->plant, q, v, inputs, wrenches, acceleration);
-    of->wrench_forces(f->plant, q, wrenches, force);
+    of->forward_dynamics_with_wrenches(OF(f->plant), q, v, inputs, wrenches, acceleration);
+    of->wrench_forces(OF(f->plant), q, wrenches, force);
     return given + dot(m, force, v);
 }
 

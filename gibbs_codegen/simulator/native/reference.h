@@ -3,8 +3,6 @@
 #ifndef GIBBS_CODEGEN_REFERENCE_H
 #define GIBBS_CODEGEN_REFERENCE_H
 
-#include <stddef.h>
-
 #include "kinematics.h"
 #include "loop.h"
 
@@ -30,9 +28,13 @@ static void evaluate(const Desired *path, const double *coefficients, ptrdiff_t 
 }
 
 /* Desired coordinates, velocities and accelerations, one after the other. */
-static void reference(const Loop *f, double time, double *restrict out)
+static void reference(const Loop *f, double time, number *out)
 {
-    evaluate(&f->desired, f->desired.coefficients, f->layout.coordinates, time, out);
+    const ptrdiff_t n = f->layout.coordinates;
+    evaluate(&f->desired, f->desired.coefficients, n, time, (double *)out);
+    for (ptrdiff_t i = 3 * n; i-- > 0;) { /* from the end, where nothing is overwritten */
+        out[i] = same(((const double *)out)[i]);
+    }
     if (has_quaternion(&f->layout)) {
         quasi_velocities(&f->layout, out);
     }

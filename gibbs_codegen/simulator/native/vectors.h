@@ -3,18 +3,18 @@
 #ifndef GIBBS_CODEGEN_VECTORS_H
 #define GIBBS_CODEGEN_VECTORS_H
 
-#include <stddef.h>
+#include "number.h"
 
-static void cross(const double *a, const double *b, double *out)
+static void cross(const number *a, const number *b, number *out)
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
     out[1] = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static double dot(ptrdiff_t n, const double *a, const double *b)
+static INLINE number dot(ptrdiff_t n, const number *a, const number *b)
 {
-    double sum = 0.0;
+    number sum = {0.0};
     for (ptrdiff_t i = 0; i < n; ++i) {
         sum += a[i] * b[i];
     }
@@ -22,9 +22,9 @@ static double dot(ptrdiff_t n, const double *a, const double *b)
 }
 
 /* The vector x in the world, of a base with the unit quaternion p; back into the base by -1. */
-static void turn(const double *p, double sign, const double *x, double *out)
+static void turn(const number *p, double sign, const number *x, number *out)
 {
-    double once[3], twice[3];
+    number once[3], twice[3];
     cross(p, x, once);
     cross(p, once, twice);
     for (int i = 0; i < 3; ++i) {
@@ -33,9 +33,9 @@ static void turn(const double *p, double sign, const double *x, double *out)
 }
 
 /* The product of the conjugate of p and of r. */
-static void between(const double *p, const double *r, double *out)
+static void between(const number *p, const number *r, number *out)
 {
-    double carried[3];
+    number carried[3];
     cross(p, r, carried);
     for (int i = 0; i < 3; ++i) {
         out[i] = p[3] * r[i] - r[3] * p[i] - carried[i];
@@ -43,13 +43,12 @@ static void between(const double *p, const double *r, double *out)
     out[3] = dot(4, p, r);
 }
 
-
 /* Solve A x = b in place of b, A positive definite, row by row, and changed. */
-static void solve_positive(ptrdiff_t n, double *a, double *b)
+static void solve_positive(ptrdiff_t n, number *a, number *b)
 {
     for (ptrdiff_t k = 0; k < n; ++k) {
         for (ptrdiff_t i = k + 1; i < n; ++i) {
-            const double share = a[n * i + k] / a[n * k + k];
+            const number share = a[n * i + k] / a[n * k + k];
             for (ptrdiff_t j = k + 1; j < n; ++j) {
                 a[n * i + j] -= share * a[n * k + j];
             }

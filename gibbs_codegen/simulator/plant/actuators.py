@@ -63,7 +63,10 @@ class Actuators:
     @property
     def inputs(self) -> Array:
         """Least and greatest inputs (2, nu): thrusts, N, then torques and forces of the joints."""
-        return np.concatenate([self.thrusts, [-self.efforts, self.efforts]], axis=1)
+        efforts = np.stack([-self.efforts, self.efforts], axis=-2)
+        before = np.broadcast_shapes(self.thrusts.shape[:-1], efforts.shape[:-1])
+        parts = (np.broadcast_to(x, (*before, x.shape[-1])) for x in (self.thrusts, efforts))
+        return np.concatenate(list(parts), axis=-1)
 
     def reached(self, commanded: Array) -> Flags:
         """Which inputs are at a limit, or beyond.

@@ -202,13 +202,24 @@ def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
     Returns:
         The flight.
     """
+    return replace(flight, **timing_fields(motion))
+
+
+def timing_fields(motion: TimedMotion) -> dict[str, Any]:
+    """What is to be said of the timing of a motion, by the names of the fields of a flight.
+
+    Args:
+        motion: What was flown.
+
+    Returns:
+        The fields.
+    """
     times = [(each.begin, each.end) for each in motion.binding]
-    return replace(
-        flight,
-        timing=motion.said,
-        binding=tuple(each.what for each in motion.binding),
-        binding_times=np.reshape(times, (-1, 2)),
-    )
+    return {
+        "timing": motion.said,
+        "binding": tuple(each.what for each in motion.binding),
+        "binding_times": np.reshape(times, (-1, 2)),
+    }
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:

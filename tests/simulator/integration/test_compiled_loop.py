@@ -448,7 +448,8 @@ int main(void)
         f.desired.pieces = 1 + draw(4);
         f.law = (int)draw(turning ? 5 : 4);
         f.layout.memory = draw(2) ? n : 0; /* with integral action, one for each velocity */
-        f.gains.integral = 0.5;
+        const double integral = 0.5, mass = 1.5;
+        f.gains.integral = &integral;
         double *wrenches = filled(FRAMES * BASE), *rows = filled(15 + 27 + 18 + 6);
         surroundings(&f.environment, wrenches, rows);
         const ptrdiff_t acting = rotors + n - BASE;
@@ -493,7 +494,7 @@ int main(void)
         f.sharing.most = highest;
         double *stiffness = filled(n), *damping = filled(n), *losses = filled(n);
         double *weight = filled(3), *path = filled(f.desired.pieces * POWERS * 3);
-        f.centre.mass = 1.5;
+        f.centre.mass = &mass;
         f.centre.weight = weight;
         f.centre.coefficients = path;
         f.desired.coefficients = coefficients;
@@ -502,7 +503,8 @@ int main(void)
         f.gains.damping = damping;
         f.losses = losses;
         f.scratch = room(gibbs_codegen_loop_room(&f) - SHORT);
-        memset(f.scratch, 0, (size_t)rotors * sizeof *f.scratch);
+        f.guesses = room(rotors);
+        memset(f.guesses, 0, (size_t)rotors * sizeof *f.guesses);
         const ptrdiff_t size = coordinates + n + 1 + (f.actuators.lags ? rotors : 0) +
                                f.layout.memory;
         const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
@@ -515,8 +517,10 @@ int main(void)
             ranges[j] = j / acting % 2 == 0 ? INFINITY : -INFINITY;
         }
         const double time = draw(2) ? 0.0 : 100.0;
-        const ptrdiff_t taken = gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state,
-                                                  samples, draw(2) ? ranges : NULL);
+        Progress progress = {1, 0, {0}};
+        gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state, samples,
+                          draw(2) ? ranges : NULL, &progress);
+        const ptrdiff_t taken = progress.taken[0];
         if (taken < 0 || taken > count) {
             return 3;
         }
@@ -546,6 +550,7 @@ int main(void)
         free(stiffness);
         free(damping);
         free(losses);
+        free(f.guesses);
         free(f.scratch);
         free(state);
         free(samples);

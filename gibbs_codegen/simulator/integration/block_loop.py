@@ -1,0 +1,248 @@
+"""Closed loops in blocks: many flights of one robot side by side, in compiled code.
+
+`native/rk4.c` is compiled for numbers of LANES states, and calls the module's functions for blocks.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.interface import LANES
+from gibbs_codegen.runtime.cache import CacheError
+from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+from gibbs_codegen.simulator.integration.acting import Acting
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.compiled_loop import compiled_steps
+from gibbs_codegen.simulator.integration.loop_parts import LAWS, NUMBERS, Loop, addresses, values_of
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags
+
+_log = logging.getLogger("gibbs_codegen")
+# Bytes to a multiple of which blocks are laid, so that a number of them is one load.
+_ALIGNMENT = 8 * LANES
+
+
+class Blocks(NamedTuple):
+    """What became of flights: how many steps were taken (count), and samples (count, s, size).
+
+    `last` (count, size) are the last states, and `refused` (count) tells which flights ended
+    because the rotors cannot produce a wrench, of which `ClosedLoop.derivative` says more. Samples
+    after the end of a flight repeat its last state.
+    """
+
+    taken: NDArray[np.int64]
+    samples: Array
+    last: Array
+    refused: Flags
+
+
+@dataclass(frozen=True)
+class BlockLoop:
+    """Closed loops of many flights of one robot in compiled code, while the same acts on them.
+
+    They share times, desired motion, and what surrounds them.
+    """
+
+    library: ctypes.CDLL
+    # For each block one `Loop`, as words (blocks, words).
+    loops: NDArray[np.uint64]
+    room: int
+    count: int
+    size: int
+    # What the structures point to, so that it lives as long.
+    owned: list[Any]
+
+    @classmethod
+    def of(
+        cls, closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int
+    ) -> BlockLoop | None:
+        """The compiled loops of many flights, if there are any.
+
+        Args:
+            closed: A closed loop in which arrays may have one more leading axis of length `count`:
+                constants of plant and model, damping, wrenches and centre of the rotors, lag,
+                limits, gains, and what the geometric law knows. The others are the same for all.
+            bounds: Errors, then their rates (2 nv) or (count, 2 nv), beyond which control is lost;
+                one number serves for all.
+            acting: What acts on the robots.
+            count: How many flights there are.
+
+        Returns:
+            The loops; None where the module, the law or the loop is not compiled.
+        """
+        vehicle = closed.vehicle
+        law = closed.controller.law if acting.held is None else "held"
+        library_file = Path(vehicle.module.__file__ or "")
+        if library_file.suffix != ".so" or law not in LAWS:
+            return None
+        if law == "geometric" and not vehicle.layout.is_quaternion:
+            return None
+        try:
+            steps = compiled_steps(find_compiler(os.environ.get("CC") or None), LANES)
+        except (CompilerError, CacheError) as error:
+            _log.warning("flights are taken one by one: %s", error)
+            return None
+        words, owned = _structures(closed, bounds, acting, count)
+        room = int(steps.gibbs_codegen_loop_room(words.ctypes.data))
+        return cls(steps, words, room, count, closed.size, owned)
+
+    def __call__(
+        self,
+        time: float,
+        states: Array,
+        step: float,
+        steps: int,
+        every: int = 1,
+        number: int = 0,
+        going: Flags | None = None,
+        threads: int = 1,
+    ) -> Blocks:
+        """Take steps with all flights, fewer with those that are refused or cannot go on.
+
+        Args:
+            time: Time before the first step, s.
+            states: States (count, size) before the first step.
+            step: Size of the steps, s.
+            steps: Greatest number of steps.
+            every: Each `every`-th step is a sample, counted from `number`.
+            number: Number of steps before the first.
+            going: The flights (count) that are flown; None for all.
+            threads: How many threads share the flights.
+
+        Returns:
+            Steps, samples, last states, and which flights were refused.
+        """
+        blocks, kept = len(self.loops), (number + steps) // every - number // every
+        state = _in_blocks(states)
+        samples = _aligned((blocks, kept, self.size, LANES))
+        flown = np.ones(self.count, dtype=bool) if going is None else going
+        # What C calls Progress: flights that go on, all bits ones; those refused; steps.
+        progress = _aligned((blocks, 3, LANES), np.int64)
+        progress[...] = 0
+        progress[:, :1] = _in_blocks(-flown[:, np.newaxis].astype(np.int64), fill=False)
+        loops = self.loops.copy()
+
+        def fly(some: NDArray[np.int64]) -> None:
+            scratch = _aligned((self.room, LANES))
+            loops[some, Loop.scratch.offset // 8] = scratch.ctypes.data
+            for k in some:
+                places = (each[k].ctypes.data for each in (state, samples))
+                where = loops[k].ctypes.data, progress[k].ctypes.data
+                self.library.gibbs_codegen_rk4(
+                    where[0], time, step, steps, every, number, *places, None, where[1]
+                )
+
+        shares = np.array_split(np.arange(blocks), min(threads, blocks))
+        with ThreadPoolExecutor(len(shares)) as pool:
+            list(pool.map(fly, shares))
+        _, refused, taken = np.moveaxis(_out_of_blocks(progress, self.count), -1, 0)
+        last, found = (_out_of_blocks(each, self.count) for each in (state, samples))
+        ends = (number + taken) // every - number // every
+        for flight in np.flatnonzero(ends < kept):
+            found[flight, ends[flight] :] = last[flight]
+        return Blocks(taken, found, last, refused != 0)
+
+
+def _structures(
+    closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int
+) -> tuple[NDArray[np.uint64], list[Any]]:
+    """A `Loop` for each block, as words (blocks, words), and what they point to.
+
+    Args:
+        closed: The closed loops.
+        bounds: Errors, then their rates, beyond which control is lost.
+        acting: What acts on the robots.
+        count: How many flights there are.
+
+    Returns:
+        The words, and what must live as long.
+    """
+    vehicle, model = closed.vehicle, closed.controller.vehicle
+    blocks, loop = -(-count // LANES), Loop()
+    owned: list[Any] = []
+    strides = {}
+
+    def point(at: int, array: NDArray[Any]) -> int:
+        """The address of an array, for the pointer at an offset; blocks, if any, follow it."""
+        owned.append(array)
+        strides[at // 8] = array.strides[0] if len(array) > 1 else 0
+        return array.ctypes.data
+
+    library = ctypes.CDLL(str(vehicle.module.__file__))
+    loop.functions = type(loop.functions)(*addresses(library, vehicle.name, "_batch"))
+    defaults = vehicle.module.prepare({})
+    loop.plant, loop.model = (each.constants or defaults for each in (vehicle, model))
+    owned += [library, loop]  # which holds the constants
+    for part, name, value in values_of(closed, bounds, acting):
+        holder = getattr(loop, part) if part else loop
+        at = (getattr(Loop, part).offset if part else 0) + getattr(type(holder), name).offset
+        if (part, name) in NUMBERS:
+            value = point(at, _for_all_or_each(value, NUMBERS[part, name], count))
+        elif isinstance(value, np.ndarray):
+            owned.append(np.ascontiguousarray(value, dtype=np.float64))
+            value = owned[-1].ctypes.data
+        setattr(holder, name, value)
+    guesses = _aligned((blocks, vehicle.rotors, LANES))
+    guesses[...] = 0.0
+    loop.guesses = point(Loop.guesses.offset, guesses)
+    words = np.tile(np.frombuffer(bytes(loop), dtype=np.uint64), (blocks, 1))
+    for word, stride in strides.items():
+        words[:, word] += (stride * np.arange(blocks)).astype(np.uint64)
+    return words, owned
+
+
+def _for_all_or_each(value: Any, axes: int, count: int) -> Array:
+    """Numbers in blocks (1 or blocks, entries, LANES): the same for all flights, or of each.
+
+    Args:
+        value: An array, or a number.
+        axes: Its axes, if it is the same for all; else it has one more, of length `count`.
+        count: How many flights there are.
+
+    Returns:
+        The blocks.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim == axes:
+        array = np.broadcast_to(array, (LANES, *array.shape))
+    return _in_blocks(array.reshape(len(array), -1))
+
+
+def _aligned(shape: tuple[int, ...], kind: type[np.generic] = np.float64) -> NDArray[Any]:
+    """An array of numbers of 8 bytes that begins where a block may, with anything in it."""
+    size = 8 * int(np.prod(shape))
+    memory = np.empty(size + _ALIGNMENT, dtype=np.uint8)
+    begin = -memory.ctypes.data % _ALIGNMENT
+    return memory[begin : begin + size].view(kind).reshape(shape)
+
+
+def _in_blocks(rows: NDArray[Any], fill: bool = True) -> NDArray[Any]:
+    """Rows (count, entries) in blocks (blocks, entries, LANES), in memory that is aligned.
+
+    Args:
+        rows: The rows.
+        fill: Whether the last row fills what is left of the last block, rather than zeros.
+
+    Returns:
+        The blocks.
+    """
+    count, entries = rows.shape
+    blocks = _aligned((-(-count // LANES), entries, LANES), rows.dtype.type)
+    padded = np.zeros((len(blocks) * LANES, entries), dtype=rows.dtype)
+    padded[:count], padded[count:] = rows, rows[-1] if fill else 0
+    blocks[...] = np.swapaxes(padded.reshape(len(blocks), LANES, entries), 1, 2)
+    return blocks
+
+
+def _out_of_blocks(blocks: NDArray[Any], count: int) -> NDArray[Any]:
+    """Rows (count, …) of blocks (blocks, …, LANES)."""
+    rows = np.moveaxis(blocks, -1, 1)
+    return np.ascontiguousarray(rows.reshape(-1, *rows.shape[2:])[:count])

@@ -1,0 +1,161 @@
+"""Integration of many flights side by side, in fixed steps of compiled blocks of states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibbs_codegen.scenario.scenario import Settings
+from gibbs_codegen.simulator.integration.block_loop import BlockLoop, Blocks
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.envelope import Envelope
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
+from gibbs_codegen.simulator.integration.integrate import whole_history
+from gibbs_codegen.simulator.integration.state_history import (
+    Array,
+    SmoothInterval,
+    StateHistory,
+)
+from gibbs_codegen.simulator.integration.step_grid import StepGrid
+from gibbs_codegen.simulator.plant.vehicle import Flags
+
+# Steps of all flights that a call takes on at most, so that progress shows and Ctrl-C is heard.
+_STEPS_A_CALL = 1_000_000
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Many flights that differ in parameters of the plant, in lag and in where they start.
+
+    `loop` is the closed loop of all, whose arrays have an axis of the flights where these differ.
+    `one` gives the closed loop of a flight by its number.
+    """
+
+    loop: ClosedLoop
+    one: Callable[[int], ClosedLoop]
+    settings: Settings
+    duration: float
+    threads: int = 1
+
+    def __call__(
+        self, starts: Array, progress: Callable[[float], None] = lambda time: None
+    ) -> list[StateHistory | None]:
+        """Integrate from time 0 on.
+
+        Args:
+            starts: States (n, size) at time 0.
+            progress: Is told the time reached, s.
+
+        Returns:
+            The history of each flight, as `integrate` gives it. None for one that is to be
+            integrated by itself: its law refuses a state, or there are no compiled blocks.
+        """
+        flown = _Flown(self, starts)
+        for interval in self.loop.smooth_intervals(0.0, self.duration):
+            flown.through(interval, progress)
+        return flown.histories()
+
+    def envelope(self, loop: ClosedLoop) -> Envelope:
+        """Where control counts as lost.
+
+        Args:
+            loop: The closed loop of all flights, or of one.
+
+        Returns:
+            The envelope.
+        """
+        return Envelope(loop, self.settings.divergence, self.duration)
+
+
+class _Flown:
+    """How far flights have come, and their samples."""
+
+    def __init__(self, plan: SideBySide, starts: Array) -> None:
+        self._plan, self._grid = plan, StepGrid(plan.settings)
+        self._bounds = plan.envelope(plan.loop).bounds
+        count = len(starts)
+        self._times, self._samples = [np.zeros(1)], [starts[:, np.newaxis]]
+        self._kept = np.ones(count, dtype=np.int64)
+        self._last, self._ends = starts.copy(), np.zeros(count)
+        # Flights that are still under way, and those that must be integrated by themselves.
+        self._flies, self._alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        self._reasons: dict[int, str] = {}
+        for i in np.flatnonzero(~self._goes_on()).tolist():
+            self._end(i)
+
+    def through(self, interval: SmoothInterval, progress: Callable[[float], None]) -> None:
+        """Integrate over an interval.
+
+        Args:
+            interval: The interval, which begins where the last one ended.
+            progress: Is told the time reached, s.
+        """
+        plan, count = self._plan, len(self._last)
+        block = BlockLoop.of(plan.loop, self._bounds, interval.acting, count)
+        if block is None:
+            self._alone[:] = True
+            return
+        self._times.append(self._grid.sample_times(interval))
+        time, most = interval.begin, max(_STEPS_A_CALL // count, 1)
+        for stretch in self._grid.stretches(interval):
+            for done in range(0, stretch.steps, most):
+                if not self._flies.any():
+                    return
+                steps, number = min(most, stretch.steps - done), stretch.first + done
+                found = block(
+                    time,
+                    self._last,
+                    stretch.step,
+                    steps,
+                    stretch.every,
+                    number,
+                    self._flies,
+                    plan.threads,
+                )
+                taken = found.taken
+                self._kept += (number + taken) // stretch.every - number // stretch.every
+                self._samples.append(found.samples)
+                time = min((number + steps) * self._grid.size, interval.end)
+                ends = np.where(taken < steps, (number + taken) * self._grid.size, time)
+                self._go_on(found, np.minimum(ends, interval.end), taken == steps)
+                progress(time)
+
+    def histories(self) -> list[StateHistory | None]:
+        """The histories; None of flights that must be integrated by themselves."""
+        loop = self._plan.loop
+        time, states = np.concatenate(self._times), np.concatenate(self._samples, axis=1)
+        envelope, ranges = self._plan.envelope(loop), InputRanges.none(len(loop.vehicle.inputs))
+        found: list[StateHistory | None] = []
+        for i, kept in enumerate(self._kept.tolist()):
+            reason = self._reasons.get(i, "")
+            samples = StateHistory(time[:kept], states[i, :kept], reason, ranges)
+            whole = whole_history(samples, float(self._ends[i]), self._last[i], envelope)
+            found.append(None if self._alone[i] else whole)
+        return found
+
+    def _go_on(self, found: Blocks, ends: Array, finished: Flags) -> None:
+        """Take the states to which flights under way have come.
+
+        Args:
+            found: What became of all flights.
+            ends: Times (n) to which those under way have come, s.
+            finished: Whether all steps were taken (n).
+        """
+        flies = self._flies
+        self._last[flies], self._ends[flies] = found.last[flies], ends[flies]
+        self._alone |= flies & found.refused
+        self._flies = flies & ~found.refused
+        for i in np.flatnonzero(self._flies & ~(finished & self._goes_on())).tolist():
+            self._end(i)
+
+    def _goes_on(self) -> Flags:
+        """Which flights can go on from where they are."""
+        return self._plan.envelope(self._plan.loop).goes_on(self._ends, self._last)
+
+    def _end(self, i: int) -> None:
+        """End a flight, with the reason; one without any is integrated by itself."""
+        envelope = self._plan.envelope(self._plan.one(i))
+        self._reasons[i] = envelope.reason(float(self._ends[i]), self._last[i])
+        self._alone[i], self._flies[i] = not self._reasons[i], False
