@@ -12,7 +12,6 @@
 #include "hexarotor_3link_rollout.h"
 
 typedef hexarotor_3link_real real;
-typedef hexarotor_3link_constants Constants;
 typedef hexarotor_3link_rollout_rows Rows;
 typedef hexarotor_3link_rollout_settings Settings;
 typedef hexarotor_3link_rollout_states States;
@@ -21,6 +20,7 @@ typedef hexarotor_3link_rollout_states States;
 #define NQ HEXAROTOR_3LINK_COORDINATES
 #define NV HEXAROTOR_3LINK_VELOCITIES
 #define NU HEXAROTOR_3LINK_INPUTS
+#define CONSTANTS HEXAROTOR_3LINK_CONSTANTS
 #define FRAMES HEXAROTOR_3LINK_FRAMES
 /* Of the inputs, as many are thrusts. */
 #define ROTORS 6
@@ -136,22 +136,27 @@ static int is_finite(const real value)
 #endif
 
 /*
- * A block of states: entry e of a lane is at [e * LANES + lane]. The inputs at the begin, in the
- * middle and at the end of a step are `command` unless thrusts lag. `wrenches` are NULL without.
+ * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and `thrusts`
+ * and fills `next_q`, `next_v` and `next_thrusts`. Inputs at its begin, middle and end are `command`
+ * unless thrusts lag. `wrenches` is NULL without. Its `filled` lanes have the states from `first` on.
  */
 typedef struct Block {
-    real q[Q_ROOM], next_q[Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
-    real v[V_ROOM], next_v[V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
+    real constants[CONSTANTS * LANES];
+    real room_q[2][Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
+    real room_v[2][V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
     real acceleration[4][V_ROOM], error[2 * V_ROOM];
-    real command[INPUT_ROOM], thrusts[INPUT_ROOM], lagged[3][INPUT_ROOM], left[3][INPUT_ROOM];
+    real room_thrusts[2][INPUT_ROOM], left[3][INPUT_ROOM];
+    real command[INPUT_ROOM], lagged[3][INPUT_ROOM];
     real loads[FRAMES * 6 * LANES];
     bits ended[LANES], taken[LANES];
-    size_t states[LANES];
+    size_t first;
+    int filled;
+    real *q, *next_q, *v, *next_v, *thrusts, *next_thrusts;
     const real *begin, *middle, *end, *wrenches;
 } Block;
 
 static INLINE void accelerate(
-    const Constants *constants,
+    const real *constants,
     const real *q,
     const real *v,
     const real *u,
@@ -159,17 +164,17 @@ static INLINE void accelerate(
     real *acceleration)
 {
     if (wrenches) {
-        hexarotor_3link_forward_dynamics_with_wrenches_batch(
+        hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
             constants, LANES, q, v, u, wrenches, acceleration);
     } else {
-        hexarotor_3link_forward_dynamics_batch(
+        hexarotor_3link_forward_dynamics_batch_each(
             constants, LANES, q, v, u, acceleration);
     }
 }
 
 /* Coordinates after a displacement. */
 static INLINE void move(
-    const Constants *constants,
+    const real *constants,
     const real *RESTRICT q,
     const real *RESTRICT displacement,
     real *RESTRICT moved)
@@ -183,7 +188,7 @@ static INLINE void move(
 
 /* The displacement from coordinates to others. */
 static INLINE void difference(
-    const Constants *constants,
+    const real *constants,
     const real *RESTRICT q,
     const real *RESTRICT other_q,
     real *RESTRICT displacement)
@@ -196,6 +201,57 @@ static INLINE void difference(
 }
 
 /* From here on the source is the same for every robot. */
+/* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
+#ifdef __GNUC__
+typedef real Eight
+    __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
+#ifdef __clang__
+#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+typedef bits Order __attribute__((vector_size(8 * sizeof(bits))));
+#define MIX(a, b, ...) __builtin_shuffle(a, b, (Order){__VA_ARGS__})
+#endif
+
+static INLINE void turn(
+    const real *from,
+    const size_t from_step,
+    real *to,
+    const size_t to_step)
+{
+    Eight row[8], pair[8], four[8];
+    for (size_t i = 0; i < 8; ++i) {
+        row[i] = *(const Eight *)(from + i * from_step);
+    }
+    for (size_t i = 0; i < 8; i += 2) {
+        pair[i] = MIX(row[i], row[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+        pair[i + 1] = MIX(row[i], row[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+    }
+    for (size_t i = 0; i < 8; i += i % 4 == 1 ? 3 : 1) {
+        four[i] = MIX(pair[i], pair[i + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+        four[i + 2] = MIX(pair[i], pair[i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+    for (size_t i = 0; i < 4; ++i) {
+        const Eight low = MIX(four[i], four[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+        const Eight high = MIX(four[i], four[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+        *(Eight *)(to + i * to_step) = low;
+        *(Eight *)(to + (i + 4) * to_step) = high;
+    }
+}
+#else
+static INLINE void turn(
+    const real *from,
+    const size_t from_step,
+    real *to,
+    const size_t to_step)
+{
+    for (size_t i = 0; i < 8; ++i) {
+        for (size_t j = 0; j < 8; ++j) {
+            to[j * to_step + i] = from[i * from_step + j];
+        }
+    }
+}
+#endif
+
 /* Rows that follow each other, one for each state. */
 static INLINE Rows rows_of(const real *entries, const size_t width)
 {
@@ -206,33 +262,68 @@ static INLINE Rows rows_of(const real *entries, const size_t width)
     return rows;
 }
 
-/* Rows of the states in the lanes of a block, whose numbers are in `states`, become its entries. */
+/* Where the turned columns of a row of some width begin: the last ones may be turned twice. */
+static INLINE int next_columns(const int column, const int width)
+{
+    return column + 8 < width && column + 16 > width ? width - 8 : column + 8;
+}
+
+/*
+ * Rows of the states in the lanes of a block become its entries. Lanes beyond the `filled` ones have
+ * the last state again.
+ */
 static INLINE void load_rows(
     const Rows rows,
-    const size_t *states,
+    const size_t first,
+    const int filled,
     const size_t step,
     const int width,
-    real *RESTRICT block)
+    real *block)
 {
-    for (int lane = 0; lane < LANES; ++lane) {
-        const real *row = rows.entries + states[lane] * rows.by_state + step * rows.by_step;
+    const real *row = rows.entries + first * rows.by_state + step * rows.by_step;
+    if (rows.by_state == 0) {
         for (int i = 0; i < width; ++i) {
-            block[i * LANES + lane] = row[i];
+            for (int lane = 0; lane < LANES; ++lane) {
+                block[i * LANES + lane] = row[i];
+            }
+        }
+    } else if (filled == LANES && width >= 8) {
+        for (int lane = 0; lane < LANES; lane += 8) {
+            const real *eight = row + (size_t)lane * rows.by_state;
+            for (int i = 0; i < width; i = next_columns(i, width)) {
+                turn(eight + i, rows.by_state, block + i * LANES + lane, LANES);
+            }
+        }
+    } else {
+        for (int lane = 0; lane < LANES; ++lane) {
+            const int state = lane < filled ? lane : filled - 1;
+            for (int i = 0; i < width; ++i) {
+                block[i * LANES + lane] = row[(size_t)state * rows.by_state + (size_t)i];
+            }
         }
     }
 }
 
 /* Entries of the lanes that are filled become rows, which are `by_state` reals apart. */
 static INLINE void store_rows(
-    const real *RESTRICT block,
+    const real *block,
     const int filled,
     const int width,
     const size_t by_state,
-    real *RESTRICT rows)
+    real *rows)
 {
-    for (int lane = 0; lane < filled; ++lane) {
-        for (int i = 0; i < width; ++i) {
-            rows[(size_t)lane * by_state + (size_t)i] = block[i * LANES + lane];
+    if (filled == LANES && width >= 8) {
+        for (int lane = 0; lane < LANES; lane += 8) {
+            real *eight = rows + (size_t)lane * by_state;
+            for (int i = 0; i < width; i = next_columns(i, width)) {
+                turn(block + i * LANES + lane, LANES, eight + i, by_state);
+            }
+        }
+    } else {
+        for (int lane = 0; lane < filled; ++lane) {
+            for (int i = 0; i < width; ++i) {
+                rows[(size_t)lane * by_state + (size_t)i] = block[i * LANES + lane];
+            }
         }
     }
 }
@@ -245,29 +336,26 @@ static INLINE void add_feedback(
     Block *b)
 {
     if (first || settings->desired_q.by_step != 0) {
-        load_rows(settings->desired_q, b->states, step, NQ, b->desired_q);
+        load_rows(settings->desired_q, b->first, b->filled, step, NQ, b->desired_q);
     }
     if (first || settings->desired_v.by_step != 0) {
-        load_rows(settings->desired_v, b->states, step, NV, b->desired_v);
+        load_rows(settings->desired_v, b->first, b->filled, step, NV, b->desired_v);
     }
-    difference(settings->constants, b->q, b->desired_q, b->error);
+    difference(b->constants, b->q, b->desired_q, b->error);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->error[NV * LANES + e] = b->desired_v[e] - b->v[e];
     }
     for (int i = 0; i < NU; ++i) {
-        real sum[LANES];
+        const real *gain = settings->gain + i * 2 * NV;
+        real *command = b->command + i * LANES;
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
-            sum[lane] = b->command[i * LANES + lane];
-        }
-        for (int j = 0; j < 2 * NV; ++j) {
-            const real gain = settings->gain[i * 2 * NV + j];
-            for (int lane = 0; lane < LANES; ++lane) {
-                sum[lane] += gain * b->error[j * LANES + lane];
+            real sum = command[lane];
+            for (int j = 0; j < 2 * NV; ++j) {
+                sum += gain[j] * b->error[j * LANES + lane];
             }
-        }
-        for (int lane = 0; lane < LANES; ++lane) {
-            b->command[i * LANES + lane] = sum[lane];
+            command[lane] = sum;
         }
     }
 }
@@ -277,6 +365,7 @@ static INLINE void limit(const Settings *settings, Block *b)
     for (int i = 0; i < NU; ++i) {
         const real least = settings->least[i];
         const real most = settings->most[i];
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
             const real raised = wanted < least ? least : wanted;
@@ -288,7 +377,7 @@ static INLINE void limit(const Settings *settings, Block *b)
 /* What is left of the way of thrusts to commands at the begin, after half a step and a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
-    load_rows(settings->time_constants, b->states, 0, ROTORS, b->left[0]);
+    load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
     for (int e = 0; e < ROTORS * LANES; ++e) {
         const real time_constant = b->left[0][e];
         const int lags = time_constant > R(0.0);
@@ -308,6 +397,7 @@ static INLINE void follow(Block *b)
         b->lagged[0][e] = b->command[e] + way * b->left[0][e];
         b->lagged[1][e] = b->command[e] + way * b->left[1][e];
         b->lagged[2][e] = b->command[e] + way * b->left[2][e];
+        b->next_thrusts[e] = b->lagged[2][e];
     }
     VECTORISE
     for (int e = ROTORS * LANES; e < NU * LANES; ++e) {
@@ -323,7 +413,7 @@ static INLINE void act(
     Block *b)
 {
     if (first || settings->inputs.by_step != 0 || settings->gain) {
-        load_rows(settings->inputs, b->states, step, NU, b->command);
+        load_rows(settings->inputs, b->first, b->filled, step, NU, b->command);
         if (settings->gain) {
             add_feedback(settings, step, first, b);
         }
@@ -332,7 +422,7 @@ static INLINE void act(
         }
     }
     if (settings->wrenches.entries && (first || settings->wrenches.by_step != 0)) {
-        load_rows(settings->wrenches, b->states, step, FRAMES * 6, b->loads);
+        load_rows(settings->wrenches, b->first, b->filled, step, FRAMES * 6, b->loads);
     }
     if (settings->time_constants.entries) {
         follow(b);
@@ -340,61 +430,61 @@ static INLINE void act(
 }
 
 /* The semi-implicit Euler method: the new velocities move the coordinates. */
-static INLINE void euler(const Constants *constants, const real h, Block *b)
+static INLINE void euler(const real h, Block *b)
 {
-    accelerate(constants, b->q, b->v, b->begin, b->wrenches, b->acceleration[0]);
+    accelerate(b->constants, b->q, b->v, b->begin, b->wrenches, b->acceleration[0]);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->next_v[e] = b->v[e] + h * b->acceleration[0][e];
         b->displacement[e] = h * b->next_v[e];
     }
-    move(constants, b->q, b->displacement, b->next_q);
+    move(b->constants, b->q, b->displacement, b->next_q);
 }
 
 /*
  * The Runge-Kutta method of fourth order. With attitude angles it is the classical one; a
  * quaternion moves by exponentials, of which the last two follow each other.
  */
-static INLINE void rk4(const Constants *constants, const real h, Block *b)
+static INLINE void rk4(const real h, Block *b)
 {
     const real *a1 = b->acceleration[0], *a2 = b->acceleration[1];
     const real *a3 = b->acceleration[2], *a4 = b->acceleration[3];
     const real half_step = R(0.5) * h;
     const real sixth = h / R(6.0);
-    accelerate(constants, b->q, b->v, b->begin, b->wrenches, b->acceleration[0]);
+    accelerate(b->constants, b->q, b->v, b->begin, b->wrenches, b->acceleration[0]);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->displacement[e] = half_step * b->v[e];
         b->rate[e] = b->v[e] + half_step * a1[e];
     }
-    move(constants, b->q, b->displacement, b->half);
-    accelerate(constants, b->half, b->rate, b->middle, b->wrenches, b->acceleration[1]);
+    move(b->constants, b->q, b->displacement, b->half);
+    accelerate(b->constants, b->half, b->rate, b->middle, b->wrenches, b->acceleration[1]);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->displacement[e] = half_step * b->rate[e];
         b->rate[e] = b->v[e] + half_step * a2[e];
     }
-    move(constants, b->q, b->displacement, b->later);
-    accelerate(constants, b->later, b->rate, b->middle, b->wrenches, b->acceleration[2]);
+    move(b->constants, b->q, b->displacement, b->later);
+    accelerate(b->constants, b->later, b->rate, b->middle, b->wrenches, b->acceleration[2]);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->displacement[e] = h * (b->rate[e] - R(0.5) * b->v[e]);
         b->rate[e] = b->v[e] + h * a3[e];
     }
-    move(constants, b->half, b->displacement, b->later);
-    accelerate(constants, b->later, b->rate, b->end, b->wrenches, b->acceleration[3]);
+    move(b->constants, b->half, b->displacement, b->later);
+    accelerate(b->constants, b->later, b->rate, b->end, b->wrenches, b->acceleration[3]);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->displacement[e] = half_step * (b->v[e] + sixth * (a1[e] + a2[e] - a3[e]));
     }
-    move(constants, b->q, b->displacement, b->half);
+    move(b->constants, b->q, b->displacement, b->half);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         const real first = a1[e] + a2[e];
         b->displacement[e] = half_step * (b->v[e] + sixth * (first + R(3.0) * a3[e]));
         b->next_v[e] = b->v[e] + sixth * (first + a2[e] + R(2.0) * a3[e] + a4[e]);
     }
-    move(constants, b->half, b->displacement, b->next_q);
+    move(b->constants, b->half, b->displacement, b->next_q);
 }
 
 /* What orders numbers by size, where what is not finite comes last, also under -ffast-math. */
@@ -405,59 +495,88 @@ static INLINE bits magnitude(const real value)
     return value_bits & MAGNITUDE;
 }
 
+/* Whether an entry of a lane is beyond its bounds. */
+static INLINE void look_beyond(const Settings *settings, const Block *b, bits *RESTRICT beyond)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits found = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const real entry = b->next_q[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + i]);
+        }
+        for (int i = 0; i < NV; ++i) {
+            const real entry = b->next_v[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[NQ + i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + NQ + i]);
+        }
+        beyond[lane] = found;
+    }
+}
+
+/* Puts back what was before in lanes that have not taken the step. */
+static INLINE void put_back(
+    const int width,
+    const bits *taken,
+    const real *RESTRICT before,
+    real *RESTRICT after)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        for (int i = 0; i < width; ++i) {
+            const int e = i * LANES + lane;
+            after[e] = taken[lane] ? after[e] : before[e];
+        }
+    }
+}
+
 /*
  * Takes over what a step has made of the lanes that still run, unless it is not finite. Returns
  * whether any goes on.
  */
 static INLINE int take_over(const Settings *settings, Block *b)
 {
-    bits largest[LANES] = {0}, outside[LANES] = {0}, taken[LANES], goes_on = 0;
-    const int lags = settings->time_constants.entries != NULL;
-    for (int i = 0; i < NQ + NV; ++i) {
-        const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-        for (int lane = 0; lane < LANES; ++lane) {
-            const bits size = magnitude(entry[lane]);
-            largest[lane] = size > largest[lane] ? size : largest[lane];
-        }
-    }
+    bits taken[LANES], beyond[LANES] = {0}, stops = 0, going = 0;
+    real *q = b->q, *v = b->v, *thrusts = b->thrusts;
     if (settings->bounds) {
-        for (int i = 0; i < NQ + NV; ++i) {
-            const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-            const real least = settings->bounds[i];
-            const real most = settings->bounds[NQ + NV + i];
-            for (int lane = 0; lane < LANES; ++lane) {
-                outside[lane] |= (bits)(entry[lane] < least) | (bits)(entry[lane] > most);
-            }
+        look_beyond(settings, b, beyond);
+    }
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits largest = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const bits size = magnitude(b->next_q[i * LANES + lane]);
+            largest = size > largest ? size : largest;
         }
+        for (int i = 0; i < NV; ++i) {
+            const bits size = magnitude(b->next_v[i * LANES + lane]);
+            largest = size > largest ? size : largest;
+        }
+        const bits ended = b->ended[lane];
+        const bits end = largest >= NOT_FINITE ? DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
+        taken[lane] = (bits)(ended == RUNNING) & (bits)(largest < NOT_FINITE);
+        b->ended[lane] = ended == RUNNING ? end : ended;
+        b->taken[lane] += taken[lane];
     }
     for (int lane = 0; lane < LANES; ++lane) {
-        const bits ran = b->ended[lane] == RUNNING;
-        const bits diverged = largest[lane] >= NOT_FINITE;
-        const bits end = diverged ? DIVERGED : outside[lane] ? OUT_OF_BOUNDS : RUNNING;
-        taken[lane] = ran && !diverged;
-        b->ended[lane] = ran ? end : b->ended[lane];
-        b->taken[lane] += taken[lane];
-        goes_on |= (bits)(b->ended[lane] == RUNNING);
+        stops |= b->ended[lane];
     }
-    for (int i = 0; i < NQ; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->q[e] = taken[lane] ? b->next_q[e] : b->q[e];
-        }
+    for (int lane = 0; stops && lane < LANES; ++lane) {
+        going += b->ended[lane] == RUNNING;
     }
-    for (int i = 0; i < NV; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->v[e] = taken[lane] ? b->next_v[e] : b->v[e];
-        }
+    if (stops) {
+        put_back(NQ, taken, b->q, b->next_q);
+        put_back(NV, taken, b->v, b->next_v);
+        put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
     }
-    for (int i = 0; lags && i < ROTORS; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->thrusts[e] = taken[lane] ? b->lagged[2][e] : b->thrusts[e];
-        }
-    }
-    return goes_on != 0;
+    b->q = b->next_q;
+    b->next_q = q;
+    b->v = b->next_v;
+    b->next_v = v;
+    b->thrusts = b->next_thrusts;
+    b->next_thrusts = thrusts;
+    return !stops || going;
 }
 
 /* Fills a block: lanes beyond the `filled` ones have the last state again. */
@@ -469,15 +588,25 @@ static INLINE void begin_block(
     Block *b)
 {
     const int lags = settings->time_constants.entries != NULL;
+    Rows constants = rows_of((const real *)settings->constants, CONSTANTS);
+    constants.by_state *= settings->constants_by_state;
+    b->first = first;
+    b->filled = filled;
     for (int lane = 0; lane < LANES; ++lane) {
-        b->states[lane] = first + (size_t)(lane < filled ? lane : filled - 1);
-        b->ended[lane] = states->ended[b->states[lane]];
+        b->ended[lane] = states->ended[first + (size_t)(lane < filled ? lane : filled - 1)];
         b->taken[lane] = 0;
     }
-    load_rows(rows_of(states->q, NQ), b->states, 0, NQ, b->q);
-    load_rows(rows_of(states->v, NV), b->states, 0, NV, b->v);
+    b->q = b->room_q[0];
+    b->next_q = b->room_q[1];
+    b->v = b->room_v[0];
+    b->next_v = b->room_v[1];
+    b->thrusts = b->room_thrusts[0];
+    b->next_thrusts = b->room_thrusts[1];
+    load_rows(constants, first, filled, 0, CONSTANTS, b->constants);
+    load_rows(rows_of(states->q, NQ), first, filled, 0, NQ, b->q);
+    load_rows(rows_of(states->v, NV), first, filled, 0, NV, b->v);
     if (lags) {
-        load_rows(rows_of(states->thrusts, ROTORS), b->states, 0, ROTORS, b->thrusts);
+        load_rows(rows_of(states->thrusts, ROTORS), first, filled, 0, ROTORS, b->thrusts);
         prepare_lag(settings, b);
     }
     b->begin = lags ? b->lagged[0] : b->command;
@@ -486,37 +615,30 @@ static INLINE void begin_block(
     b->wrenches = settings->wrenches.entries ? b->loads : NULL;
 }
 
-static INLINE void keep_sample(
-    const States *states,
-    const size_t sample,
-    const int filled,
-    const Block *b)
+static INLINE void keep_sample(const States *states, const size_t sample, const Block *b)
 {
-    const size_t row = b->states[0] * states->samples + sample;
+    const size_t row = b->first * states->samples + sample;
     if (states->q_samples) {
-        store_rows(b->q, filled, NQ, NQ * states->samples, states->q_samples + row * NQ);
+        store_rows(b->q, b->filled, NQ, NQ * states->samples, states->q_samples + row * NQ);
     }
     if (states->v_samples) {
-        store_rows(b->v, filled, NV, NV * states->samples, states->v_samples + row * NV);
+        store_rows(b->v, b->filled, NV, NV * states->samples, states->v_samples + row * NV);
     }
     if (states->thrust_samples) {
         real *rows = states->thrust_samples + row * ROTORS;
-        store_rows(b->thrusts, filled, ROTORS, ROTORS * states->samples, rows);
+        store_rows(b->thrusts, b->filled, ROTORS, ROTORS * states->samples, rows);
     }
 }
 
-static INLINE void end_block(
-    const States *states,
-    const int filled,
-    const Block *b)
+static INLINE void end_block(const States *states, const Block *b)
 {
-    const size_t first = b->states[0];
-    store_rows(b->q, filled, NQ, NQ, states->q + first * NQ);
-    store_rows(b->v, filled, NV, NV, states->v + first * NV);
+    const size_t first = b->first;
+    store_rows(b->q, b->filled, NQ, NQ, states->q + first * NQ);
+    store_rows(b->v, b->filled, NV, NV, states->v + first * NV);
     if (states->thrusts) {
-        store_rows(b->thrusts, filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
+        store_rows(b->thrusts, b->filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
     }
-    for (int lane = 0; lane < filled; ++lane) {
+    for (int lane = 0; lane < b->filled; ++lane) {
         states->ended[first + (size_t)lane] = (unsigned char)b->ended[lane];
         states->steps[first + (size_t)lane] += (size_t)b->taken[lane];
     }
@@ -536,24 +658,24 @@ static WIDE void roll_block(
     int goes_on = 1;
     begin_block(settings, states, first, filled, &block);
     if (begin == 0) {
-        keep_sample(states, 0, filled, &block);
+        keep_sample(states, 0, &block);
     }
     for (size_t step = begin; step < end; ++step) {
         if (goes_on) {
             act(settings, step, step == begin, &block);
             if (settings->method == EULER) {
-                euler(settings->constants, settings->dt, &block);
+                euler(settings->dt, &block);
             } else {
-                rk4(settings->constants, settings->dt, &block);
+                rk4(settings->dt, &block);
             }
             goes_on = take_over(settings, &block);
         }
         if (--to_sample == 0) {
             to_sample = settings->every;
-            keep_sample(states, ++sample, filled, &block);
+            keep_sample(states, ++sample, &block);
         }
     }
-    end_block(states, filled, &block);
+    end_block(states, &block);
 }
 
 void MODULE(rollout)(

@@ -8,8 +8,9 @@
  * @file
  * @brief Rollouts of hexarotor_3link: many states, through many steps of time.
  *
- * Compile hexarotor_3link_rollout.c beside hexarotor_3link.c, for the same precision. States are rows, one
- * after the other, as are samples; blocks of LANES states are made inside. A state ends when a step
+ * Compile hexarotor_3link_rollout.c with hexarotor_3link.c and hexarotor_3link_each.c, for the same precision.
+ * States are rows, one after the other, as are samples; blocks of LANES states are made inside. A
+ * state ends when a step
  * makes one of its numbers infinite or NaN, which is then not kept, or when a step has taken one
  * out of bounds. It stays as it is from then on, and the others do not notice. Nothing is allocated
  * or kept between calls: a rollout may be cut into calls for some of the states or steps, in any
@@ -64,8 +65,9 @@ typedef struct hexarotor_3link_rollout_rows {
 
 /** What is computed. What is not wanted is zero, or NULL. */
 typedef struct hexarotor_3link_rollout_settings {
-    /** those of all states */
+    /** those of state i at [i * constants_by_state]: 0 where all states have the same, or else 1 */
     const hexarotor_3link_constants *constants;
+    size_t constants_by_state;
     /** length of a step, s */
     hexarotor_3link_real dt;
     int method;

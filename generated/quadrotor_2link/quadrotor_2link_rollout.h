@@ -8,8 +8,9 @@
  * @file
  * @brief Rollouts of quadrotor_2link: many states, through many steps of time.
  *
- * Compile quadrotor_2link_rollout.c beside quadrotor_2link.c, for the same precision. States are rows, one
- * after the other, as are samples; blocks of LANES states are made inside. A state ends when a step
+ * Compile quadrotor_2link_rollout.c with quadrotor_2link.c and quadrotor_2link_each.c, for the same precision.
+ * States are rows, one after the other, as are samples; blocks of LANES states are made inside. A
+ * state ends when a step
  * makes one of its numbers infinite or NaN, which is then not kept, or when a step has taken one
  * out of bounds. It stays as it is from then on, and the others do not notice. Nothing is allocated
  * or kept between calls: a rollout may be cut into calls for some of the states or steps, in any
@@ -64,8 +65,9 @@ typedef struct quadrotor_2link_rollout_rows {
 
 /** What is computed. What is not wanted is zero, or NULL. */
 typedef struct quadrotor_2link_rollout_settings {
-    /** those of all states */
+    /** those of state i at [i * constants_by_state]: 0 where all states have the same, or else 1 */
     const quadrotor_2link_constants *constants;
+    size_t constants_by_state;
     /** length of a step, s */
     quadrotor_2link_real dt;
     int method;

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.rollouts.pieces import Piece, take_pieces
 from gibbs_codegen.rollouts.problem import Problem, Rollout
 from gibbs_codegen.runtime.c_library import compiled_files
-from gibbs_codegen.runtime.compiler import Compiler, find_compiler
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 
 Reals = NDArray[Any]
 _METHODS = ("rk4", "euler")
@@ -58,6 +58,7 @@ def _settings_type(real: type[ctypes.c_float] | type[ctypes.c_double]) -> type[c
     class Settings(ctypes.Structure):
         _fields_ = (
             ("constants", ctypes.c_void_p),
+            ("constants_by_state", ctypes.c_size_t),
             ("dt", real),
             ("method", ctypes.c_int),
             ("every", ctypes.c_size_t),
@@ -150,8 +151,10 @@ class _Run:
     def _settings(self) -> ctypes.Structure:
         """What is computed, but for the lag of thrusts."""
         problem, motors, feedback = self._problem, self._problem.motors, self._problem.feedback
+        constants = _constants(problem)
         settings = _SETTINGS[problem.precision](
-            constants=self._read(_constants(problem)),
+            constants=self._read(constants),
+            constants_by_state=len(constants) > 1,
             dt=problem.dt,
             method=_METHODS.index(problem.method),
             every=problem.every,
@@ -231,11 +234,14 @@ def _loaded(module: ModuleType, single: bool, compiler: Compiler) -> Callable[..
         before which it ends.
     """
     name = module.NAME
-    files = [f"{name}{ending}" for ending in (".h", ".c", "_rollout.h", "_rollout.c")]
+    files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c", "_rollout.h", "_rollout.c")]
     extra = [f"-D{name.upper()}_FLOAT"] if single else []
-    library = ctypes.CDLL(
-        str(compiled_files(Path(module.__path__[0]), name, files, compiler, extra))
-    )
+    folder = Path(module.__path__[0])
+    path = compiled_files(folder, name, files, compiler, extra, included=[f"{name}.c"])
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
     function = library[f"{name}_rollout{'_float' if single else ''}"]
     function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_size_t] * 4]
     function.restype = None

@@ -146,6 +146,30 @@ def test_all_parts_are_as_in_numpy(
         assert {RUNNING, OUT_OF_BOUNDS} == set(found.ended)
 
 
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_every_state_may_have_parameters_of_its_own(
+    precision: Precision, module: ModuleType
+) -> None:
+    problem = problem_of(module, precision=precision, wrenches=wrenches_of(problem_of(module)))
+    given = {"gravity": np.linspace(3.0, 12.0, STATES), "link1_length": 0.4}
+    found = compiled_rollout(replace(problem, constants=module.prepare(given)))
+    for state in range(0, STATES, 4):
+        own = {name: float(np.broadcast_to(x, STATES)[state]) for name, x in given.items()}
+        one = slice(state, state + 1)
+        alone = replace(
+            problem,
+            constants=module.prepare(own),
+            q=problem.q[one],
+            v=problem.v[one],
+            inputs=problem.inputs[one],
+            wrenches=wrenches_of(problem)[one],
+        )
+        expected = plain_rollout(alone)
+        np.testing.assert_allclose(found.q[one], expected.q, rtol=1e-12, atol=ROOM[precision])
+        np.testing.assert_allclose(found.v[one], expected.v, rtol=1e-12, atol=ROOM[precision])
+    assert np.ptp(found.v[:, -1, -1]) > 0.1
+
+
 @pytest.mark.parametrize("rows", [(1, 1), (1, STEPS), (STATES, 1)])
 def test_inputs_may_be_the_same_for_all_states_or_steps(
     rows: tuple[int, int], module: ModuleType

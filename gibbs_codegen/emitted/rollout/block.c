@@ -10,16 +10,21 @@
 #endif
 
 /*
- * A block of states: entry e of a lane is at [e * LANES + lane]. The inputs at the begin, in the
- * middle and at the end of a step are `command` unless thrusts lag. `wrenches` are NULL without.
+ * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and `thrusts`
+ * and fills `next_q`, `next_v` and `next_thrusts`. Inputs at its begin, middle and end are `command`
+ * unless thrusts lag. `wrenches` is NULL without. Its `filled` lanes have the states from `first` on.
  */
 typedef struct Block {
-    real q[Q_ROOM], next_q[Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
-    real v[V_ROOM], next_v[V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
+    real constants[CONSTANTS * LANES];
+    real room_q[2][Q_ROOM], half[Q_ROOM], later[Q_ROOM], desired_q[Q_ROOM];
+    real room_v[2][V_ROOM], rate[V_ROOM], displacement[V_ROOM], desired_v[V_ROOM];
     real acceleration[4][V_ROOM], error[2 * V_ROOM];
-    real command[INPUT_ROOM], thrusts[INPUT_ROOM], lagged[3][INPUT_ROOM], left[3][INPUT_ROOM];
+    real room_thrusts[2][INPUT_ROOM], left[3][INPUT_ROOM];
+    real command[INPUT_ROOM], lagged[3][INPUT_ROOM];
     real loads[FRAMES * 6 * LANES];
     bits ended[LANES], taken[LANES];
-    size_t states[LANES];
+    size_t first;
+    int filled;
+    real *q, *next_q, *v, *next_v, *thrusts, *next_thrusts;
     const real *begin, *middle, *end, *wrenches;
 } Block;

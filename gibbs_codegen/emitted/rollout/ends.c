@@ -6,57 +6,86 @@ static INLINE bits magnitude(const real value)
     return value_bits & MAGNITUDE;
 }
 
+/* Whether an entry of a lane is beyond its bounds. */
+static INLINE void look_beyond(const Settings *settings, const Block *b, bits *RESTRICT beyond)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits found = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const real entry = b->next_q[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + i]);
+        }
+        for (int i = 0; i < NV; ++i) {
+            const real entry = b->next_v[i * LANES + lane];
+            found |= (bits)(entry < settings->bounds[NQ + i]);
+            found |= (bits)(entry > settings->bounds[NQ + NV + NQ + i]);
+        }
+        beyond[lane] = found;
+    }
+}
+
+/* Puts back what was before in lanes that have not taken the step. */
+static INLINE void put_back(
+    const int width,
+    const bits *taken,
+    const real *RESTRICT before,
+    real *RESTRICT after)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        for (int i = 0; i < width; ++i) {
+            const int e = i * LANES + lane;
+            after[e] = taken[lane] ? after[e] : before[e];
+        }
+    }
+}
+
 /*
  * Takes over what a step has made of the lanes that still run, unless it is not finite. Returns
  * whether any goes on.
  */
 static INLINE int take_over(const Settings *settings, Block *b)
 {
-    bits largest[LANES] = {0}, outside[LANES] = {0}, taken[LANES], goes_on = 0;
-    const int lags = settings->time_constants.entries != NULL;
-    for (int i = 0; i < NQ + NV; ++i) {
-        const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-        for (int lane = 0; lane < LANES; ++lane) {
-            const bits size = magnitude(entry[lane]);
-            largest[lane] = size > largest[lane] ? size : largest[lane];
-        }
-    }
+    bits taken[LANES], beyond[LANES] = {0}, stops = 0, going = 0;
+    real *q = b->q, *v = b->v, *thrusts = b->thrusts;
     if (settings->bounds) {
-        for (int i = 0; i < NQ + NV; ++i) {
-            const real *entry = i < NQ ? b->next_q + i * LANES : b->next_v + (i - NQ) * LANES;
-            const real least = settings->bounds[i];
-            const real most = settings->bounds[NQ + NV + i];
-            for (int lane = 0; lane < LANES; ++lane) {
-                outside[lane] |= (bits)(entry[lane] < least) | (bits)(entry[lane] > most);
-            }
+        look_beyond(settings, b, beyond);
+    }
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        bits largest = 0;
+        for (int i = 0; i < NQ; ++i) {
+            const bits size = magnitude(b->next_q[i * LANES + lane]);
+            largest = size > largest ? size : largest;
         }
+        for (int i = 0; i < NV; ++i) {
+            const bits size = magnitude(b->next_v[i * LANES + lane]);
+            largest = size > largest ? size : largest;
+        }
+        const bits ended = b->ended[lane];
+        const bits end = largest >= NOT_FINITE ? DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
+        taken[lane] = (bits)(ended == RUNNING) & (bits)(largest < NOT_FINITE);
+        b->ended[lane] = ended == RUNNING ? end : ended;
+        b->taken[lane] += taken[lane];
     }
     for (int lane = 0; lane < LANES; ++lane) {
-        const bits ran = b->ended[lane] == RUNNING;
-        const bits diverged = largest[lane] >= NOT_FINITE;
-        const bits end = diverged ? DIVERGED : outside[lane] ? OUT_OF_BOUNDS : RUNNING;
-        taken[lane] = ran && !diverged;
-        b->ended[lane] = ran ? end : b->ended[lane];
-        b->taken[lane] += taken[lane];
-        goes_on |= (bits)(b->ended[lane] == RUNNING);
+        stops |= b->ended[lane];
     }
-    for (int i = 0; i < NQ; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->q[e] = taken[lane] ? b->next_q[e] : b->q[e];
-        }
+    for (int lane = 0; stops && lane < LANES; ++lane) {
+        going += b->ended[lane] == RUNNING;
     }
-    for (int i = 0; i < NV; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->v[e] = taken[lane] ? b->next_v[e] : b->v[e];
-        }
+    if (stops) {
+        put_back(NQ, taken, b->q, b->next_q);
+        put_back(NV, taken, b->v, b->next_v);
+        put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
     }
-    for (int i = 0; lags && i < ROTORS; ++i) {
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int e = i * LANES + lane;
-            b->thrusts[e] = taken[lane] ? b->lagged[2][e] : b->thrusts[e];
-        }
-    }
-    return goes_on != 0;
+    b->q = b->next_q;
+    b->next_q = q;
+    b->v = b->next_v;
+    b->next_v = v;
+    b->thrusts = b->next_thrusts;
+    b->next_thrusts = thrusts;
+    return !stops || going;
 }

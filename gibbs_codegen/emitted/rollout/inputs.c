@@ -6,29 +6,26 @@ static INLINE void add_feedback(
     Block *b)
 {
     if (first || settings->desired_q.by_step != 0) {
-        load_rows(settings->desired_q, b->states, step, NQ, b->desired_q);
+        load_rows(settings->desired_q, b->first, b->filled, step, NQ, b->desired_q);
     }
     if (first || settings->desired_v.by_step != 0) {
-        load_rows(settings->desired_v, b->states, step, NV, b->desired_v);
+        load_rows(settings->desired_v, b->first, b->filled, step, NV, b->desired_v);
     }
-    difference(settings->constants, b->q, b->desired_q, b->error);
+    difference(b->constants, b->q, b->desired_q, b->error);
     VECTORISE
     for (int e = 0; e < NV * LANES; ++e) {
         b->error[NV * LANES + e] = b->desired_v[e] - b->v[e];
     }
     for (int i = 0; i < NU; ++i) {
-        real sum[LANES];
+        const real *gain = settings->gain + i * 2 * NV;
+        real *command = b->command + i * LANES;
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
-            sum[lane] = b->command[i * LANES + lane];
-        }
-        for (int j = 0; j < 2 * NV; ++j) {
-            const real gain = settings->gain[i * 2 * NV + j];
-            for (int lane = 0; lane < LANES; ++lane) {
-                sum[lane] += gain * b->error[j * LANES + lane];
+            real sum = command[lane];
+            for (int j = 0; j < 2 * NV; ++j) {
+                sum += gain[j] * b->error[j * LANES + lane];
             }
-        }
-        for (int lane = 0; lane < LANES; ++lane) {
-            b->command[i * LANES + lane] = sum[lane];
+            command[lane] = sum;
         }
     }
 }
@@ -38,6 +35,7 @@ static INLINE void limit(const Settings *settings, Block *b)
     for (int i = 0; i < NU; ++i) {
         const real least = settings->least[i];
         const real most = settings->most[i];
+        VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
             const real raised = wanted < least ? least : wanted;
@@ -49,7 +47,7 @@ static INLINE void limit(const Settings *settings, Block *b)
 /* What is left of the way of thrusts to commands at the begin, after half a step and a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
-    load_rows(settings->time_constants, b->states, 0, ROTORS, b->left[0]);
+    load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
     for (int e = 0; e < ROTORS * LANES; ++e) {
         const real time_constant = b->left[0][e];
         const int lags = time_constant > R(0.0);
@@ -69,6 +67,7 @@ static INLINE void follow(Block *b)
         b->lagged[0][e] = b->command[e] + way * b->left[0][e];
         b->lagged[1][e] = b->command[e] + way * b->left[1][e];
         b->lagged[2][e] = b->command[e] + way * b->left[2][e];
+        b->next_thrusts[e] = b->lagged[2][e];
     }
     VECTORISE
     for (int e = ROTORS * LANES; e < NU * LANES; ++e) {
@@ -84,7 +83,7 @@ static INLINE void act(
     Block *b)
 {
     if (first || settings->inputs.by_step != 0 || settings->gain) {
-        load_rows(settings->inputs, b->states, step, NU, b->command);
+        load_rows(settings->inputs, b->first, b->filled, step, NU, b->command);
         if (settings->gain) {
             add_feedback(settings, step, first, b);
         }
@@ -93,7 +92,7 @@ static INLINE void act(
         }
     }
     if (settings->wrenches.entries && (first || settings->wrenches.by_step != 0)) {
-        load_rows(settings->wrenches, b->states, step, FRAMES * 6, b->loads);
+        load_rows(settings->wrenches, b->first, b->filled, step, FRAMES * 6, b->loads);
     }
     if (settings->time_constants.entries) {
         follow(b);

@@ -1,4 +1,6 @@
 /* From here on the source is the same for every robot. */
+#include "rollout/turn.c"
+
 #include "rollout/rows.c"
 
 #include "rollout/inputs.c"

@@ -8,33 +8,68 @@ static INLINE Rows rows_of(const real *entries, const size_t width)
     return rows;
 }
 
-/* Rows of the states in the lanes of a block, whose numbers are in `states`, become its entries. */
+/* Where the turned columns of a row of some width begin: the last ones may be turned twice. */
+static INLINE int next_columns(const int column, const int width)
+{
+    return column + 8 < width && column + 16 > width ? width - 8 : column + 8;
+}
+
+/*
+ * Rows of the states in the lanes of a block become its entries. Lanes beyond the `filled` ones have
+ * the last state again.
+ */
 static INLINE void load_rows(
     const Rows rows,
-    const size_t *states,
+    const size_t first,
+    const int filled,
     const size_t step,
     const int width,
-    real *RESTRICT block)
+    real *block)
 {
-    for (int lane = 0; lane < LANES; ++lane) {
-        const real *row = rows.entries + states[lane] * rows.by_state + step * rows.by_step;
+    const real *row = rows.entries + first * rows.by_state + step * rows.by_step;
+    if (rows.by_state == 0) {
         for (int i = 0; i < width; ++i) {
-            block[i * LANES + lane] = row[i];
+            for (int lane = 0; lane < LANES; ++lane) {
+                block[i * LANES + lane] = row[i];
+            }
+        }
+    } else if (filled == LANES && width >= 8) {
+        for (int lane = 0; lane < LANES; lane += 8) {
+            const real *eight = row + (size_t)lane * rows.by_state;
+            for (int i = 0; i < width; i = next_columns(i, width)) {
+                turn(eight + i, rows.by_state, block + i * LANES + lane, LANES);
+            }
+        }
+    } else {
+        for (int lane = 0; lane < LANES; ++lane) {
+            const int state = lane < filled ? lane : filled - 1;
+            for (int i = 0; i < width; ++i) {
+                block[i * LANES + lane] = row[(size_t)state * rows.by_state + (size_t)i];
+            }
         }
     }
 }
 
 /* Entries of the lanes that are filled become rows, which are `by_state` reals apart. */
 static INLINE void store_rows(
-    const real *RESTRICT block,
+    const real *block,
     const int filled,
     const int width,
     const size_t by_state,
-    real *RESTRICT rows)
+    real *rows)
 {
-    for (int lane = 0; lane < filled; ++lane) {
-        for (int i = 0; i < width; ++i) {
-            rows[(size_t)lane * by_state + (size_t)i] = block[i * LANES + lane];
+    if (filled == LANES && width >= 8) {
+        for (int lane = 0; lane < LANES; lane += 8) {
+            real *eight = rows + (size_t)lane * by_state;
+            for (int i = 0; i < width; i = next_columns(i, width)) {
+                turn(block + i * LANES + lane, LANES, eight + i, by_state);
+            }
+        }
+    } else {
+        for (int lane = 0; lane < filled; ++lane) {
+            for (int i = 0; i < width; ++i) {
+                rows[(size_t)lane * by_state + (size_t)i] = block[i * LANES + lane];
+            }
         }
     }
 }

@@ -7,15 +7,25 @@ static INLINE void begin_block(
     Block *b)
 {
     const int lags = settings->time_constants.entries != NULL;
+    Rows constants = rows_of((const real *)settings->constants, CONSTANTS);
+    constants.by_state *= settings->constants_by_state;
+    b->first = first;
+    b->filled = filled;
     for (int lane = 0; lane < LANES; ++lane) {
-        b->states[lane] = first + (size_t)(lane < filled ? lane : filled - 1);
-        b->ended[lane] = states->ended[b->states[lane]];
+        b->ended[lane] = states->ended[first + (size_t)(lane < filled ? lane : filled - 1)];
         b->taken[lane] = 0;
     }
-    load_rows(rows_of(states->q, NQ), b->states, 0, NQ, b->q);
-    load_rows(rows_of(states->v, NV), b->states, 0, NV, b->v);
+    b->q = b->room_q[0];
+    b->next_q = b->room_q[1];
+    b->v = b->room_v[0];
+    b->next_v = b->room_v[1];
+    b->thrusts = b->room_thrusts[0];
+    b->next_thrusts = b->room_thrusts[1];
+    load_rows(constants, first, filled, 0, CONSTANTS, b->constants);
+    load_rows(rows_of(states->q, NQ), first, filled, 0, NQ, b->q);
+    load_rows(rows_of(states->v, NV), first, filled, 0, NV, b->v);
     if (lags) {
-        load_rows(rows_of(states->thrusts, ROTORS), b->states, 0, ROTORS, b->thrusts);
+        load_rows(rows_of(states->thrusts, ROTORS), first, filled, 0, ROTORS, b->thrusts);
         prepare_lag(settings, b);
     }
     b->begin = lags ? b->lagged[0] : b->command;
@@ -24,37 +34,30 @@ static INLINE void begin_block(
     b->wrenches = settings->wrenches.entries ? b->loads : NULL;
 }
 
-static INLINE void keep_sample(
-    const States *states,
-    const size_t sample,
-    const int filled,
-    const Block *b)
+static INLINE void keep_sample(const States *states, const size_t sample, const Block *b)
 {
-    const size_t row = b->states[0] * states->samples + sample;
+    const size_t row = b->first * states->samples + sample;
     if (states->q_samples) {
-        store_rows(b->q, filled, NQ, NQ * states->samples, states->q_samples + row * NQ);
+        store_rows(b->q, b->filled, NQ, NQ * states->samples, states->q_samples + row * NQ);
     }
     if (states->v_samples) {
-        store_rows(b->v, filled, NV, NV * states->samples, states->v_samples + row * NV);
+        store_rows(b->v, b->filled, NV, NV * states->samples, states->v_samples + row * NV);
     }
     if (states->thrust_samples) {
         real *rows = states->thrust_samples + row * ROTORS;
-        store_rows(b->thrusts, filled, ROTORS, ROTORS * states->samples, rows);
+        store_rows(b->thrusts, b->filled, ROTORS, ROTORS * states->samples, rows);
     }
 }
 
-static INLINE void end_block(
-    const States *states,
-    const int filled,
-    const Block *b)
+static INLINE void end_block(const States *states, const Block *b)
 {
-    const size_t first = b->states[0];
-    store_rows(b->q, filled, NQ, NQ, states->q + first * NQ);
-    store_rows(b->v, filled, NV, NV, states->v + first * NV);
+    const size_t first = b->first;
+    store_rows(b->q, b->filled, NQ, NQ, states->q + first * NQ);
+    store_rows(b->v, b->filled, NV, NV, states->v + first * NV);
     if (states->thrusts) {
-        store_rows(b->thrusts, filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
+        store_rows(b->thrusts, b->filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
     }
-    for (int lane = 0; lane < filled; ++lane) {
+    for (int lane = 0; lane < b->filled; ++lane) {
         states->ended[first + (size_t)lane] = (unsigned char)b->ended[lane];
         states->steps[first + (size_t)lane] += (size_t)b->taken[lane];
     }
@@ -74,24 +77,24 @@ static WIDE void roll_block(
     int goes_on = 1;
     begin_block(settings, states, first, filled, &block);
     if (begin == 0) {
-        keep_sample(states, 0, filled, &block);
+        keep_sample(states, 0, &block);
     }
     for (size_t step = begin; step < end; ++step) {
         if (goes_on) {
             act(settings, step, step == begin, &block);
             if (settings->method == EULER) {
-                euler(settings->constants, settings->dt, &block);
+                euler(settings->dt, &block);
             } else {
-                rk4(settings->constants, settings->dt, &block);
+                rk4(settings->dt, &block);
             }
             goes_on = take_over(settings, &block);
         }
         if (--to_sample == 0) {
             to_sample = settings->every;
-            keep_sample(states, ++sample, filled, &block);
+            keep_sample(states, ++sample, &block);
         }
     }
-    end_block(states, filled, &block);
+    end_block(states, &block);
 }
 
 void MODULE(rollout)(
