@@ -51,7 +51,8 @@ DATA = """
     simulator/native/allocation.h simulator/native/bounded.h simulator/native/environment.h
     simulator/native/geometric.h simulator/native/integral.h simulator/native/kinematics.h
     simulator/native/lag.h simulator/native/laws.h
-    simulator/native/loop.h simulator/native/number.h simulator/native/plant.h simulator/native/ranges.h
+    simulator/native/loop.h simulator/native/number.h simulator/native/plant.h
+    simulator/native/ranges.h
     simulator/native/reference.h
     simulator/native/rk4.c simulator/native/vectors.h
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml

@@ -23,6 +23,7 @@ from gibbs_codegen.cli import (
     schema,
     show,
     simulate,
+    sweep,
     verify,
 )
 from gibbs_codegen.cli.terminal import Parser
@@ -95,6 +96,17 @@ def argument_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    for command in (generate, info, show, verify, simulate, new, import_robot, export, schema):
+    for command in (
+        generate,
+        info,
+        show,
+        verify,
+        simulate,
+        sweep,
+        new,
+        import_robot,
+        export,
+        schema,
+    ):
         command.add(commands)
     return parser

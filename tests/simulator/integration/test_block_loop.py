@@ -52,8 +52,6 @@ def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Arr
 def block_of(
     closed: ClosedLoop, acting: Acting, count: int, bounds: Array | float = np.inf
 ) -> BlockLoop:
-    closed: ClosedLoop, acting: Acting, count: int, bounds: Array | float = np.inf
-) -> BlockLoop:
     block = BlockLoop.of(closed, bounds, acting, count)
     assert block is not None
     return block
@@ -181,10 +179,5 @@ def test_calls_go_on_where_the_last_one_ended(fast: Load) -> None:
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("level", ["-O0", "-O3"])
-@pytest.mark.parametrize("lanes", [4, 8])
-def test_the_source_compiles_silently(
-    compiler: str, level: str, lanes: int, tmp_path: Path
-) -> None:
-    options = [level, f"-DLANES={lanes}"]
-    compile_only(compiler, options, [str(NATIVE / "rk4.c")], tmp_path)
+def test_the_source_compiles_silently(compiler: str, tmp_path: Path) -> None:
+    compile_only(compiler, ["-O1", "-DLANES=8"], [str(NATIVE / "rk4.c")], tmp_path)

@@ -1,0 +1,181 @@
+"""`gibbs-codegen sweep` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from support.command import ENVIRONMENT, run
+
+from gibbs_codegen.cli.sweep import varied
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.record.flight import read_flight
+from gibbs_codegen.sweeps.sampling import log_uniform, normal, scaled, together, uniform
+from gibbs_codegen.sweeps.study import read_study
+
+SHORT = ["--vary", "duration=0.05", "--vary", "integration.method=rk4"]
+
+
+@pytest.fixture(scope="module")
+def workplace(
+    shipped: Callable[[str], ModuleType], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A folder whose generated/ holds the paper's machine."""
+    folder = tmp_path_factory.mktemp("workplace")
+    module = Path(shipped("hexarotor_3link").__file__ or "").parent
+    shutil.copytree(module, folder / "generated" / "hexarotor_3link")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def quick_compiler(fast: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The flags with which other tests compile, so that processes find what these have made."""
+    compiler = f"{os.environ.get('CC') or 'cc'} -O1"
+    for variables in (os.environ, ENVIRONMENT):
+        monkeypatch.setitem(variables, "CC", compiler)
+    fast("hexarotor_3link")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0,0.01", [0, 0.01]),
+        ("5", [5]),
+        ("[0.2, 0, 0],[0, 0, 0.1]", [[0.2, 0, 0], [0, 0, 0.1]]),
+        ("true,false", [True, False]),
+        ("tracking, open_loop", ["tracking", "open_loop"]),
+        ('"a,b",c', ['"a', 'b"', "c"]),
+        ("uniform(0.8, 1.2)", uniform(0.8, 1.2)),
+        ("normal(1,1e-2)", normal(1, 0.01)),
+        (" log_uniform( 1 , 10 ) ", log_uniform(1, 10)),
+        ("scaled(0.8,1.2)", scaled(0.8, 1.2)),
+        ("scaled([0.8, 1, 1.2])", scaled([0.8, 1, 1.2])),
+        ("together(scaled(normal(1, 0.1)))", together(scaled(normal(1, 0.1)))),
+    ],
+)
+def test_words_mean_what_python_writes(text: str, values: object) -> None:
+    assert varied(text, "key") == values
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("unifrom(1,2)", "--vary key=unifrom.1,2.: unifrom is not one of uniform, normal"),
+        ("uniform(1)", "uniform takes two numbers"),
+        ("uniform(1,2,3)", "uniform takes two numbers"),
+        ("normal(a,0)", "two finite numbers are needed"),
+        ("uniform(2,1)", "must be below the second"),
+        ("scaled(1,b)", "scaled takes two numbers"),
+        ("__import__(os)", "__import__ is not one of"),
+    ],
+)
+def test_words_that_mean_nothing_are_told(text: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        varied(text, "key")
+
+
+def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
+    varying = ["--vary", "plant.*mass_per_length=scaled(0.8,1.2)", "--vary"]
+    varying += ["motors.time_constant=0,0.01", "--vary", "start.offset=[0.1,0,0]"]
+    measures = ["--measure", "tip=tip_error.max", "--measure", "late [m]=centre_error.last"]
+    words = ["sweep", "hexarotor_3link", "--scenario", "hover", *varying, *SHORT, *measures]
+    done = run(*words, "--samples", "3", "--workers", "1", "--out", "s", cwd=workplace)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "6 flights to the end, 0 ended early, 0 failed" in done.stdout
+    names = {path.name for path in (workplace / "s").iterdir()}
+    assert {"table.csv", "table.npy", "distributions.png", "worst_cases.pdf"} <= names
+    study = read_study(workplace / "s")
+    for measure, of_flight in (("tip", "tip_error"), ("late [m]", "centre_error")):
+        worst = study.worst(measure, 1)[0]
+        assert f"{measure}: case {worst.case} ({worst.value:.4g})" in done.stdout
+        assert worst.command in done.stdout
+        program, *again = shlex.split(worst.command)
+        assert program == "gibbs-codegen"
+        flown = run(*again, "--out", "f", "--no-figures", cwd=workplace)
+        assert flown.returncode == 0, flown.stderr
+        series = getattr(read_flight(workplace / "f" / "flight.npz"), of_flight)
+        value = series.max() if measure == "tip" else series[-1]
+        assert value == pytest.approx(worst.value, rel=1e-9)
+        shutil.rmtree(workplace / "f")
+
+
+def test_flights_that_end_early_and_fail_are_told(workplace: Path) -> None:
+    options = ["--scenario", "hover", *SHORT, "--vary", "motors.time_constant=0,-1", "--vary"]
+    options += ["start.offset=[0,0,0],[0,0,30]", "--no-figures", "--workers", "1", "--out", "t"]
+    done = run("sweep", "hexarotor_3link", *options, cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    assert "1 flights to the end, 1 ended early, 2 failed" in done.stdout
+    assert "ended early, 1, as case 1: at t = " in done.stdout
+    assert "failed, 2, as case 2: " in done.stdout
+    assert "motors.time_constant=-1" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing"], "nothing: no such robot file, and no robot of that name ships"),
+        (["hexarotor_3link", "--scenario", "papr"], "no such scenario"),
+        (["hexarotor_3link", "--vary", "duration"], "--vary duration: must be such as motors."),
+        (["hexarotor_3link", "--vary", "duration="], "must be such as motors."),
+        (["hexarotor_3link", "--vary", "durations=5"], "did you mean duration?"),
+        (["hexarotor_3link", "--samples", "2"], "nothing is drawn"),
+        (["hexarotor_3link", "--samples", "0"], "samples: must be a whole number"),
+        (["hexarotor_3link", "--measure", "x=tip_eror.max"], "did you mean tip_error"),
+        (["hexarotor_3link", "--measure", "tip_error.max"], "must be such as worst=tip_error.max"),
+        (["hexarotor_3link", "--out", "generated/hexarotor_3link/robot.toml"], "is a file"),
+    ],
+)
+def test_wrong_use_is_told(workplace: Path, arguments: list[str], message: str) -> None:
+    done = run("sweep", "--out", "wrong", *arguments, cwd=workplace)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
+    """And the same command goes on: chunks that were there are not written again."""
+    options = ["--scenario", "hover", "--vary", "start.offset[0]=uniform(0,0.1)", "--samples"]
+    options += [
+        "100",
+        "--vary",
+        "duration=0.2",
+        "--no-figures",
+        "--workers",
+        "1",
+        "--out",
+        "c",
+        "--measure",
+        "x=q.max",
+    ]
+    command = [sys.executable, "-m", "gibbs_codegen", "sweep", "hexarotor_3link", *options]
+    process = subprocess.Popen(
+        command, cwd=workplace, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
+    )
+    end = time.monotonic() + 60.0
+    chunks: list[Path] = []
+    while not chunks and time.monotonic() < end and process.poll() is None:
+        time.sleep(0.02)
+        chunks = sorted((workplace / "c").glob("chunks/*"))
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted when " in told
+    assert "keeps; the same command goes on from there" in told
+    assert "Traceback" not in told
+    assert not (workplace / "c" / "table.npy").exists()
+    before = {path: os.stat(path).st_mtime_ns for path in chunks}
+    done = run("sweep", "hexarotor_3link", *options, cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    assert {path: os.stat(path).st_mtime_ns for path in chunks} == before
+    assert len(json.loads((workplace / "c" / "cases.json").read_text())) == 100
