@@ -64,6 +64,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.sweeps.sampling import scaled as scaled
     from gibbs_codegen.sweeps.sampling import together as together
     from gibbs_codegen.sweeps.sampling import uniform as uniform
+    from gibbs_codegen.sweeps.study import Study as Study
+    from gibbs_codegen.sweeps.study import read_study as read_study
     from gibbs_codegen.sweeps.sweep import sweep as sweep
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
@@ -78,6 +80,7 @@ _LAZY = {
     "Rollout": "rollouts.problem",
     "Scenario": "scenario.scenario",
     "Simulation": "simulator.stepping",
+    "Study": "sweeps.study",
     "Trim": "analysis.trim",
     "Verification": "verification.verify",
     "as_latex": "equations.layout",
@@ -103,6 +106,7 @@ _LAZY = {
     "read_flight": "simulator.record.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
+    "read_study": "sweeps.study",
     "rollout": "rollouts.rollout",
     "scaled": "sweeps.sampling",
     "simulate": "simulator.simulation",

@@ -334,6 +334,15 @@ CASES = {
     "simulator/desired/test_trajectory.py": {
         "test_slowed_down_it_is_flown": (0, 0),
     },
+    "sweeps/test_deaths.py": {
+        "test_a_pool_that_breaks_does_not_end_the_sweep": (0, 0),
+        "test_a_sweep_killed_at_any_moment_goes_on": (0, 1),
+        "test_a_worker_that_dies_twice_loses_nothing": (0, 1),
+        "test_an_executor_that_never_works_is_told": (0, 1),
+        "test_dask_flies_the_same": (0, 1),
+        "test_executorlib_flies_the_same": (0, 1),
+        "test_workers_end_when_the_program_is_killed": (0, 1),
+    },
     "targets/test_c_source.py": {
         "test_cutting_changes_no_number": (0, 0),
         "test_functions_equal_numpy": (1, 0),

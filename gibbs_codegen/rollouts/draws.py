@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,27 +15,34 @@ class Draws:
     """What the values of some names are: numbers, or distributions that they are drawn from.
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
-    share between 0 and 1 of all values is below.
+    share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
+    are factors.
 
     Args:
         values: A number or a distribution for each name.
-        known: The names that there are.
+        known: The names that there are, and what factors are of.
         what: What they are of, for messages.
 
     Raises:
         UsageError: For a name that is not known, and for what is no number and no distribution.
     """
 
-    def __init__(self, values: Mapping[str, Any], known: Sequence[str], what: str) -> None:
+    def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
         for name, value in values.items():
             if name not in known:
                 raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
             if not hasattr(value, "ppf") and not _is_number(value):
                 raise UsageError(
-                    f"{what}: {name}: a finite number or a distribution, such as those of "
-                    f"scipy.stats, not {printable(value)}"
+                    f"{what}: {name}: a finite number or a distribution, such as "
+                    f"uniform(0.8, 1.2), not {printable(value)}"
                 )
+            if getattr(value, "relative", False) and not known[name]:
+                raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
         self.what = what
+        self.factors = {
+            name: known[name] if getattr(value, "relative", False) else 1.0
+            for name, value in values.items()
+        }
         self.values = dict(values)
         self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
 
@@ -55,7 +62,8 @@ class Draws:
         found = {}
         for name, value in self.values.items():
             if name in columns:
-                found[name] = np.asarray(value.ppf(columns[name]), dtype=np.float64)
+                drawn = np.asarray(value.ppf(columns[name]), dtype=np.float64)
+                found[name] = self.factors[name] * drawn
             else:
                 found[name] = np.full(len(shares), float(value))
             if not np.all(np.isfinite(found[name])):

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.rollouts.moment import Flags, Moment
-from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import Array, Method, Motors, Precision, Problem
+from gibbs_codegen.rollouts.rollout import known_inputs
 from gibbs_codegen.simulator.plant.actuators import robot_file_actuators
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
@@ -112,7 +112,8 @@ class Fleet:
         """
         told = np.clip(inputs, self.motors.least, self.motors.most)
         motors = replace(self.motors, thrusts=self._thrusts)
-        flown = plain_rollout(replace(self._problem, inputs=told[:, np.newaxis], motors=motors))
+        decision = replace(self._problem, inputs=told[:, np.newaxis], motors=motors)
+        flown = known_inputs(decision, self._threads)
         last = flown.thrusts if flown.thrusts is None else flown.thrusts[:, -1]
         self._thrusts = (told[:, : self.vehicle.rotors] if last is None else last).copy()
         self._problem = replace(

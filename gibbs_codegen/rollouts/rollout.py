@@ -197,12 +197,12 @@ def _rolled(
 
         return traced_rollout(problem, control if callable(control) else None)
     if not callable(control):
-        return _known_inputs(problem, threads, told)
-    roll = functools.partial(_known_inputs, threads=threads)
+        return known_inputs(problem, threads, told)
+    roll = functools.partial(known_inputs, threads=threads)
     return asked_rollout(problem, control, given.asked, roll, told)
 
 
-def _known_inputs(
+def known_inputs(
     problem: Problem, threads: int, told: Callable[[float], None] = lambda share: None
 ) -> Rollout:
     """A rollout whose inputs are known, in C where that can be had.
@@ -215,7 +215,7 @@ def _known_inputs(
     Returns:
         The states.
     """
-    if problem.module.backend == "c":
+    if getattr(problem.module, "backend", "numpy") == "c":
         try:
             return compiled_rollout(problem, threads, told)
         except (CompilerError, CacheError) as error:

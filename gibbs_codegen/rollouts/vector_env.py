@@ -58,7 +58,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         hover: Coordinates (nq) that are wanted; None for those of zero.
         offsets, rates: Displacements from there, m and rad, and velocities, m/s and rad/s, with
             which an episode begins, by names of the module's `VELOCITIES`; zero if left out. They
-            are numbers, or distributions that every episode draws from.
+            are numbers, or distributions that every episode draws from, such as
+            `gibbs_codegen.uniform(-1, 1)` or those of `scipy.stats`.
         parameters: Numbers or distributions, by names of the module's `PARAMETERS`.
         limits: Least and greatest inputs, each a number or (nu), N and N m; None for those of the
             robot file.
@@ -307,9 +308,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
 def _information(ended: NDArray[np.int8], told: Flags) -> Infos:
     """Information on the environments that are told of (n): why flights could not go on."""
-    if not told.any():
-        return {}
-    return {"ended": np.where(told, ended, np.int8(RUNNING)), "_ended": told}
+    infos = {"ended": np.where(told, ended, np.int8(RUNNING)), "_ended": told}
+    return infos if told.any() else {}
 
 
 def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
@@ -335,10 +335,11 @@ def _draws(
     Returns:
         Offsets, rates and parameters.
     """
+    zero = dict.fromkeys(module.VELOCITIES, 0.0)
     return (
-        Draws(offsets, tuple(module.VELOCITIES), "offsets"),
-        Draws(rates, tuple(module.VELOCITIES), "rates"),
-        Draws(parameters, tuple(module.PARAMETERS), "parameters"),
+        Draws(offsets, zero, "offsets"),
+        Draws(rates, zero, "rates"),
+        Draws(parameters, module.PARAMETERS, "parameters"),
     )
 
 

@@ -65,7 +65,8 @@ def _flights(block: Block) -> int:
     for place in (0, len(block) - 1):  # Where lists ascend or descend, one of them is the longest.
         with suppress(GibbsCodegenError):
             scenarios.append(block.scenario.changed(block.chosen(place)[1]))
-    together = all(key.startswith(_SIDE_BY_SIDE) for a in block.axes for key in a.targets)
+    differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
+    together = all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
     seconds = max(_seconds(each, together) for each in scenarios)
     samples = max(each.duration * each.integration.rate for each in scenarios)
     most = min(_SECONDS / seconds, _MOST_SAMPLES / samples, _MOST_FLIGHTS)

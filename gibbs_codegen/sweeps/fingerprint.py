@@ -105,8 +105,9 @@ def _told(value: Any) -> Any:
         return (value.__name__, getattr(value, "__version__", ""))
     if isinstance(value, BuiltinFunctionType | np.ufunc):
         return (getattr(value, "__module__", ""), value.__name__, getattr(value, "__self__", None))
-    if isinstance(value, type):
-        return (value.__module__, value.__qualname__)
+    name = getattr(value, "__qualname__", None)
+    if callable(value) and name is not None:  # A class, or a function in C.
+        return (getattr(value, "__module__", ""), name)
     if dataclasses.is_dataclass(value):
         named = {each.name: getattr(value, each.name) for each in dataclasses.fields(value)}
         return (type(value), named)

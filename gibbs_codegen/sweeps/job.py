@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,6 +23,7 @@ class Job:
     def __init__(self, measures: Mapping[str, Measure]) -> None:
         self.measures = dict(measures)
         self._packed = packed(measures)
+        self._digests: dict[tuple[int, int], str] = {}
         self._of_measures = fingerprint(list(self.measures.values()))
 
     def task(self, chunk: Chunk) -> Task:
@@ -45,9 +47,13 @@ class Job:
         Returns:
             The SHA-256 of all that determines them, in hexadecimal digits.
         """
-        robot, scenario = chunk.block.robot, chunk.block.scenario
-        what = (scenario.text, scenario.given)
-        return fingerprint(__version__, robot.digest, what, self._of_measures, _changes(chunk))
+        place = (chunk.first + chunk.begin, len(chunk))
+        if place not in self._digests:
+            robot, scenario = chunk.block.robot, chunk.block.scenario
+            changes = json.dumps(_changes(chunk), default=fingerprint)
+            told = (robot.digest, scenario.text, scenario.given, self._of_measures, changes)
+            self._digests[place] = fingerprint(__version__, *told)
+        return self._digests[place]
 
 
 def _changes(chunk: Chunk) -> list[dict[str, Any]]:

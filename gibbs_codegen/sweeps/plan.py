@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.sweeps.axes import Axis, axes_of
@@ -42,6 +43,19 @@ class Block:
     def __len__(self) -> int:
         """How many cases there are."""
         return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
+
+    def columns(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
+        """What each of its cases has of its own, by column."""
+        combination, sample = np.divmod(np.arange(len(self)), self.samples)
+        found: dict[str, Sequence[Any] | NDArray[Any]] = {}
+        for axis in reversed(self.axes):
+            if axis.varied.draw is None:
+                combination, level = np.divmod(combination, len(axis.varied.levels))
+                shown = [axis.shown(value) for value in axis.varied.levels]
+                found[axis.column] = [shown[each] for each in level.tolist()]
+            else:
+                found[axis.column] = axis.shown(self.drawn[axis.column])[sample]
+        return found
 
     def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """What one of its cases has of its own.

@@ -67,6 +67,21 @@ class Varied:
     relative: bool = False
     together: bool = False
 
+    def ppf(self, shares: Array) -> Array:
+        """What is drawn, by the name that distributions of SciPy have for it.
+
+        Args:
+            shares: Random numbers (s) between 0 and 1.
+
+        Returns:
+            The numbers (s) below which such shares of all lie; levels are equally likely.
+        """
+        if self.draw is not None:
+            return self.draw.at(shares)
+        levels = np.asarray(self.levels, dtype=np.float64)
+        drawn: Array = levels[(shares * len(levels)).astype(np.int64)]
+        return drawn
+
 
 def uniform(low: float, high: float) -> Varied:
     """Numbers that are equally likely between two.
@@ -162,11 +177,11 @@ def varied(values: Any) -> Varied:
         return values
     if isinstance(values, np.ndarray):
         values = values.tolist()
-    if not isinstance(values, list | tuple | range):
-        return Varied((values,))
-    if not values:
+    listed = values if isinstance(values, list | tuple | range) else (values,)
+    if not listed:
         raise UsageError("an empty list: give at least one value")
-    return Varied(tuple(values))
+    # Numbers of NumPy become Python's.
+    return Varied(tuple(v.item() if isinstance(v, np.generic) else v for v in listed))
 
 
 def shares(samples: int, keys: int, seed: int) -> Array:

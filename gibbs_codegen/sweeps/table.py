@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,9 +27,16 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
     Returns:
         A structured array, a row for each case.
     """
-    listed = [(case.index, case.robot, case.scenario, *case.values.values()) for case in cases]
-    names = ("case", "robot", "scenario", *cases.columns)
-    columns = {n: _column(v) for n, v in zip(names, zip(*listed, strict=True), strict=True)}
+    blocks, sizes = cases.blocks, [len(block) for block in cases.blocks]
+    columns: dict[str, NDArray[Any]] = {
+        "case": np.arange(len(cases)),
+        "robot": np.repeat([block.robot.word for block in blocks], sizes),
+        "scenario": np.repeat([block.scenario.word for block in blocks], sizes),
+    }
+    own = [block.columns() for block in blocks]
+    for name in cases.columns:
+        parts = [each.get(name, [math.nan] * n) for each, n in zip(own, sizes, strict=True)]
+        columns[name] = _column(parts)
     columns |= {name: rows["measures"][:, place] for place, name in enumerate(measures)}
     columns |= {name: rows[name] for name in ("stopped", "failed")}
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
@@ -37,9 +45,10 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
     return table
 
 
-def _column(values: Sequence[Any]) -> NDArray[Any]:
-    """Numbers or switches as an array of these; anything else as texts."""
-    alike = all(isinstance(v, bool) for v in values) or not any(
-        isinstance(v, bool | str) for v in values
-    )
-    return np.array(values) if alike else np.array([str(value) for value in values])
+def _column(parts: Sequence[Sequence[Any] | NDArray[Any]]) -> NDArray[Any]:
+    """Numbers or switches as an array of these; a mixture, or anything else, as texts."""
+    arrays = [np.asarray(part) for part in parts]
+    kinds = {"number" if array.dtype.kind in "iuf" else array.dtype.kind for array in arrays}
+    if kinds == {"number"} or kinds == {"b"}:
+        return np.concatenate(arrays)
+    return np.array([str(value) for part in parts for value in part])

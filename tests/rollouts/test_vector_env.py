@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import norm, uniform
 
+from gibbs_codegen import scaled
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.rollouts.moment import Moment
 from gibbs_codegen.rollouts.problem import DIVERGED, OUT_OF_BOUNDS
@@ -33,8 +34,10 @@ SETTINGS: dict[str, Any] = {
     "time_constants": 0.03,
     "offsets": {"vx": uniform(-0.5, 1.0), "wy": norm(0.0, 0.1), "vz": 0.25},
     "rates": {"wx": uniform(-1.0, 2.0)},
-    "parameters": {"base_mass": uniform(0.9, 0.4)},
+    "parameters": {"base_mass": uniform(0.9, 0.4), "base_com_z": scaled([0.0, 2.0])},
     "duration": 0.3,
+    "dt": 0.005,
+    "steps": 4,
 }
 
 
@@ -71,7 +74,7 @@ class One(gymnasium.Env[Any, Any]):
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_is_what_gymnasium_makes_of_single_environments(quadrotor: ModuleType, mode: str) -> None:
     """So episodes neither depend on how many environments there are, nor on each other."""
-    count = 5
+    count = 4
     settings = {**SETTINGS, "rates": {"wx": uniform(-8.0, 16.0)}}  # Some turn over.
     ours = VectorEnv(quadrotor, count, autoreset_mode=mode, **settings)
     singles = [lambda: One(quadrotor, **settings)] * count
@@ -82,7 +85,7 @@ def test_is_what_gymnasium_makes_of_single_environments(quadrotor: ModuleType, m
     assert ours.observation_space == theirs.observation_space
     assert data_equivalence(ours.reset(seed=7), theirs.reset(seed=7), exact=True)
     rng, endings = np.random.default_rng(1), np.zeros(2)
-    for number in range(70):
+    for number in range(50):
         actions = rng.uniform(-1.2, 0.4, (count, 4))
         here, there = ours.step(actions), theirs.step(actions)
         assert data_equivalence(here, there, exact=True), number
@@ -116,7 +119,8 @@ def test_flies_as_the_equations_of_motion_say(quadrotor: ModuleType) -> None:
     still = np.zeros(6)
     weight = quadrotor.inverse_dynamics(np.array([0, 0, 0, 0, 0, 0, 1.0]), still, still)[2]
     for i, mass in enumerate(ours.parameters["base_mass"]):
-        constants = quadrotor.prepare({"base_mass": mass})
+        com = ours.parameters["base_com_z"][i]
+        constants = quadrotor.prepare({"base_mass": mass, "base_com_z": com})
 
         def rates(time: float, state: Array) -> Array:
             q, v = state[:7], state[7:]
@@ -147,6 +151,7 @@ def test_only_environments_of_the_mask_begin_again(quadrotor: ModuleType) -> Non
     np.testing.assert_array_equal(ours.parameters["base_mass"] == before, [True, True, True, False])
     assert ours.np_random_seed == (0, 1, 2, 3)
     assert np.all(np.abs(ours.parameters["base_mass"] - 1.1) <= 0.2)
+    assert np.all(np.isin(ours.parameters["base_com_z"], [0.0, -0.02]))
 
 
 def test_seed_of_its_own_can_be_had_again(quadrotor: ModuleType) -> None:
@@ -156,9 +161,9 @@ def test_seed_of_its_own_can_be_had_again(quadrotor: ModuleType) -> None:
     np.testing.assert_array_equal(other.reset(seed=ours.np_random_seed)[0], start)
 
 
-def test_inputs_that_hold_it_hold_it(fast: Load) -> None:
+def test_inputs_that_hold_it_hold_it(shipped: Load) -> None:
     """At rest where it is wanted, an arm stretched out, the reward stays 1."""
-    robot = fast("hexarotor_3link")
+    robot = shipped("hexarotor_3link")
     hover = np.array([0.0, 0.0, 0.0, 0.2, -0.7, 0.4, 1.0, 2.0, 3.0])
     still = np.zeros(9)
     holding = np.linalg.solve(
@@ -232,6 +237,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"hover": np.nan}, r"hover: numbers of shape \(7,\), not nan"),
     ({"time_constants": -0.1}, "time_constants: 0 s or more"),
     ({"offsets": {"x": 1.0}}, "offsets: x: unknown; known: vx, vy, vz, wx, wy, wz"),
+    ({"rates": {"wx": scaled(0.8, 1.2)}}, "rates: wx: factors of 0 are 0"),
     ({"parameters": {"base_mass": "big"}}, "parameters: base_mass: a finite number or a distr"),
     ({"observe": lambda now: now.time}, r"observe: an array \(3, m\), not of shape \(3,\)"),
 ]

@@ -1,0 +1,87 @@
+"""Digests that are the same in every process, and others where anything is another."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gibbs_codegen import UsageError, read_scenario
+from gibbs_codegen.sweeps.fingerprint import fingerprint
+
+SCRIPT = """
+import functools, math
+import numpy as np
+from gibbs_codegen import read_scenario
+from gibbs_codegen.sweeps.fingerprint import fingerprint
+
+scale = 3.0
+def helper(flight): return scale * np.max(flight.x) in {"a", "b", "c"}
+def again(n): return again(n - 1) if n else 0
+class Measure:
+    def __init__(self): self.names = {"x", "y", "z"}
+    def __call__(self, flight): return helper(flight)
+functions = [lambda f: helper(f), again, Measure(), functools.partial(helper, 2), math.sin, np.mean]
+print(fingerprint(functions, np.arange(3.0), read_scenario("paper"), {"a": [1, 2.0, None, True]}))
+"""
+limit = 2.0
+
+
+def over(flight):
+    return flight.x > limit
+
+
+def test_it_is_the_same_in_every_process(tmp_path):
+    found = set()
+    for name, seed in (("one.py", "1"), ("two.py", "2")):
+        (tmp_path / name).write_text(SCRIPT)
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        words = [sys.executable, tmp_path / name]
+        found.add(subprocess.run(words, env=environment, capture_output=True, check=True).stdout)
+    assert len(found) == 1
+    assert len(found.pop().strip()) == 64
+
+
+def closed_over(value):
+    return lambda flight: flight.x > value
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1, 1.0),
+        (0.1, math.nextafter(0.1, 1.0)),
+        ("1", 1),
+        ([1, [2]], [[1], 2]),
+        ({"a": 1}, {"b": 1}),
+        (np.zeros(3), np.zeros((3, 1))),
+        (lambda f: f.x + 1, lambda f: f.x + 2),
+        (lambda f: f.x, lambda f: f.y),
+        (lambda f: f.x.max(), lambda f: f.x.min()),
+        (closed_over(1.0), closed_over(2.0)),
+        (math.sin, math.cos),
+        (np.max, np.min),
+        (functools.partial(max, 1), functools.partial(max, 2)),
+        (read_scenario("hover"), replace(read_scenario("hover"), duration=4.9)),
+    ],
+)
+def test_what_differs_has_another(one, other):
+    assert fingerprint(one) == fingerprint(one)
+    assert fingerprint(one) != fingerprint(other)
+
+
+def test_globals_that_a_function_uses_count(monkeypatch):
+    before = fingerprint(over)
+    monkeypatch.setitem(over.__globals__, "limit", 3.0)
+    assert fingerprint(over) != before
+
+
+def test_what_nothing_tells_is_refused():
+    with pytest.raises(UsageError, match="cannot tell whether this is the same"):
+        fingerprint(each for each in range(3))
