@@ -102,8 +102,9 @@ def rollout(
         "dt": float(dt),
         "method": method,
         "every": int(every),
+        "motors": motors,
+        "precision": precision,
     }
-    settings |= {"motors": motors, "precision": precision}
     around = parameters or {}, wrenches, bounds
     problem = _problem(given, (q0, v0), control, around, settings)
     if motors is not None and thrusts is None:
