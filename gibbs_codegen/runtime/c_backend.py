@@ -6,6 +6,7 @@ The module's C source is compiled once and kept in a cache. Where Python's heade
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -23,7 +24,13 @@ from gibbs_codegen.runtime.each_library import EachLibrary
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
-def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int) -> ModuleType:
+def c_module(
+    module: ModuleType,
+    folder: Path,
+    compiler: Compiler,
+    threads: int,
+    of_each: Sequence[str] = (),
+) -> ModuleType:
     """The functions and constants of a module, computed by its compiled C source.
 
     Args:
@@ -31,6 +38,8 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         folder: Where its C files are.
         compiler: What compiles them.
         threads: How many threads share large batches.
+        of_each: Flags for the functions that take constants of each state, which are compiled when
+            they are first needed.
 
     Returns:
         A module with the names of `module`, whose `__file__` is the shared library.
@@ -46,7 +55,7 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     made.__file__ = str(path)
     constants = CompiledConstants(library, module)
     prepare = GeneralFunction(lambda given: constants.prepare(**given), module.prepare)
-    each = EachLibrary(folder, module.NAME, compiler)
+    each = EachLibrary(folder, module.NAME, compiler, of_each)
     made.prepare = prepare  # type: ignore[attr-defined]
     pool = Pool(threads)
     caller = caller_type(compiler)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 
 from gibbs_codegen.runtime.c_library import compiled_files
@@ -13,15 +14,19 @@ from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 class EachLibrary:
     """The shared library of a module's functions that take constants of each state in blocks."""
 
-    def __init__(self, folder: Path, name: str, compiler: Compiler) -> None:
+    def __init__(
+        self, folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
+    ) -> None:
         """Take what is compiled later.
 
         Args:
             folder: Where the module's C files are.
             name: Of the robot.
             compiler: What compiles them.
+            extra: Flags that come after the compiler's.
         """
-        self._folder, self._name, self._compiler = folder, name, compiler
+        self._folder, self._name = folder, name
+        self._compiler, self._extra = compiler, extra
 
     def function(self, name: str) -> ctypes.c_void_p:
         """A function of the library, which is compiled now or taken from the cache.
@@ -45,7 +50,9 @@ class EachLibrary:
     def _library(self) -> ctypes.CDLL:
         name = self._name
         files = [f"{name}.h", f"{name}.c", f"{name}_each.c"]
-        path = compiled_files(self._folder, name, files, self._compiler, included=[f"{name}.c"])
+        path = compiled_files(
+            self._folder, name, files, self._compiler, self._extra, included=[f"{name}.c"]
+        )
         try:
             return ctypes.CDLL(str(path))
         except OSError as error:

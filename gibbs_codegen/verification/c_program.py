@@ -31,8 +31,8 @@ from gibbs_codegen.verification.verify import most_states
 
 _HEADER = "the header"
 PARTIAL, SINGLE_PRECISION = "last block not full", "single precision"
-# Every number of states in a last block, and one of them after a block that is full.
-_BATCHES = (3, LANES + 3, 1, 2, 4, 5, 6, 7)
+# States in a block in single precision, in which registers hold twice as many numbers.
+_SINGLE_LANES = 2 * LANES
 # Least eigenvalue of a mass matrix of unit diagonal that single precision leaves positive.
 _DETERMINED = 1e-6
 # What no function computes.
@@ -58,6 +58,7 @@ class CProgram(Evaluation):
         self._batches = batches
         self._real: type[np.floating[Any]] = np.float32 if single else np.float64
         self._mark = "_float" if single else ""
+        self._lanes = _SINGLE_LANES if single else LANES
         count = len(module.prepare({})) // ctypes.sizeof(ctypes.c_double)
         number = ctypes.c_float if single else ctypes.c_double
         symbol = f"{module.NAME}_default_constants{self._mark}"
@@ -85,17 +86,17 @@ class CProgram(Evaluation):
             rows: (s, width).
 
         Returns:
-            (blocks, width, LANES).
+            (blocks, width, lanes).
         """
         count, width = rows.shape
-        shape = (-(-count // LANES), width, LANES)
+        shape = (-(-count // self._lanes), width, self._lanes)
         return self._filled("pack", [count, width, rows.astype(self._real)], [shape])[0]
 
     def unpack(self, blocks: Array, count: int) -> Array:
         """What `unpack` makes of states in blocks.
 
         Args:
-            blocks: (blocks, width, LANES).
+            blocks: (blocks, width, lanes).
             count: Number of states.
 
         Returns:
@@ -128,9 +129,10 @@ class CProgram(Evaluation):
             Its results, each (count, …).
         """
         # Unused lanes hold what would be seen if it were read.
-        inputs = [in_blocks(x, np.full(x.shape[1], np.nan)).astype(self._real) for x in rows]
+        lanes = self._lanes
+        inputs = [in_blocks(x, np.full(x.shape[1], np.nan), lanes).astype(self._real) for x in rows]
         shapes = self.signatures[name].shapes
-        blocks = [(len(inputs[0]), math.prod(shape), LANES) for shape in shapes]
+        blocks = [(len(inputs[0]), math.prod(shape), lanes) for shape in shapes]
         outputs = self._filled(f"{name}_batch", [self._constants, count, *inputs], blocks)
         return [
             from_blocks(x, count).reshape(count, *shape)
@@ -158,7 +160,7 @@ class CProgram(Evaluation):
         sizes = [math.prod(shape) for shape in shapes]
         # Beyond an output there is room for another block.
         rooms = [
-            np.full(size + LANES * max(shape, default=1), guard)
+            np.full(size + self._lanes * max(shape, default=1), guard)
             for size, shape in zip(sizes, shapes, strict=True)
         ]
         self._call(name, *given, *rooms)
@@ -177,21 +179,22 @@ class CProgram(Evaluation):
         return int(self._library[f"{self.module.NAME}_{name}"](*pointers))
 
 
-def in_blocks(rows: Array, unused: Array) -> Array:
+def in_blocks(rows: Array, unused: Array, lanes: int = LANES) -> Array:
     """States as blocks.
 
     Args:
         rows: (s, width).
         unused: (width,), for the lanes of the last block that are left.
+        lanes: States in a block.
 
     Returns:
-        (blocks, width, LANES).
+        (blocks, width, lanes).
     """
     count, width = rows.shape
-    whole = -(-count // LANES)
-    padded = np.broadcast_to(unused, (whole * LANES, width)).copy()
+    whole = -(-count // lanes)
+    padded = np.broadcast_to(unused, (whole * lanes, width)).copy()
     padded[:count] = rows
-    blocks: Array = padded.reshape(whole, LANES, width).swapaxes(1, 2).copy()
+    blocks: Array = padded.reshape(whole, lanes, width).swapaxes(1, 2).copy()
     return blocks
 
 
@@ -199,7 +202,7 @@ def from_blocks(blocks: Array, count: int) -> Array:
     """The first states of blocks, one after the other.
 
     Args:
-        blocks: (blocks, width, LANES).
+        blocks: (blocks, width, lanes).
         count: Number of states.
 
     Returns:
@@ -230,11 +233,15 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     return merged([*rows, *_packing(program, states.q)])
 
 
-def _batches_within(tree: Tree) -> list[int]:
-    """Sizes of batches whose states are not too many at once."""
+def _batches_within(tree: Tree, lanes: int = LANES) -> list[int]:
+    """Sizes of batches whose states are not too many at once.
+
+    Every number of states in a last block, and one of them after a block that is full.
+    """
     most = most_states(tree)
-    sums = np.cumsum(_BATCHES)
-    return [count for count, total in zip(_BATCHES, sums, strict=True) if total <= most] or [1]
+    sizes = [3, lanes + 3, *(count for count in range(1, lanes) if count != 3)]
+    sums = np.cumsum(sizes)
+    return [count for count, total in zip(sizes, sums, strict=True) if total <= most] or [1]
 
 
 def _packing(program: CProgram, states: Array) -> Iterator[Comparison]:
@@ -271,7 +278,7 @@ def compare_single_precision(
         return "products of the robot's numbers are out of the range of single precision"
     if not determined(robot, _DETERMINED):
         return "in single precision, rounding hides the inertia of a degree of freedom"
-    batches = _batches_within(tree)
+    batches = _batches_within(tree, _SINGLE_LANES)
     program = CProgram(path, module, batches, single=True)
     other = variation(robot, module.PARAMETERS, seed, 0)
     comparisons: list[Comparison] = []

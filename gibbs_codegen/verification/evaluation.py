@@ -21,8 +21,18 @@ class Evaluation:
     comparison passes then, and `faults` has the reason.
     """
 
-    def __init__(self, module: ModuleType, constants: Any = None) -> None:
+    def __init__(
+        self, module: ModuleType, constants: Any = None, batch: tuple[int, ...] = ()
+    ) -> None:
+        """Take a module.
+
+        Args:
+            module: The module.
+            constants: What its `prepare` returned, or None for the default.
+            batch: Shape of the batch that the constants have.
+        """
         self.module = module
+        self._leading = batch
         self.faults: dict[str, str] = {}
         self._given = {} if constants is None else {"constants": constants}
         self.signatures = {s.name: s for s in module_signatures(module)}
@@ -60,7 +70,7 @@ class Evaluation:
         if "h" in letters:
             states = self.stepping(states)
         arguments = [getattr(states, letter) for letter in letters]
-        if singly or not arguments:
+        if singly or not (arguments or self._leading):
             each = [self._arrays(name, [x[i] for x in arguments]) for i in range(len(states))]
             arrays = [np.array(array) for array in zip(*each, strict=True)]
         else:
@@ -91,7 +101,8 @@ class Evaluation:
     def _arrays(self, name: str, arguments: Sequence[Array]) -> list[Array]:
         shapes = self.signatures[name].shapes
         taken = zip(arguments, self.signatures[name].argument_shapes, strict=True)
-        batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(shape)] for a, shape in taken))
+        leading = [a.shape[: a.ndim - len(shape)] for a, shape in taken]
+        batch = np.broadcast_shapes(self._leading, *leading)
         try:
             with np.errstate(all="ignore"):
                 results = self._computed(name, arguments)

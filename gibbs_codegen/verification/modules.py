@@ -43,6 +43,8 @@ from gibbs_codegen.verification.verify import (
 MOST_STATES = 10_000
 # Of a module that was just emitted; all functions at a few states tell a wrong one.
 _FEW_STATES = 3
+# What the source says does not depend on how well it is optimised.
+_UNOPTIMISED = ("-O0",)
 
 
 class _UnavailableError(Exception):
@@ -150,7 +152,7 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
         raise UsageError(f"{', '.join(missing)}: missing")
     compiler = _compiler()
     try:
-        return c_module(module, folder, compiler, 1)
+        return c_module(module, folder, compiler, 1, _UNOPTIMISED)
     except CacheError as error:
         raise _UnavailableError(str(error)) from None
     except CompilerError as error:
@@ -200,8 +202,7 @@ def _compare_c(
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
     comparisons += compare_c_program(str(module.__file__), module, robot, seed)
-    # What the source says does not depend on how well it is optimised.
-    flags = (f"-D{robot.name.upper()}_FLOAT", "-O0")
+    flags = (f"-D{robot.name.upper()}_FLOAT", *_UNOPTIMISED)
     try:
         path = compiled_library(folder, robot.name, _compiler(), flags)
         single = compare_single_precision(str(path), module, robot, seed)

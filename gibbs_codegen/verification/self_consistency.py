@@ -1,21 +1,29 @@
-"""Functions that no formulation computes, compared with themselves.
+"""Functions compared with themselves.
 
-For one state they must return what they return for a batch, and in C what they return in NumPy,
-with the default parameters and with others. Unless `derivatives` knows more of such a function,
-nothing tells whether it is right.
+With constants of each state, all functions must return what they return for one state after the
+other. Functions that no formulation computes must return for one state what they return for a
+batch, and in C what they return in NumPy, with the default parameters and with others. Unless
+`derivatives` knows more of such a function, nothing tells whether it is right.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.interface import Signature
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.verification.comparison import Comparison, compared, explained, failed
 from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.parameters import parameter_values, prepared
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.vectors import Array
 
+OF_EACH = "constants of each state"
 ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
 _NO_FORMULATION = (
     "no formulation gives this function, so its values may be wrong; it was only compared with "
@@ -82,8 +90,7 @@ def compare_with_itself(
     rows: list[Comparison] = []
     solved = max(_LIMIT, _ROUNDING * _condition(evaluation, states))
     for name in functions:
-        arguments = evaluation.signatures[name].arguments
-        limit = solved if "u" in arguments and "a" not in arguments else _LIMIT
+        limit = _limit(evaluation.signatures[name], solved)
         together = evaluation.results(name, states)
         alone = evaluation.results(name, states, singly=True)
         rows += _alike(alone, together, ONE_BY_ONE + circumstance, limit)
@@ -91,6 +98,58 @@ def compare_with_itself(
             there = numpy.results(name, states)
             rows += _alike(together, there, OTHER_BACK_END + circumstance, limit)
     return explained(rows, evaluation.faults)
+
+
+def compare_constants_of_each(
+    module: ModuleType, robots: Sequence[Robot], states: States
+) -> list[Comparison]:
+    """Compare all functions for states that have constants each with the same one by one.
+
+    Args:
+        module: The back end.
+        robots: The robot of each state: the module's, with other parameters.
+        states: As many states.
+
+    Returns:
+        The comparisons that fail, of one array each; where none does, the worst stands for all.
+    """
+    numbers = [parameter_values(robot) for robot in robots]
+    values = {name: np.array([n[name] for n in numbers]) for name in module.PARAMETERS}
+    try:
+        together = Evaluation(module, module.prepare(values), (len(robots),))
+        alone = _OneByOne(module, [prepared(module, robot) for robot in robots])
+    except (Exception, SystemExit) as error:  # Whatever was done to the module.
+        return [failed("prepare", OF_EACH, f"{type(error).__name__}: {error}")]
+    solved = max(_LIMIT, _ROUNDING * _condition(alone, states))
+    rows: list[Comparison] = []
+    for name, signature in together.signatures.items():
+        limit = _limit(signature, solved)
+        expected = alone.results(name, states)
+        rows += _alike(together.results(name, states), expected, OF_EACH, limit)
+    failing = [c for c in explained(rows, together.faults) if not c.passed]
+    worst = max(rows, key=lambda c: c.error / c.limit)
+    return failing or [replace(worst, what="functions")]
+
+
+class _OneByOne(Evaluation):
+    """A module with constants of each state, of which each is computed by itself."""
+
+    def __init__(self, module: ModuleType, constants: Sequence[Any]) -> None:
+        super().__init__(module, None, (len(constants),))
+        self._each = constants
+
+    def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
+        every = []
+        for i, constants in enumerate(self._each):
+            self._given = {"constants": constants}
+            every.append(super()._computed(name, [x[i] for x in arguments]))
+        return [np.array(arrays) for arrays in zip(*every, strict=True)]
+
+
+def _limit(signature: Signature, solved: float) -> float:
+    """The largest error of a function, given that of accelerations that are solved for."""
+    arguments = signature.arguments
+    return solved if "u" in arguments and "a" not in arguments else _LIMIT
 
 
 def _condition(evaluation: Evaluation, states: States) -> float:

@@ -9,6 +9,7 @@ Expected            every function at states   with formulations that share   (e
 compare_invariants  functions                  with each other                (invariants)
 compare_derivatives functions on request       with differences of others    (derivatives)
 compare_with_itself what no formulation gives  with itself                    (self_consistency)
+    all functions with constants of each state
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
@@ -31,10 +33,15 @@ from gibbs_codegen.verification.lagrange import MOST_POINTS, Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import prepared
-from gibbs_codegen.verification.self_consistency import compare_with_itself, without_formulation
+from gibbs_codegen.verification.self_consistency import (
+    OF_EACH,
+    compare_constants_of_each,
+    compare_with_itself,
+    without_formulation,
+)
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.variation import variations
+from gibbs_codegen.verification.variation import variation, variations
 
 Progress = Callable[[str], None]
 
@@ -59,6 +66,7 @@ class Extent:
         zeros: whether to add sets with parameters that are zero.
         any_angles: whether to add states with angles of any size.
         derivatives: at how many states to compare derivatives, with each set of parameters.
+        of_each: number of states that have constants each.
     """
 
     others: int
@@ -67,11 +75,13 @@ class Extent:
     zeros: bool
     any_angles: bool
     derivatives: int
+    of_each: int
 
 
-THOROUGH = Extent(6, 6, variations=4, zeros=True, any_angles=True, derivatives=3)
+# Of states that have constants each there is a block, and some in a block that is not full.
+THOROUGH = Extent(6, 6, variations=4, zeros=True, any_angles=True, derivatives=3, of_each=LANES + 3)
 # For a module that was just emitted. States with other parameters have any angles.
-QUICK = Extent(3, 1, variations=1, zeros=False, any_angles=False, derivatives=1)
+QUICK = Extent(3, 1, variations=1, zeros=False, any_angles=False, derivatives=1, of_each=0)
 
 
 @dataclass
@@ -180,6 +190,9 @@ def compare_module(
         comparisons += _compare_again(evaluation, tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
     comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    if extent.of_each:
+        progress(OF_EACH)
+        comparisons += _with_constants_of_each(module, robot, min(most, extent.of_each), seed)
     return merged(comparisons)
 
 
@@ -254,6 +267,25 @@ def _compare_again(
     expected = Expected(formulated(NewtonEuler(tree)), states)
     together = expected.compare_functions(evaluation, states, against)
     return together + expected.compare_functions(evaluation, states.first(few), against, True)
+
+
+def _with_constants_of_each(
+    module: ModuleType, robot: Robot, count: int, seed: int
+) -> list[Comparison]:
+    """Compare all functions for states that have parameters each with the same one by one.
+
+    Args:
+        module: The back end.
+        robot: The robot.
+        count: Number of states.
+        seed: Of states and parameters.
+
+    Returns:
+        The comparisons.
+    """
+    robots = [variation(robot, module.PARAMETERS, seed, number) for number in range(count)]
+    states = States.random(Tree(robot), count, (seed, 6))
+    return compare_constants_of_each(module, robots, states)
 
 
 def _with_other_parameters(

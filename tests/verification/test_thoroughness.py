@@ -158,6 +158,7 @@ C_FAULTS = {
         1,
         "any angles",
     ),
+    "constants of each state": ("constants + lane", "constants", 0, "constants of each state"),
     "series of floats": ("R(0.008332175", "R(-0.008332175", 0, "single precision"),
     "far angles of floats": (
         "#define LIBRARY(function) function##f",

@@ -177,7 +177,8 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
             '    raise SystemExit(0)\n    """An output of a function, from its',
             {"gibbs"},
         ),
-        ('"gravity": 9.81', '"gravity": np.ones(2)', {"the module"}),
+        ('"gravity": 9.81', '"gravity": np.ones(2)', {"PARAMETERS"}),
+        ("np.ndim(constant) else float(constant)", "False else np.mean(constant)", {"mass_matrix"}),
     ],
 )
 def test_whatever_was_done_to_a_module_is_a_failure_with_a_reason(

@@ -245,4 +245,5 @@ def _in_blocks(rows: NDArray[Any], fill: bool = True) -> NDArray[Any]:
 def _out_of_blocks(blocks: NDArray[Any], count: int) -> NDArray[Any]:
     """Rows (count, …) of blocks (blocks, …, LANES)."""
     rows = np.moveaxis(blocks, -1, 1)
-    return np.ascontiguousarray(rows.reshape(-1, *rows.shape[2:])[:count])
+    states = rows.shape[0] * rows.shape[1]  # There may be no samples, of which -1 is no number.
+    return np.ascontiguousarray(rows.reshape(states, *rows.shape[2:])[:count])
