@@ -42,12 +42,13 @@ class EachLibrary:
             CompilerError: The library cannot be compiled or loaded, or lacks the function.
             CacheError: It cannot be kept.
         """
-        if not hasattr(self._library, name):
+        if not hasattr(self.library, name):
             raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
-        return ctypes.cast(self._library[name], ctypes.c_void_p)
+        return ctypes.cast(self.library[name], ctypes.c_void_p)
 
     @functools.cached_property
-    def _library(self) -> ctypes.CDLL:
+    def library(self) -> ctypes.CDLL:
+        """The library. Raises as `function` does."""
         name = self._name
         files = [f"{name}.h", f"{name}.c", f"{name}_each.c"]
         path = compiled_files(

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.runtime.cache import CacheError
-from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
+from gibbs_codegen.runtime.each_library import EachLibrary
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import compiled_steps
@@ -86,11 +87,12 @@ class BlockLoop:
         if law == "geometric" and not vehicle.layout.is_quaternion:
             return None
         try:
-            steps = compiled_steps(find_compiler(os.environ.get("CC") or None), LANES)
+            compiler = find_compiler(os.environ.get("CC") or None)
+            steps = compiled_steps(compiler, LANES)
+            words, owned = _structures(closed, bounds, acting, count, compiler)
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)
             return None
-        words, owned = _structures(closed, bounds, acting, count)
         room = int(steps.gibbs_codegen_loop_room(words.ctypes.data))
         return cls(steps, words, room, count, closed.size, owned)
 
@@ -152,7 +154,7 @@ class BlockLoop:
 
 
 def _structures(
-    closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int
+    closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int, compiler: Compiler
 ) -> tuple[NDArray[np.uint64], list[Any]]:
     """A `Loop` for each block, as words (blocks, words), and what they point to.
 
@@ -161,9 +163,14 @@ def _structures(
         bounds: Errors, then their rates, beyond which control is lost.
         acting: What acts on the robots.
         count: How many flights there are.
+        compiler: What compiles the functions that take constants of each state.
 
     Returns:
         The words, and what must live as long.
+
+    Raises:
+        CompilerError: Those functions cannot be compiled.
+        CacheError: Nor kept.
     """
     vehicle, model = closed.vehicle, closed.controller.vehicle
     blocks, loop = -(-count // LANES), Loop()
@@ -176,11 +183,20 @@ def _structures(
         strides[at // 8] = array.strides[0] if len(array) > 1 else 0
         return array.ctypes.data
 
-    library = ctypes.CDLL(str(vehicle.module.__file__))
-    loop.functions = type(loop.functions)(*addresses(library, vehicle.name, "_batch"))
-    defaults = vehicle.module.prepare({})
-    loop.plant, loop.model = (each.constants or defaults for each in (vehicle, model))
-    owned += [library, loop]  # which holds the constants
+    constants = {"plant": vehicle.constants, "model": model.constants}
+    if any(isinstance(values, np.ndarray) for values in constants.values()):
+        library = EachLibrary(Path(vehicle.module.__path__[0]), vehicle.name, compiler).library
+        ending = "_batch_each"
+    else:
+        library, ending = ctypes.CDLL(str(vehicle.module.__file__)), "_batch"
+    loop.functions = type(loop.functions)(*addresses(library, vehicle.name, ending))
+    for name, values in constants.items():
+        values = vehicle.module.prepare({}) if values is None else values
+        if ending == "_batch_each":
+            numbers = np.frombuffer(values) if isinstance(values, bytes) else values
+            values = point(getattr(Loop, name).offset, _for_all_or_each(numbers, 1, count))
+        setattr(loop, name, values)
+    owned += [library, loop]  # which holds constants that are the same for all
     for part, name, value in values_of(closed, bounds, acting):
         holder = getattr(loop, part) if part else loop
         at = (getattr(Loop, part).offset if part else 0) + getattr(type(holder), name).offset

@@ -21,6 +21,7 @@ from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.block_loop import BlockLoop
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import NATIVE, CompiledLoop
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.simulation import prepared
 
 Array = NDArray[np.float64]
@@ -75,6 +76,11 @@ def varied(closed: ClosedLoop, factors: Array) -> ClosedLoop:
     return replace(closed, controller=replace(closed.controller, gains=gains), actuators=actuators)
 
 
+def rounding_of(closed: ClosedLoop) -> float:
+    """Compensation differences thrusts over so short a time that rounding shows."""
+    return 1e-8 if closed.compensates else 1e-11
+
+
 FLIGHTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "angles": ("hexarotor_3link", "hover", {}),
     "lag": ("hexarotor", "hover", {"motors": {"time_constant": 0.02}}),
@@ -105,12 +111,41 @@ def test_each_flight_is_that_of_the_loop_of_one_state(name: str, fast: Load) -> 
         assert one is not None
         taken, samples, last = one(0.0, state, STEP, 100, 7, 3)
         assert taken == found.taken[k] == 100
-        # Compensation differences thrusts over so short a time that rounding shows.
-        rounding = 1e-8 if closed.compensates else 1e-11
+        rounding = rounding_of(closed)
         off = np.linalg.norm(found.samples[k] - samples, axis=1)
         assert np.all(off <= rounding * np.linalg.norm(samples, axis=1)), off
         assert np.linalg.norm(found.last[k] - last) <= rounding * np.linalg.norm(last)
         assert np.abs(last - state).max() > 1e-4
+
+
+@pytest.mark.parametrize("name", ["angles", "geometric"])
+def test_plant_and_model_may_differ_from_flight_to_flight(name: str, fast: Load) -> None:
+    """Each law reckons with its own robot, and each robot moves and works by its own numbers."""
+    closed = loop_of(fast, *FLIGHTS[name])
+    module, law, count = closed.vehicle.module, closed.controller, 9
+    masses = [key for key in module.PARAMETERS if "mass" in key]
+    random = np.random.default_rng(3).uniform(0.9, 1.1, (2, len(masses), count))
+    given = [
+        {key: module.PARAMETERS[key] * by for key, by in zip(masses, factors, strict=True)}
+        for factors in random
+    ]
+
+    def flown(of: int | slice) -> ClosedLoop:
+        plant, model = (Vehicle(module, {k: x[of] for k, x in each.items()}) for each in given)
+        # The geometric law knows a motion of the centre of mass, which is for one model.
+        model = law.vehicle if name == "geometric" else model
+        return replace(closed, vehicle=plant, controller=replace(law, vehicle=model))
+
+    states = starts(closed, count)
+    found = block_of(flown(slice(None)), Acting(), count)(0.0, states, STEP, 100, 10)
+    for k, state in enumerate(states):
+        one = CompiledLoop.of(flown(k), np.inf, Acting())
+        assert one is not None
+        taken, samples, _ = one(0.0, state, STEP, 100, 10)
+        assert taken == found.taken[k] == 100
+        off = np.linalg.norm(found.samples[k] - samples, axis=1)
+        assert np.all(off <= rounding_of(closed) * np.linalg.norm(samples, axis=1)), off
+    assert np.ptp(found.last, axis=0).min() > 0.0
 
 
 def test_a_flight_that_ends_changes_no_other(fast: Load) -> None:
