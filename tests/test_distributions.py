@@ -26,7 +26,8 @@ SDIST = f"{STEM}.tar.gz"
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/blocks.c emitted/column_major.c emitted/constants.c emitted/gather.c emitted/platform.c
+    emitted/blocks.c emitted/column_major.c emitted/constants.c emitted/exactness.c
+    emitted/gather.c emitted/platform.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/rollout/turn.c

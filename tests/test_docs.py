@@ -79,8 +79,9 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    assert pages_with("c") == ["docs/c-and-firmware.md", "docs/derivatives.md"]
-    one, wrench, quaternion, other, batch = blocks("docs/c-and-firmware.md", "c")
+    pages = ["docs/c-and-firmware.md", "docs/derivatives.md", "docs/rollouts.md"]
+    assert pages_with("c") == pages
+    one, wrench, quaternion, other, batch, each = blocks("docs/c-and-firmware.md", "c")
     generate("quadrotor", tmp_path)
     header, _, turning = quaternion.partition("\n\n")
     *include, body = re.split(r"(?<=\*/)\n\n", one)
@@ -88,6 +89,11 @@ def test_c_program(tmp_path: Path) -> None:
     lines += ["{", turning, "if (!(moved[QUADROTOR_Q_QZ] > 0.002)) return 1;", "}", "{", batch]
     lines += [
         "mass_matrix[0] = M[999 * 81];",
+        "} {",
+        each,
+        # A longer link is heavier: the last entry of the matrix is the mass.
+        "const double *last = M_blocks + 999 / LANES * (81 * LANES) + 999 % LANES;",
+        "if (!(last[80 * LANES] > M_blocks[80 * LANES])) return 1;",
         "}",
         "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0 && a[HEXAROTOR_3LINK_V_Z] < -9.9);",
         "}",
@@ -95,7 +101,8 @@ def test_c_program(tmp_path: Path) -> None:
     (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
     folder = ROOT / "generated" / "hexarotor_3link"
     other_folder = tmp_path / "quadrotor"
-    sources = [tmp_path / "program.c", folder / "hexarotor_3link.c", other_folder / "quadrotor.c"]
+    sources = [folder / f"hexarotor_3link{ending}.c" for ending in ("", "_each")]
+    sources += [tmp_path / "program.c", other_folder / "quadrotor.c"]
     program = tmp_path / "program"
     run([tool("cc"), "-O1", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
     run([program])

@@ -32,6 +32,9 @@ typedef hexarotor_3link_rollout_states States;
 #ifdef HEXAROTOR_3LINK_FLOAT
 #define SINGLE
 #endif
+#ifdef HEXAROTOR_3LINK_DISPATCH
+#define DISPATCH
+#endif
 
 #include <float.h>
 #include <math.h>
@@ -48,10 +51,8 @@ typedef hexarotor_3link_rollout_states States;
 
 #ifdef __GNUC__
 #define INLINE inline __attribute__((always_inline))
-#define COLD __attribute__((noinline, cold))
 #else
 #define INLINE inline
-#define COLD
 #endif
 
 /* The lanes or columns of a loop are independent. */
@@ -61,8 +62,15 @@ typedef hexarotor_3link_rollout_states States;
 #define VECTORISE
 #endif
 
-/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
-#if defined(__clang__) && defined(__AVX512F__)
+/*
+ * Compilers use half of the widest registers unless told; a block of states fills the whole. With
+ * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
+ * program chooses when it starts: by gcc for glibc, without effect elsewhere.
+ */
+#if defined(DISPATCH) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && \
+    __GNUC__ >= 12
+#define WIDE __attribute__((target_clones("default", "arch=x86-64-v3", "arch=x86-64-v4")))
+#elif defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
@@ -81,7 +89,6 @@ typedef hexarotor_3link_rollout_states States;
 #define R(literal) literal##f
 #define LIBRARY(function) function##f
 typedef uint32_t bits;
-#define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
 #define NOT_FINITE UINT32_C(0x7f800000)
 #else
@@ -93,36 +100,9 @@ typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 #define LIBRARY(function) function
 typedef uint64_t bits;
-#define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define NOT_FINITE UINT64_C(0x7ff0000000000000)
 #endif
-
-/*
- * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
- * the arithmetic as it is written, STEPWISE makes it store every number on the way.
- */
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
-    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
-#define REORDERED
-#define STEPWISE volatile
-#else
-#define STEPWISE
-#endif
-
-#ifdef __clang__
-#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
-#else
-#define AS_WRITTEN
-#endif
-
-/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
-static int is_finite(const real value)
-{
-    bits value_bits;
-    memcpy(&value_bits, &value, sizeof value_bits);
-    return (value_bits & MAGNITUDE) < NOT_FINITE;
-}
 
 /* Sizes of arrays, none of which may be empty. */
 #define INPUT_ROOM ((NU > 0 ? NU : 1) * LANES)
@@ -202,15 +182,10 @@ static INLINE void difference(
 
 /* From here on the source is the same for every robot. */
 /* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
-#ifdef __GNUC__
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 12)
+#define MIX __builtin_shufflevector
 typedef real Eight
     __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
-#ifdef __clang__
-#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-typedef bits Order __attribute__((vector_size(8 * sizeof(bits))));
-#define MIX(a, b, ...) __builtin_shuffle(a, b, (Order){__VA_ARGS__})
-#endif
 
 static INLINE void turn(
     const real *from,
@@ -226,7 +201,8 @@ static INLINE void turn(
         pair[i] = MIX(row[i], row[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
         pair[i + 1] = MIX(row[i], row[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
     }
-    for (size_t i = 0; i < 8; i += i % 4 == 1 ? 3 : 1) {
+    for (size_t k = 0; k < 4; ++k) {
+        const size_t i = k + k / 2 * 2;
         four[i] = MIX(pair[i], pair[i + 2], 0, 1, 8, 9, 4, 5, 12, 13);
         four[i + 2] = MIX(pair[i], pair[i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
     }
@@ -554,7 +530,7 @@ static INLINE int take_over(const Settings *settings, Block *b)
             largest = size > largest ? size : largest;
         }
         const bits ended = b->ended[lane];
-        const bits end = largest >= NOT_FINITE ? DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
+        const bits end = largest >= NOT_FINITE ? (bits)DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
         taken[lane] = (bits)(ended == RUNNING) & (bits)(largest < NOT_FINITE);
         b->ended[lane] = ended == RUNNING ? end : ended;
         b->taken[lane] += taken[lane];

@@ -617,11 +617,10 @@ class Evaluator:
             ValueError: The leading axes do not broadcast.
         """
         k = self._default if constants is None else constants
-        per_state = k is not self._default and self._differ(k)
+        is_batch = per_state = k is not self._default and self._differ(k)
         for argument in arguments:
-            if per_state or argument.ndim > 1:
-                break
-        else:
+            is_batch = is_batch or argument.ndim > 1
+        if not is_batch:
             try:
                 entries = kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments])
                 if math.isfinite(sum(entries)):

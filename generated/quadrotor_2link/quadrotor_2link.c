@@ -21,6 +21,9 @@ typedef quadrotor_2link_real real;
 #ifdef QUADROTOR_2LINK_FLOAT
 #define SINGLE
 #endif
+#ifdef QUADROTOR_2LINK_DISPATCH
+#define DISPATCH
+#endif
 #ifdef QUADROTOR_2LINK_EACH
 #define EACH
 #define CONSTANTS QUADROTOR_2LINK_CONSTANTS
@@ -46,10 +49,8 @@ typedef quadrotor_2link_real real;
 
 #ifdef __GNUC__
 #define INLINE inline __attribute__((always_inline))
-#define COLD __attribute__((noinline, cold))
 #else
 #define INLINE inline
-#define COLD
 #endif
 
 /* The lanes or columns of a loop are independent. */
@@ -59,8 +60,15 @@ typedef quadrotor_2link_real real;
 #define VECTORISE
 #endif
 
-/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
-#if defined(__clang__) && defined(__AVX512F__)
+/*
+ * Compilers use half of the widest registers unless told; a block of states fills the whole. With
+ * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
+ * program chooses when it starts: by gcc for glibc, without effect elsewhere.
+ */
+#if defined(DISPATCH) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && \
+    __GNUC__ >= 12
+#define WIDE __attribute__((target_clones("default", "arch=x86-64-v3", "arch=x86-64-v4")))
+#elif defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
@@ -79,7 +87,6 @@ typedef quadrotor_2link_real real;
 #define R(literal) literal##f
 #define LIBRARY(function) function##f
 typedef uint32_t bits;
-#define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
 #define NOT_FINITE UINT32_C(0x7f800000)
 #else
@@ -91,9 +98,21 @@ typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 #define LIBRARY(function) function
 typedef uint64_t bits;
-#define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define NOT_FINITE UINT64_C(0x7ff0000000000000)
+#endif
+
+#ifdef __GNUC__
+#define COLD __attribute__((noinline, cold))
+#else
+#define COLD
+#endif
+
+/* How far the second bit of a small whole number is from the sign of a real. */
+#ifdef SINGLE
+#define SIGN_SHIFT 30
+#else
+#define SIGN_SHIFT 62
 #endif
 
 /*

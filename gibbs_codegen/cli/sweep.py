@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # What may stand before brackets in --vary; the functions of these names in `sweeps.sampling`.
 _FUNCTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
+_MOST_INNER = 2
 _MOST_SHOWN = 60
 
 
@@ -171,6 +172,8 @@ def varied(text: str, key: str) -> Any:
     shown = f"--vary {printable(key)}={printable(text, _MOST_SHOWN)}"
     if name not in _FUNCTIONS:
         raise UsageError(f"{shown}: {name} is not one of {', '.join(_FUNCTIONS)}")
+    if inner.count("(") > _MOST_INNER:
+        raise UsageError(f"{shown}: more brackets in brackets than mean anything")
     from gibbs_codegen.sweeps import sampling
 
     arguments = [varied(inner, key)] if "(" in inner else _values(inner)

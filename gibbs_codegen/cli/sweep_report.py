@@ -17,6 +17,8 @@ from gibbs_codegen.sweeps.study import Study
 
 # Of a measure, the worst flights and the keys that explain most; reasons that are told.
 _WORST, _MOST_KEYS, _MOST_REASONS = 3, 3, 5
+# The least share that is told.
+_LEAST = 0.02
 
 
 def print_study(study: Study, seconds: float) -> None:
@@ -93,23 +95,23 @@ def _print_sensitivities(study: Study, console: Console) -> None:
         study: The study.
         console: Where.
     """
-    table = plain_table("what keys explain", "", "key", "alone", "with others", "correlation")
+    table = plain_table("what keys explain", "", "alone", "with others", "correlation")
     for measure in study.measures:
         found = [each for each in study.sensitivity(measure) if _is_seen(each)]
         for number, each in enumerate(found[:_MOST_KEYS]):
-            # Text: brackets in names are no markup.
-            name = Text(printable(measure) if number == 0 else "")
+            if number == 0:
+                table.add_row(Text(printable(measure)))  # Text: brackets in names are no markup.
             shares = (_share(each.alone, each.alone_error), _share(each.joint, each.joint_error))
             correlation = "" if isnan(each.correlation) else f"{each.correlation:+.2f}"
-            table.add_row(name, Text(printable(each.key)), *shares, correlation)
+            table.add_row(Text(f"  {printable(each.key)}"), *shares, correlation)
     if table.row_count:
         console.print()
         console.print(table)
 
 
 def _is_seen(each: Sensitivity) -> bool:
-    """Whether a key explains more than chance might."""
-    return each.alone > each.alone_error or each.joint > each.joint_error
+    """Whether a key explains something, and more than chance might."""
+    return each.alone > max(each.alone_error, _LEAST) or each.joint > max(each.joint_error, _LEAST)
 
 
 def _share(share: float, error: float) -> str:

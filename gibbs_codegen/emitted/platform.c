@@ -13,10 +13,8 @@
 
 #ifdef __GNUC__
 #define INLINE inline __attribute__((always_inline))
-#define COLD __attribute__((noinline, cold))
 #else
 #define INLINE inline
-#define COLD
 #endif
 
 /* The lanes or columns of a loop are independent. */
@@ -26,8 +24,15 @@
 #define VECTORISE
 #endif
 
-/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
-#if defined(__clang__) && defined(__AVX512F__)
+/*
+ * Compilers use half of the widest registers unless told; a block of states fills the whole. With
+ * DISPATCH, what works on blocks is compiled for three generations of processors, among which the
+ * program chooses when it starts: by gcc for glibc, without effect elsewhere.
+ */
+#if defined(DISPATCH) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && \
+    __GNUC__ >= 12
+#define WIDE __attribute__((target_clones("default", "arch=x86-64-v3", "arch=x86-64-v4")))
+#elif defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
@@ -46,7 +51,6 @@
 #define R(literal) literal##f
 #define LIBRARY(function) function##f
 typedef uint32_t bits;
-#define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
 #define NOT_FINITE UINT32_C(0x7f800000)
 #else
@@ -58,33 +62,6 @@ typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 #define LIBRARY(function) function
 typedef uint64_t bits;
-#define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define NOT_FINITE UINT64_C(0x7ff0000000000000)
 #endif
-
-/*
- * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
- * the arithmetic as it is written, STEPWISE makes it store every number on the way.
- */
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
-    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
-#define REORDERED
-#define STEPWISE volatile
-#else
-#define STEPWISE
-#endif
-
-#ifdef __clang__
-#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
-#else
-#define AS_WRITTEN
-#endif
-
-/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
-static int is_finite(const real value)
-{
-    bits value_bits;
-    memcpy(&value_bits, &value, sizeof value_bits);
-    return (value_bits & MAGNITUDE) < NOT_FINITE;
-}

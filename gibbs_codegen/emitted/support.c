@@ -5,6 +5,8 @@
  */
 #include "platform.c"
 
+#include "exactness.c"
+
 #include "constants.c"
 
 #include "sine_cosine.c"

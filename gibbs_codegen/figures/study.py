@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from gibbs_codegen.sweeps.study import Study
 
 # Names of a heading, letters of a key and keys of a panel that are shown.
 _MOST_NAMES, _LONGEST_KEY, _MOST_KEYS = 4, 30, 8
+# Letters of a line of a measure's name above keys.
+_LONGEST_LINE = 27
 # Bins of a histogram; worst flights that are numbered; flights beyond which points are not drawn
 # one by one in files of vectors.
 _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
@@ -180,7 +183,9 @@ def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) ->
         measure: The measure.
         found: What each key explains.
     """
-    axes.set_title(measure, loc="left", weight="normal", parse_math=False)
+    # On the left half: the right one is the heading of the correlations.
+    name = textwrap.fill(measure, _LONGEST_LINE)
+    axes.set_title(name, loc="left", weight="normal", parse_math=False)
     if not found or np.isnan(found[0].alone):
         _say(axes, "too few flights, or all alike")
         return
@@ -197,7 +202,7 @@ def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) ->
         place = axes.get_yaxis_transform()
         axes.text(1.02, row, text, transform=place, verticalalignment="center")
     axes.set(xlim=(0.0, 1.0), ylim=(len(found) - 0.4, -0.6))
-    axes.set_title("rank correlation", loc="right", weight="normal", x=1.16)
+    axes.set_title("correlation", loc="right", weight="normal", x=1.16)
     axes.set_xlabel("share that the key explains")
     axes.grid(visible=False, axis="y")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -193,7 +194,7 @@ class _Run:
     def _rows(self, array: Reals) -> _Rows:
         """An array (1 or n, 1 or steps, …) as rows of states and steps."""
         states, steps, *shape = array.shape
-        width = int(np.prod(shape))
+        width = math.prod(shape)
         return _Rows(
             self._read(array),
             width * steps if states > 1 else 0,
@@ -205,13 +206,20 @@ def _constants(problem: Problem) -> Reals:
     """Constants (1 or n, constants) of the states."""
     constants = problem.constants
     if constants is None:
-        constants = problem.module.prepare({})
+        return _default_constants(problem.module)
     if isinstance(constants, bytes):
         constants = np.frombuffer(constants)
     elif isinstance(constants, tuple):
         constants = np.stack(np.broadcast_arrays(*constants), axis=-1)
     rows: Reals = np.atleast_2d(constants)
     return rows
+
+
+@functools.lru_cache(maxsize=64)
+def _default_constants(module: ModuleType) -> Reals:
+    """Constants (1, constants) of the parameters of the robot file."""
+    constants = module.prepare({})
+    return np.array([np.frombuffer(constants) if isinstance(constants, bytes) else constants])
 
 
 def _function(problem: Problem) -> Callable[..., None]:

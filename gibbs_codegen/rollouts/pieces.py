@@ -92,7 +92,8 @@ class _Pieces:
         while (states := self._some_states(size)).count > 0:
             begin = 0
             while begin < self._steps:
-                end = min(self._steps, begin + max(1, size // states.count))
+                # States are rounded up to whole blocks, and take all their steps even so.
+                end = min(self._steps, begin + max(1, 2 * size // states.count))
                 started = time.perf_counter()
                 call(Piece(states.first, states.count, begin, end))
                 seconds = time.perf_counter() - started
@@ -113,10 +114,9 @@ class _Pieces:
         """
         with self._lock:
             left = self._count - self._first
-            wanted = min(size // self._steps, -(-left // (2 * self._threads)))
-            piece = Piece(
-                self._first, min(left, max(1, -(-wanted // _STATES)) * _STATES), 0, self._steps
-            )
+            fair = left if self._threads == 1 else -(-left // (2 * self._threads))
+            blocks = max(1, -(-min(size // self._steps, fair) // _STATES))
+            piece = Piece(self._first, min(left, blocks * _STATES), 0, self._steps)
             self._first += piece.count
         return piece
 

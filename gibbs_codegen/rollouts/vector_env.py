@@ -176,7 +176,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 raise UsageError(f"reset_mask: {self.num_envs} flags, of which some are True")
         self._seed(seed, rows)
         self._begin(rows)
-        return self._observed(), {}
+        return self._observed(self._fleet.moment()), {}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
         """Take a decision in every environment.
@@ -211,15 +211,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._begin(waiting)
             rewards[waiting] = 0.0
             terminations[waiting] = truncations[waiting] = False
+            now = self._fleet.moment()
         infos = _information(ended, ~waiting)
-        observations = self._observed()
+        observations = self._observed(now)
         self._over = over = terminations | truncations
         if self._mode == AutoresetMode.SAME_STEP and over.any():
             infos = _information(ended, ~over)
             infos |= {"final_info": _information(ended, over), "_final_info": over.copy()}
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
-            observations = self._observed()
+            observations = self._observed(self._fleet.moment())
         return observations, rewards, terminations, truncations, infos
 
     def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
@@ -262,10 +263,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _by_place(self, values: dict[str, Array], count: int) -> Array:
         """Values (count) by name of a velocity, as an array (count, nv)."""
-        zero = np.zeros(count)
-        return np.stack(
-            [values.get(name, zero) for name in self._fleet.vehicle.module.VELOCITIES], axis=1
-        )
+        zero, names = np.zeros(count), self._fleet.vehicle.module.VELOCITIES
+        return np.stack([values.get(name, zero) for name in names], axis=1)
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
@@ -299,10 +298,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError(f"{name}: an array ({self.num_envs},), not of shape {told.shape}")
         return told
 
-    def _observed(self) -> Observations:
+    def _observed(self, now: Moment) -> Observations:
         """Observations (n, m) of where the environments are."""
         with np.errstate(all="ignore"):
-            observed = self._observe(self._fleet.moment())
+            observed = self._observe(now)
         return np.clip(observed, -_FARTHEST, _FARTHEST).astype(np.float32)
 
 

@@ -13,7 +13,7 @@ from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.sweeps.plan import Block, Cases
 
 # What a chunk is to take at most, s; how many flights, and samples of them, may be in memory.
-_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 300_000
+_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 160_000
 # Entries in which flights may differ that `simulate_many` computes side by side.
 _SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
 
@@ -61,12 +61,13 @@ def chunks_of(cases: Cases) -> list[Chunk]:
 
 def _flights(block: Block) -> int:
     """How many flights of a block make a chunk."""
-    scenarios = [block.scenario.plain]
+    scenarios = []
     for place in (0, len(block) - 1):  # Where lists ascend or descend, one of them is the longest.
         with suppress(GibbsCodegenError):
             scenarios.append(block.scenario.changed(block.chosen(place)[1]))
     differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
     together = all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
+    scenarios = scenarios or [block.scenario.plain]
     seconds = max(_seconds(each, together) for each in scenarios)
     samples = max(each.duration * each.integration.rate for each in scenarios)
     most = min(_SECONDS / seconds, _MOST_SAMPLES / samples, _MOST_FLIGHTS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.sweeps.store import Rows
 
 _LONGEST_REASON = 400
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,9 @@ def _flights(
     found: list[Flight | Exception] = []
     try:
         found += simulate_many(module, flown)
-    except Exception:  # One of them is to blame, which is told by flying it by itself.
+    except Exception as error:  # One of them is to blame, which is told by flying it by itself.
+        words = printable(f"{type(error).__name__}: {error}")
+        _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
         for scenario in flown:
             try:
                 found += simulate_many(module, [scenario])

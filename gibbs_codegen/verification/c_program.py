@@ -33,6 +33,9 @@ _HEADER = "the header"
 PARTIAL, SINGLE_PRECISION = "last block not full", "single precision"
 # States in a block in single precision, in which registers hold twice as many numbers.
 _SINGLE_LANES = 2 * LANES
+# Every number of states in a last block, and one of them after a block that is full.
+_BATCHES = (3, LANES + 3, 1, 2, 4, 5, 6, 7)
+_SINGLE_BATCHES = (3, _SINGLE_LANES + 3, 1, _SINGLE_LANES - 1)
 # Least eigenvalue of a mass matrix of unit diagonal that single precision leaves positive.
 _DETERMINED = 1e-6
 # What no function computes.
@@ -233,13 +236,9 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     return merged([*rows, *_packing(program, states.q)])
 
 
-def _batches_within(tree: Tree, lanes: int = LANES) -> list[int]:
-    """Sizes of batches whose states are not too many at once.
-
-    Every number of states in a last block, and one of them after a block that is full.
-    """
+def _batches_within(tree: Tree, sizes: Sequence[int] = _BATCHES) -> list[int]:
+    """Sizes of batches whose states are not too many at once."""
     most = most_states(tree)
-    sizes = [3, lanes + 3, *(count for count in range(1, lanes) if count != 3)]
     sums = np.cumsum(sizes)
     return [count for count, total in zip(sizes, sums, strict=True) if total <= most] or [1]
 
@@ -278,7 +277,7 @@ def compare_single_precision(
         return "products of the robot's numbers are out of the range of single precision"
     if not determined(robot, _DETERMINED):
         return "in single precision, rounding hides the inertia of a degree of freedom"
-    batches = _batches_within(tree, _SINGLE_LANES)
+    batches = _batches_within(tree, _SINGLE_BATCHES)
     program = CProgram(path, module, batches, single=True)
     other = variation(robot, module.PARAMETERS, seed, 0)
     comparisons: list[Comparison] = []

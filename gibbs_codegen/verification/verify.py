@@ -182,8 +182,7 @@ def compare_module(
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
     comparisons += compare_with_itself(evaluation, there, unknown, states)
-    few = states.first(extent.derivatives)
-    comparisons += compare_derivatives(evaluation, robot, few)
+    comparisons += compare_derivatives(evaluation, robot, states.first(extent.derivatives))
     if extent.any_angles:
         progress(ANY_ANGLES)
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))

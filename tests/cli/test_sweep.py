@@ -16,8 +16,10 @@ from types import ModuleType
 
 import pytest
 from support.command import ENVIRONMENT, run
+from support.synthetic_study import LAG, MASS, synthetic_study
 
 from gibbs_codegen.cli.sweep import varied
+from gibbs_codegen.cli.sweep_report import print_study
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.sweeps.sampling import log_uniform, normal, scaled, together, uniform
@@ -76,6 +78,7 @@ def test_words_mean_what_python_writes(text: str, values: object) -> None:
         ("normal(a,0)", "two finite numbers are needed"),
         ("uniform(2,1)", "must be below the second"),
         ("scaled(1,b)", "scaled takes two numbers"),
+        ("scaled(" * 5000 + ")" * 5000, "more brackets in brackets"),
         ("__import__(os)", "__import__ is not one of"),
     ],
 )
@@ -118,6 +121,24 @@ def test_flights_that_end_early_and_fail_are_told(workplace: Path) -> None:
     assert "ended early, 1, as case 1: at t = " in done.stdout
     assert "failed, 2, as case 2: " in done.stdout
     assert "motors.time_constant=-1" in done.stdout
+
+
+def test_reasons_are_told_by_kind_the_most_frequent_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = synthetic_study(tmp_path, broken=False)
+    for place, letters in enumerate(["a", "bb", "ccc", "dddd", "eeeee", "ffffff", "ggggggg"]):
+        rows = range(10 * place, 10 * place + len(letters))
+        study.table["stopped"][rows] = [f"at t = {row}.5 s: {letters}" for row in rows]
+    print_study(study, 1.5)
+    told = capsys.readouterr().out
+    assert "600 cases in 1.5 s: 572 flights to the end, 28 ended early, 0 failed" in told
+    kinds = [line for line in told.splitlines() if line.startswith("  ended early")]
+    assert kinds[0] == "  ended early, 7, as case 60: at t = 60.5 s: ggggggg"
+    assert kinds[4] == "  ended early, 3, as case 20: at t = 20.5 s: ccc"
+    assert kinds[5:] == ["  ended early, 3 for other reasons, which table.csv has"]
+    assert f"  {MASS}  " in told
+    assert LAG not in told
 
 
 @pytest.mark.parametrize(

@@ -122,6 +122,8 @@ def test_a_function_may_take_constants_alone(module) -> None:
     np.testing.assert_array_equal(module.weight(), np.full(8, 9.81))
     moon = module.prepare({"gravity": 1.62})
     np.testing.assert_array_equal(module.weight(constants=moon), np.full(8, 1.62))
+    worlds = module.weight(constants=module.prepare({"gravity": [9.81, 1.62, 3.71]}))
+    np.testing.assert_array_equal(worlds, np.tile([[9.81], [1.62], [3.71]], 8))
     with pytest.raises(TypeError, match=r"^weight\(\) .*argument"):
         module.weight(np.zeros(8), None)
 

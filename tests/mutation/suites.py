@@ -224,7 +224,7 @@ _REST = {
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
     "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
     "column_major.c": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
-    "c_source.c.jinja": _IN_C,
+    "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
     "platform.c": _IN_C,

@@ -42,8 +42,8 @@ SETTINGS: dict[str, Any] = {
 
 
 @pytest.fixture
-def quadrotor(shipped: Load) -> ModuleType:
-    return shipped("quadrotor")
+def quadrotor(fast: Load) -> ModuleType:
+    return fast("quadrotor")
 
 
 class One(gymnasium.Env[Any, Any]):

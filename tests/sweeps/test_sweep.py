@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gibbs_codegen import (
     GibbsCodegenError,
+    UsageError,
     load,
     normal,
     read_scenario,
@@ -18,6 +20,8 @@ from gibbs_codegen import (
     together,
     uniform,
 )
+from gibbs_codegen.scenario.control import Motors
+from gibbs_codegen.scenario.scenario import StartOffset
 from gibbs_codegen.sweeps import chunks
 from gibbs_codegen.sweeps.entries import nested
 
@@ -129,6 +133,52 @@ def test_one_factor_for_all_that_match(robot, tmp_path, here):
         for key, value in masses.items():
             assert value == factor * known[key.removeprefix("plant.")]
         assert 0.8 < factor < 1.2
+
+
+def test_a_scenario_that_was_made_in_python_varies_too(robot, tmp_path, here):
+    plain = read_scenario("hover", nested(SHORT))
+    parameters = {
+        "plant.gravity": [9.7, 9.8],
+        "motors.time_constant": 0.01,
+        "start.position[2]": 0.1,
+    }
+    table = sweep(robot, plain, parameters, measure=WORST, executor=here, out=tmp_path).table
+    for gravity, row in zip((9.7, 9.8), table, strict=True):
+        scenario = replace(
+            plain,
+            plant={"gravity": gravity},
+            motors=Motors(time_constant=0.01),
+            start=StartOffset((0.0, 0.0, 0.1)),
+        )
+        flight = simulate(load(robot, "c"), scenario)
+        assert flight.tip_error.max() == pytest.approx(row["worst [m]"], rel=1e-9)
+    with pytest.raises(UsageError, match="a Scenario has no such field; give the scenario as a"):
+        sweep(robot, plain, {"start.offset": [[0.0, 0.0, 0.1]]}, executor=here, out=tmp_path)
+
+
+def test_noise_is_another_in_every_sample(robot, tmp_path, here):
+    parameters = {**SHORT, "control.rate": 200.0, "sensors.position": [0.01]}
+    study = sweep(robot, "hover", parameters, 3, 1, WORST, here, tmp_path)
+    assert len({case.changes["sensors.seed"] for case in study.cases}) == 3
+    assert len(set(study.table["worst [m]"])) == 3
+    module, case = load(robot, "c"), study.cases[1]
+    flight = simulate(module, read_scenario("hover", nested(case.changes)))
+    assert flight.tip_error.max() == pytest.approx(study.table["worst [m]"][1], rel=1e-9)
+
+
+def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, here):
+    robots = [robot, "quadrotor_arm_2link"]
+    parameters = {**SHORT, "plant.*mass*": scaled(0.9, 1.1), "gravity": [9.81, 9.7]}
+    study = sweep(robots, "hover", parameters, 2, 0, WORST, here, tmp_path)
+    assert study.table["robot"].tolist() == [robot] * 4 + ["quadrotor_arm_2link"] * 4
+    assert np.isnan(study.table["plant.base_mass"][:4]).all()
+    assert np.isnan(study.table["plant.link2_mass_per_length"][4:]).all()
+    assert np.isfinite(study.table["worst [m]"]).all()
+    made = [path.stat().st_mtime_ns for path in (tmp_path / "modules").glob("*/*/MANIFEST")]
+    again = sweep(robots, "hover", parameters, 2, 0, WORST, here, tmp_path)
+    assert again.table.tobytes() == study.table.tobytes()
+    assert [p.stat().st_mtime_ns for p in (tmp_path / "modules").glob("*/*/MANIFEST")] == made
+    assert len(made) == 1
 
 
 @pytest.mark.parametrize(

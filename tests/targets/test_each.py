@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.compiled import LANES, ROLLED, SMALL, WHOLE, Array, Emitted, Library, emit
+from support.compiled import (
+    LANES,
+    ROLLED,
+    SMALL,
+    WHOLE,
+    Array,
+    Emitted,
+    Library,
+    compile_only,
+    emit,
+)
+from support.tools import run, tool
 
 from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.interface import module_signatures
@@ -106,6 +118,20 @@ def test_functions_in_other_builds(
     robot = emitted(label)
     options = [*options, *([robot.single] if real is np.float32 else [])]
     compare(Library(robot, tmp_path / "robot.so", compiler, options, real, each=True), robot)
+
+
+@pytest.mark.slow
+def test_a_build_that_chooses_among_processors(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """By gcc; where it has no effect, it is silent."""
+    small = emitted(SMALL)
+    option = f"-D{SMALL.upper()}_DISPATCH"
+    library = tmp_path / "small.so"
+    compare(Library(small, library, "gcc", ["-O1", option], each=True), small)
+    assert re.search(r"forward_dynamics_block\.arch_x86_64_v4", run([tool("nm"), library]))
+    for compiler in ("clang", "g++", "clang++"):
+        compile_only(compiler, [option, "-fsyntax-only"], small.functions, tmp_path)
 
 
 @pytest.mark.parametrize(

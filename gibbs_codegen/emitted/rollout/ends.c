@@ -65,7 +65,7 @@ static INLINE int take_over(const Settings *settings, Block *b)
             largest = size > largest ? size : largest;
         }
         const bits ended = b->ended[lane];
-        const bits end = largest >= NOT_FINITE ? DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
+        const bits end = largest >= NOT_FINITE ? (bits)DIVERGED : beyond[lane] * OUT_OF_BOUNDS;
         taken[lane] = (bits)(ended == RUNNING) & (bits)(largest < NOT_FINITE);
         b->ended[lane] = ended == RUNNING ? end : ended;
         b->taken[lane] += taken[lane];

@@ -1,13 +1,8 @@
 /* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
-#ifdef __GNUC__
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 12)
+#define MIX __builtin_shufflevector
 typedef real Eight
     __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
-#ifdef __clang__
-#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-typedef bits Order __attribute__((vector_size(8 * sizeof(bits))));
-#define MIX(a, b, ...) __builtin_shuffle(a, b, (Order){__VA_ARGS__})
-#endif
 
 static INLINE void turn(
     const real *from,
@@ -23,7 +18,8 @@ static INLINE void turn(
         pair[i] = MIX(row[i], row[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
         pair[i + 1] = MIX(row[i], row[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
     }
-    for (size_t i = 0; i < 8; i += i % 4 == 1 ? 3 : 1) {
+    for (size_t k = 0; k < 4; ++k) {
+        const size_t i = k + k / 2 * 2;
         four[i] = MIX(pair[i], pair[i + 2], 0, 1, 8, 9, 4, 5, 12, 13);
         four[i + 2] = MIX(pair[i], pair[i + 2], 2, 3, 10, 11, 6, 7, 14, 15);
     }

@@ -22,7 +22,7 @@ class EnvironmentPart(ctypes.Structure):
         *(("frames", _SIZE), ("push", _POINTER), ("coefficients", _POINTER), ("wind", _POINTER)),
         *(("gusts", _SIZE), ("gust", _POINTER), ("walls", _SIZE), ("wall", _POINTER)),
         *(("spins", _SIZE), ("spin", _POINTER), ("payloads", _SIZE), ("payload", _POINTER)),
-        ("gravity", ctypes.c_double),
+        ("gravity", _POINTER),
     )
 
 
@@ -50,7 +50,7 @@ def environment_values(closed: ClosedLoop, acting: Acting) -> dict[str, Any]:
         "wall": _rows(walls.places, walls.points, walls.normals, walls.stiffness, walls.damping),
         "payloads": len(there),
         "payload": _rows(payloads.places[there], payloads.masses[there]),
-        "gravity": payloads.gravity[2],
+        "gravity": payloads.gravity[..., 2],
     }
     if (drag := environment.drag) is not None:
         values |= {"coefficients": drag.coefficients, "wind": drag.velocity}

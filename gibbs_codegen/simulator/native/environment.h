@@ -96,8 +96,10 @@ static void carry(const Loop *f, const Moment *now, const number *inputs, number
             matrix[count * i + k] = dot(m, jacobians + m * row, moved);
         }
         matrix[count * k + k] += 1.0 / e->payload[2 * (k / 3) + 1];
-        force[k] = (k % 3 == 2 ? e->gravity : 0.0) - drift[entry];
-        force[k] -= dot(m, jacobians + m * entry, free);
+        force[k] = -drift[entry] - dot(m, jacobians + m * entry, free);
+        if (k % 3 == 2) {
+            force[k] += *e->gravity;
+        }
     }
     solve_positive(count, matrix, force);
     for (ptrdiff_t k = 0; k < count; ++k) {

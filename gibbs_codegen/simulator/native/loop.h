@@ -112,7 +112,7 @@ typedef struct {
     const double *spin; /* [spins][6]: rotor, frame, axis in the frame, angular momentum */
     ptrdiff_t payloads;
     const double *payload; /* [payloads][2]: frame, mass, of those that are there */
-    double gravity;        /* acceleration along z */
+    const number *gravity; /* acceleration along z */
 } Environment;
 
 /* Where a flight cannot go on. */

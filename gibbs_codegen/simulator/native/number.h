@@ -13,6 +13,8 @@
 typedef double real;
 #include "../../emitted/platform.c"
 
+#include "../../emitted/exactness.c"
+
 #include "../../emitted/sine_cosine.c"
 
 #ifndef LANES

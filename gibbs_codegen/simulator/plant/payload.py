@@ -37,11 +37,12 @@ class Payloads:
 
     @cached_property
     def gravity(self) -> Array:
-        """The acceleration of gravity (3), m/s², world axes."""
+        """The acceleration of gravity (…, 3), m/s², world axes."""
         vehicle = self.vehicle
         upwards = vehicle.layout.v.position.start + 2
-        weight = vehicle.function("gravity_forces")(vehicle.neutral)[upwards]
-        return np.array([0.0, 0.0, weight / vehicle.mass_matrix(vehicle.neutral)[upwards, upwards]])
+        weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]
+        mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
+        return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
 
     def carried(self, time: float | Array) -> Flags:
         """Which payloads are there.

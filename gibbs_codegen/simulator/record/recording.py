@@ -66,7 +66,8 @@ class Recording:
             (("commanded", "applied", "input_limits", *RANGES), self._inputs),
             (("a", "frame_wrenches", "constraint_torques"), self._forces),
             (_BASE, self._base),
-            (("positions", "parents", "thrust_directions"), self._points),
+            (("positions",), self._positions),
+            (("parents", "thrust_directions"), self._connections),
             (("centre_desired", "tip_desired"), self._paths),
             (("weight", "walls", "gusts"), self._surroundings),
             (("kinetic_energy", "potential_energy"), self._energies),
@@ -143,13 +144,13 @@ class Recording:
             "heading_error": _heading_errors(vehicle, self.scenario, self._time, q),
         }
 
-    def _points(self) -> dict[str, Any]:
+    def _positions(self) -> dict[str, Any]:
+        return {"positions": self.loop.vehicle.positions(self._parts.q)}
+
+    def _connections(self) -> dict[str, Any]:
         vehicle, q = self.loop.vehicle, self._parts.q
-        return {
-            "positions": vehicle.positions(q),
-            "parents": point_parents(vehicle),
-            "thrust_directions": _thrust_directions(vehicle, q),
-        }
+        directions = _thrust_directions(vehicle, q)
+        return {"parents": point_parents(vehicle), "thrust_directions": directions}
 
     def _paths(self) -> dict[str, Any]:
         return self._desired_places
