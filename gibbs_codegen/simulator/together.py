@@ -13,6 +13,7 @@ from gibbs_codegen.simulator.control.sampled import law_in_time
 from gibbs_codegen.simulator.desired.trajectory import starting_state
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.fixed_step import check_stability
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.integration.side_by_side import SideBySide
 from gibbs_codegen.simulator.integration.state_history import StateHistory
@@ -55,7 +56,7 @@ class Together:
         histories = self._side_by_side(threads, tell)
         for i, history in enumerate(histories):
             try:
-                found.append(self._alone(i) if history is None else self._flight(i, history))
+                found.append(self._flight(i, history))
             except GibbsCodegenError as error:
                 found.append(error)
             tell((i + 1) / len(histories))
@@ -138,25 +139,44 @@ class Together:
             q, v = starting_state(loop.controller.vehicle, loop.controller.reference, offset)
         return loop.start(q, v)
 
-    def _alone(self, i: int) -> Flight:
-        """A flight that is integrated by itself; raises `UsageError` as `simulate` does."""
+    def _alone(self, i: int) -> tuple[ClosedLoop, StateHistory]:
+        """Integrate a flight by itself.
+
+        Args:
+            i: Number of the flight.
+
+        Returns:
+            Its closed loop, and its history.
+
+        Raises:
+            UsageError: As `simulate` does.
+        """
         loop, scenario = self._loop(i), self._common.scenario
         state = self._state(loop, i)
-        check_mass_matrix(loop.vehicle, state[: loop.vehicle.layout.q.size])
+        q, v, *_ = loop.parts(state)
+        check_mass_matrix(loop.vehicle, q)
         law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
         loop = replace(loop, controller=law)
-        q, v, *_ = loop.parts(state)
-        history = integrate(loop, loop.start(q, v), scenario.duration, scenario.integration)
-        return self._flight(i, history, loop)
+        return loop, integrate(loop, loop.start(q, v), scenario.duration, scenario.integration)
 
-    def _flight(self, i: int, history: StateHistory, loop: ClosedLoop | None = None) -> Flight:
-        """The flight of a history, computed as far as it is asked for, with its own closed loop."""
+    def _flight(self, i: int, history: StateHistory | None) -> Flight:
+        """A flight whose series are computed when they are asked for.
+
+        Args:
+            i: Number of the flight.
+            history: Its history, without ranges of inputs; None if it is yet to be integrated.
+
+        Returns:
+            The flight.
+        """
         motion = self._common.motion
         scenario = replace(motion.scenario, name=self._scenarios[i].name)
-        if self._like is None and not history.stopped:
-            self._like = Recording(self._common.loop, scenario, history)
-        like = None if history.stopped else self._like
-        return LateFlight(
-            lambda: Recording(loop or self._loop(i), scenario, history, like),
-            timing_fields(motion),
-        )
+        ranges: Callable[[], InputRanges] | None = None
+        loop, own = self._alone(i) if history is None else (self._loop(i), history)
+        if self._like is None and not own.stopped:
+            self._like = Recording(self._common.loop, scenario, own)
+        like = None if own.stopped else self._like
+        # Ranges are seldom asked for, and take an integration by itself.
+        ranges = None if history is None else lambda: self._alone(i)[1].inputs
+        recording = Recording(loop, scenario, own, like, ranges)
+        return LateFlight(recording, timing_fields(motion))

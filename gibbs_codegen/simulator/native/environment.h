@@ -96,10 +96,11 @@ static void carry(const Loop *f, const Moment *now, const number *inputs, number
             matrix[count * i + k] = dot(m, jacobians + m * row, moved);
         }
         matrix[count * k + k] += 1.0 / e->payload[2 * (k / 3) + 1];
-        force[k] = -drift[entry] - dot(m, jacobians + m * entry, free);
+        force[k] = -drift[entry];
         if (k % 3 == 2) {
             force[k] += *e->gravity;
         }
+        force[k] -= dot(m, jacobians + m * entry, free);
     }
     solve_positive(count, matrix, force);
     for (ptrdiff_t k = 0; k < count; ++k) {

@@ -37,7 +37,7 @@ class Payloads:
 
     @cached_property
     def gravity(self) -> Array:
-        """The acceleration of gravity (…, 3), m/s², world axes."""
+        """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
         vehicle = self.vehicle
         upwards = vehicle.layout.v.position.start + 2
         weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]

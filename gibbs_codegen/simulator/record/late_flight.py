@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -14,11 +13,11 @@ class LateFlight(Flight):
     """A flight that computes each group of its fields when one of them is first asked for.
 
     Args:
-        recording: makes the recording of the flight, when it is first needed.
+        recording: the recording of the flight.
         known: fields that are known already.
     """
 
-    def __init__(self, recording: Callable[[], Recording], known: dict[str, Any]) -> None:
+    def __init__(self, recording: Recording, known: dict[str, Any]) -> None:
         # A flight is frozen; its fields stand where an ordinary one has them.
         self.__dict__.update(known, _recording=recording)
 
@@ -26,10 +25,7 @@ class LateFlight(Flight):
         """A field that has not been computed yet."""
         if name.startswith("_"):
             raise AttributeError(name)
-        recording = self.__dict__["_recording"]
-        if callable(recording):
-            self.__dict__["_recording"] = recording = recording()
-        for names, compute in recording.groups:
+        for names, compute in self.__dict__["_recording"].groups:
             if name in names:
                 # What is known already stays as it is.
                 self.__dict__.update({**compute(), **self.__dict__})

@@ -13,6 +13,7 @@ from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.desired.timed_motion import TimedMotion
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.connections import point_parents
@@ -49,12 +50,14 @@ class Recording:
     """The samples of a flight, of which fields of `Flight` are computed in groups.
 
     `like`, if there is one, is of a flight with the same times and the same desired motion.
+    `ranges`, if given, finds the ranges of the inputs between samples, which the history lacks.
     """
 
     loop: ClosedLoop
     scenario: Scenario
     history: StateHistory
     like: Recording | None = None
+    ranges: Callable[[], InputRanges] | None = None
 
     @property
     def groups(self) -> tuple[tuple[tuple[str, ...], Callable[[], dict[str, Any]]], ...]:
@@ -63,7 +66,8 @@ class Recording:
             (_NAMES, self._names),
             (("time", "q", "v", "work"), self._states),
             (("q_desired", "v_desired", "a_desired"), self._desired),
-            (("commanded", "applied", "input_limits", *RANGES), self._inputs),
+            (("commanded", "applied", "input_limits"), self._inputs),
+            (RANGES, self._ranges),
             (("a", "frame_wrenches", "constraint_torques"), self._forces),
             (_BASE, self._base),
             (("positions",), self._positions),
@@ -118,12 +122,17 @@ class Recording:
         return dict(zip(("q_desired", "v_desired", "a_desired"), self._reference, strict=True))
 
     def _inputs(self) -> dict[str, Any]:
-        """Inputs (s, nu), with their limits (2, nu) and their ranges between samples."""
+        """Inputs (s, nu), with their limits (2, nu)."""
         commanded, applied = self._acting_inputs
-        ranges = self.history.inputs.up_to_samples(self._time, commanded, applied)
         limits = np.array(self.loop.actuators.inputs)
-        known = {"commanded": commanded, "applied": applied, "input_limits": limits}
-        return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
+        return {"commanded": commanded, "applied": applied, "input_limits": limits}
+
+    def _ranges(self) -> dict[str, Any]:
+        """Ranges (s, nu) of the inputs between samples."""
+        commanded, applied = self._acting_inputs
+        known = self.ranges() if self.ranges else self.history.inputs
+        ranges = known.up_to_samples(self._time, commanded, applied)
+        return dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))
 
     def _forces(self) -> dict[str, Any]:
         """Accelerations (s, nv), wrenches on frames (s, f, 6), constraint torques (s, c)."""

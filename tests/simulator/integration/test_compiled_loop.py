@@ -394,7 +394,7 @@ static void surroundings(Environment *e, double *push, double *rows)
     e->walls = draw(4);
     e->spins = draw(4);
     e->payloads = draw(4);
-    e->gravity = -9.81;
+    e->gravity = push;
     e->gust = rows;
     double *const wall = rows + 15, *const spin = wall + 27, *const payload = spin + 18;
     for (int i = 0; i < 3; ++i) {
