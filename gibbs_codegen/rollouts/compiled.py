@@ -240,6 +240,9 @@ def _loaded(module: ModuleType, single: bool, compiler: Compiler) -> Callable[..
     Returns:
         The function of settings, states, first state, number of states, first step and the step
         before which it ends.
+
+    Raises:
+        CompilerError: It cannot be compiled or loaded.
     """
     name = module.NAME
     files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c", "_rollout.h", "_rollout.c")]

@@ -3,7 +3,9 @@
 `python tests/benchmarks/monte_carlo.py` prints one line of JSON: the time, s, from the first thing
 that is computed to the last error of a tip, and the peak of this process's memory, MB. Flights are
 of 10 s, in steps of 1 ms, by computed torque with the masses of the robot file, and with motors
-that lag. `--flights` and `--threads` change how many there are.
+that lag. With masses that it does not know, the law loses control of some of the machines, the more
+the longer the lag is; how many flights ended early is printed too, and the worst error is of the
+others. `--flights`, `--threads` and `--lag` (s) change what is flown.
 """
 
 from __future__ import annotations
@@ -28,10 +30,10 @@ MASSES = ("base_arm_mass_per_length", "link2_mass_per_length", "link3_mass_per_l
 TOGETHER = 500
 
 
-def worst_errors(flights: int, threads: int) -> np.ndarray:
-    """Largest deviation of a coordinate from the desired one in each flight, rad or m."""
+def worst_errors(flights: int, threads: int, lag: float) -> np.ndarray:
+    """Largest deviation of a coordinate in each flight, rad or m; NaN of those that end early."""
     robot = load(SHIPPED, backend="c")
-    paper = read_scenario("paper", {"duration": 10.0, "motors": {"time_constant": 0.02}})
+    paper = read_scenario("paper", {"duration": 10.0, "motors": {"time_constant": lag}})
     masses = np.random.default_rng(18).uniform(0.8, 1.2, (flights, len(MASSES)))
     worst = []
     for begin in range(0, flights, TOGETHER):
@@ -42,9 +44,10 @@ def worst_errors(flights: int, threads: int) -> np.ndarray:
             for row in masses[begin : begin + TOGETHER]
         ]
         for flight in simulate_many(robot, chunk, threads):
-            if not isinstance(flight, Flight) or flight.stopped:
-                raise RuntimeError(f"a flight has failed: {flight}")
-            worst.append(np.abs(flight.q - flight.q_desired).max())
+            if not isinstance(flight, Flight):
+                raise flight
+            off = np.abs(flight.q - flight.q_desired).max()
+            worst.append(np.nan if flight.stopped else off)
     return np.array(worst)
 
 
@@ -53,16 +56,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--lag", type=float, default=0.005)
     options = parser.parse_args()
     begin = time.perf_counter()
-    worst = worst_errors(options.flights, options.threads)
+    worst = worst_errors(options.flights, options.threads, options.lag)
     passed = time.perf_counter() - begin
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(
-        json.dumps(
-            {"flights": len(worst), "seconds": passed, "peak_mb": peak, "worst": worst.max()}
-        )
-    )
+    figures = {"seconds": passed, "peak_mb": peak, "ended_early": int(np.isnan(worst).sum())}
+    print(json.dumps({"flights": len(worst), **figures, "worst": float(np.nanmax(worst))}))
 
 
 if __name__ == "__main__":

@@ -178,7 +178,8 @@ def print_figures(machines: dict[str, Machine], only: list[str]) -> None:
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         flown = json.loads(said)
         what = f"{FLIGHTS} of 10 s, computed torque, masses ± 20 %, lag, two cores"
-        figures.append((what, f"{flown['seconds']:.1f} s, {flown['peak_mb']:.0f} MB"))
+        early = f"{flown['ended_early']} ended early"
+        figures.append((what, f"{flown['seconds']:.1f} s, {flown['peak_mb']:.0f} MB, {early}"))
     if figures:
         print("\n| what | figure |\n|---|---:|")
         for what, figure in figures:

@@ -43,7 +43,7 @@ EMISSION = (
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
     *("acados_source.c.jinja", "c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
-    *("blocks.c", "column_major.c", "gather.c", "platform.c"),
+    *("blocks.c", "column_major.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 GROUPS = {
@@ -176,6 +176,7 @@ _QUICK = {
     "blocks.c": _QUICK_BLOCKS,
     "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
     "gather.c": _QUICK_BLOCKS,
+    "exactness.c": _QUICK_BLOCKS,
     "platform.c": _QUICK_BLOCKS,
     "sine_cosine.c": _QUICK_SINE,
     "sine_cosine_kernel.c": _QUICK_SINE,
@@ -227,6 +228,7 @@ _REST = {
     "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
+    "exactness.c": _IN_C,
     "platform.c": _IN_C,
     "sine_cosine.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
     "sine_cosine_kernel.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),

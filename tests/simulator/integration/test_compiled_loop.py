@@ -454,12 +454,14 @@ int main(void)
         surroundings(&f.environment, wrenches, rows);
         const ptrdiff_t acting = rotors + n - BASE;
         double *least = room(acting), *most = room(acting), *lag = room(rotors);
+        double *pace = room(rotors);
         for (ptrdiff_t j = 0; j < acting; ++j) {
             least[j] = -1e4;
             most[j] = 1e4;
         }
         for (ptrdiff_t j = 0; j < rotors; ++j) {
             lag[j] = draw(3) ? 0.1 : 0.0;
+            pace[j] = lag[j] > 0.0 ? 10.0 : 0.0;
         }
         f.actuators.limited = draw(4) == 0;
         f.actuators.least = least;
@@ -467,6 +469,7 @@ int main(void)
         f.actuators.lags = draw(2) == 0;
         f.actuators.compensates = f.actuators.lags && draw(2) == 0;
         f.actuators.lag = lag;
+        f.actuators.pace = pace;
         double *held = filled(acting);
         f.held = held;
         double *bounds = filled(2 * n);
@@ -537,6 +540,7 @@ int main(void)
         free(least);
         free(most);
         free(lag);
+        free(pace);
         free(held);
         free(bounds);
         free(coefficients);
