@@ -97,14 +97,8 @@ def rollout(
         varied = parameters or {}, time_constants
         return flown_rollout(given, control, (q0, v0), (dt, every), varied, workers, told)
     motors = given.motors(limits, time_constants, thrusts)
-    settings: dict[str, Any] = {
-        "steps": given.steps,
-        "dt": float(dt),
-        "method": method,
-        "every": int(every),
-        "motors": motors,
-        "precision": precision,
-    }
+    settings: dict[str, Any] = {"steps": given.steps, "dt": float(dt), "method": method}
+    settings |= {"every": int(every), "motors": motors, "precision": precision}
     around = parameters or {}, wrenches, bounds
     problem = _problem(given, (q0, v0), control, around, settings)
     if motors is not None and thrusts is None:
