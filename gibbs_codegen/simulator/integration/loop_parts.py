@@ -219,12 +219,8 @@ NUMBERS: Mapping[tuple[str, str], int] = {
     **{(part, "wrenches"): 2 for part in ("flown", "known")},
     **{("sharing", name): axes for name, axes in (("distribution", 2), ("least", 1), ("most", 1))},
     **{("actuators", name): 1 for name in ("least", "most", "lag", "pace")},
-    **{
-        ("environment", "gravity"): 0,
-        ("envelope", "bounds"): 1,
-        ("", "losses"): 1,
-        ("", "held"): 1,
-    },
+    **{("environment", "gravity"): 0, ("envelope", "bounds"): 1},
+    **{("", "losses"): 1, ("", "held"): 1},
 }
 
 
