@@ -299,6 +299,12 @@ CASES = {
         "test_hydrus_hovers_in_open_loop": (0, 0),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
+    "simulator/integration/test_block_loop.py": {
+        "test_each_flight_is_that_of_the_loop_of_one_state": (2, 2),
+        "test_plant_and_model_may_differ_from_flight_to_flight": (0, 1),
+        "test_the_source_compiles_silently": (1, 1),
+        "test_threads_make_no_difference": (1, 1),
+    },
     "simulator/integration/test_compiled_loop.py": {
         "test_every_step_is_that_of_python": (2, 1),
         "test_sanitizers_find_nothing_in_random_flights": (0, 1),

@@ -193,11 +193,25 @@ class Given:
         self.count()
         return many
 
+    def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Parameters in arrays (1 or n).
+
+        Args:
+            parameters: Numbers, or arrays (n), by name.
+
+        Returns:
+            The arrays.
+
+        Raises:
+            UsageError: They are something else.
+        """
+        return {name: self.states(f"parameters: {name}", v) for name, v in parameters.items()}
+
     def constants(self, parameters: Mapping[str, Any]) -> Any:
         """Constants of the module's functions.
 
         Args:
-            parameters: Numbers, or arrays (n), by name.
+            parameters: As of `parameters`.
 
         Returns:
             What the module's `prepare` makes of them; None if there are none.
@@ -205,7 +219,7 @@ class Given:
         Raises:
             UsageError: It refuses them, or they are something else.
         """
-        values = {name: self.states(f"parameters: {name}", v) for name, v in parameters.items()}
+        values = self.parameters(parameters)
         # One number for all states costs less than one for each.
         own = {name: each if len(each) > 1 else each[0] for name, each in values.items()}
         try:
@@ -232,10 +246,25 @@ class Given:
             return None
         unlimited = (-math.inf, math.inf)
         least, most = self.range("limits", unlimited if limits is None else limits, self.inputs)
-        lag = self._of_rotors("time_constants", 0.0 if time_constants is None else time_constants)
+        lag = self.lag(0.0 if time_constants is None else time_constants)
         begin = self._of_rotors("thrusts", 0.0 if thrusts is None else thrusts)
-        self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return Motors(least, most, lag, begin)
+
+    def lag(self, time_constants: Any) -> Any:
+        """Time constants of motors, s.
+
+        Args:
+            time_constants: As of `rollout`.
+
+        Returns:
+            Array (1 or n, rotors).
+
+        Raises:
+            UsageError: They are something else.
+        """
+        lag = self._of_rotors("time_constants", time_constants)
+        self._check(lag >= 0.0, "time_constants", "0 or more, in s")
+        return lag
 
     def _of_rotors(self, name: str, value: Any) -> Any:
         """Finite numbers (1 or n, rotors) of which one may be given for all."""

@@ -6,7 +6,7 @@ import functools
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 from typing import Any, get_args
@@ -16,6 +16,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.rollouts.asked import asked_rollout
 from gibbs_codegen.rollouts.compiled import compiled_rollout
+from gibbs_codegen.rollouts.flown import flown_rollout
 from gibbs_codegen.rollouts.given import Given, whole
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import Method, Precision, Problem, Rollout
@@ -23,6 +24,7 @@ from gibbs_codegen.rollouts.steps import Steps
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.compiler import CompilerError
 from gibbs_codegen.runtime.load import BACKENDS, load
+from gibbs_codegen.scenario.scenario import Scenario
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -54,11 +56,13 @@ def rollout(
     Args:
         robot: A generated module with the back end "c", "numpy" or "jax", or the name or path of
             one, which is loaded with the C back end.
-        q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the begin.
+        q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the begin; None for
+            those with which a scenario begins.
         control: Inputs u that are held through each step, N, then N m or N of the joints: (nu),
             (steps, nu) or (1 or n, 1 or steps, nu). Or a `Feedback`. Or a callable that takes the
             time, s, and coordinates (n, nq) and velocities (n, nv), and returns inputs (nu) or
-            (n, nu), which are held until the next sample.
+            (n, nu), which are held until the next sample. Or a scenario, or the name or path of
+            one, whose law controls a plant with these parameters, in its surroundings.
         steps: Number of steps.
         dt: Size of a step, s.
         parameters: Parameters of the module's `prepare`: numbers, or arrays (n).
@@ -86,23 +90,58 @@ def rollout(
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     given = _given(module, whole("steps", steps))
     _check(given.steps, every, dt, method, precision)
-    (q, v), constants = given.start(q0, v0), given.constants(parameters or {})
+    workers, told = _threads(threads), functools.partial(progress, "rolling out")
+    if isinstance(control, Scenario | str):
+        own = (wrenches, limits, thrusts, bounds)
+        _check_scenario(method, precision, own)
+        varied = parameters or {}, time_constants
+        return flown_rollout(given, control, (q0, v0), (dt, every), varied, workers, told)
     motors = given.motors(limits, time_constants, thrusts)
-    size, frames = q.shape[1] + v.shape[1], len(module.FRAMES)
-    beyond = None if bounds is None else given.range("bounds", bounds, size)
-    pushes = None if wrenches is None else given.in_time("wrenches", wrenches, frames, 6)
-    inputs, feedback = given.control(control)
-    q, v = (given.xp.repeat(each, given.count() // len(each), 0) for each in (q, v))
-    problem = Problem(
-        *(module, constants, q, v, inputs, given.steps, float(dt), method, int(every), feedback),
-        *(motors, pushes, beyond, precision),
-    )
-    if callable(control):
-        problem = replace(problem, inputs=given.asked(control(0.0, q.copy(), v.copy())))
+    settings: dict[str, Any] = {"steps": given.steps, "dt": float(dt), "method": method}
+    settings |= {"every": int(every), "motors": motors, "precision": precision}
+    around = parameters or {}, wrenches, bounds
+    problem = _problem(given, (q0, v0), control, around, settings)
     if motors is not None and thrusts is None:
-        first = Steps(problem, given.xp).commanded(0, q, v)[:, : given.rotors]
+        first = Steps(problem, given.xp).commanded(0, problem.q, problem.v)[:, : given.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
-    return _rolled(problem, given, control, _threads(threads), progress)
+    return _rolled(problem, given, control, workers, told)
+
+
+def _problem(
+    given: Given,
+    begin: tuple[Any, Any],
+    control: Any,
+    around: tuple[Mapping[str, Any], Any, Any],
+    settings: Mapping[str, Any],
+) -> Problem:
+    """What is computed, in arrays, with the inputs that a controller gives first.
+
+    Args:
+        given: What reads the arguments.
+        begin: q0 and v0 as of `rollout`.
+        control: As of `rollout`.
+        around: Parameters, wrenches and bounds as of `rollout`.
+        settings: What has been read already.
+
+    Returns:
+        The problem.
+
+    Raises:
+        UsageError: An argument is not what it must be.
+    """
+    (q, v), (parameters, wrenches, bounds) = given.start(*begin), around
+    constants, frames = given.constants(parameters), len(given.module.FRAMES)
+    width = q.shape[1] + v.shape[1]
+    inputs, feedback = given.control(control)
+    found: dict[str, Any] = {
+        "wrenches": None if wrenches is None else given.in_time("wrenches", wrenches, frames, 6),
+        "bounds": None if bounds is None else given.range("bounds", bounds, width),
+    }
+    q, v = (given.xp.repeat(each, given.count() // len(each), 0) for each in (q, v))
+    if callable(control):
+        inputs = given.asked(control(0.0, q.copy(), v.copy()))
+    module = given.module
+    return Problem(module, constants, q, v, inputs, feedback=feedback, **found, **settings)
 
 
 def _given(module: ModuleType, steps: int) -> Given:
@@ -134,7 +173,7 @@ def _rolled(
     given: Given,
     control: Any,
     threads: int,
-    progress: Callable[[str, float], None],
+    told: Callable[[float], None],
 ) -> Rollout:
     """What comes out of a problem.
 
@@ -143,12 +182,11 @@ def _rolled(
         given: What has read it.
         control: What was given for the inputs.
         threads: How many threads of the C back end share the states.
-        progress: As of `rollout`.
+        told: Is told the share of it that is done, 0 to 1.
 
     Returns:
         The states.
     """
-    told = functools.partial(progress, "rolling out")
     if given.module.backend == "jax":
         from gibbs_codegen.rollouts.traced import traced_rollout
 
@@ -199,6 +237,20 @@ def _check(steps: int, every: int, dt: float, method: str, precision: str) -> No
         if value not in known:
             words = ", ".join(known)
             raise UsageError(f"{name}: {printable(repr(value), 60)} is unknown; known: {words}")
+
+
+def _check_scenario(method: str, precision: str, others: Sequence[Any]) -> None:
+    """Raise `UsageError` for what is not said of a rollout of a scenario.
+
+    Args:
+        method, precision: As of `rollout`.
+        others: What must be None.
+    """
+    if method != "rk4" or precision != "double" or any(each is not None for each in others):
+        raise UsageError(
+            "control: a scenario is rolled out by rk4 in double precision, with limits, wrenches "
+            "and bounds of its own: leave out method, precision, wrenches, limits, thrusts, bounds"
+        )
 
 
 def _threads(threads: int | None) -> int:

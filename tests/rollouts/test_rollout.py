@@ -140,7 +140,7 @@ def test_c_and_numpy_do_the_same(
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     compiled = load(emitted_steps.folder, backend="c")
     given, inputs = arguments(compiled), len(compiled.INPUTS)
-    given["parameters"] = {"link1_mass_per_length": 0.7, "gravity": 3.7}
+    given["parameters"] = {"link1_mass_per_length": [0.5, 0.7, 0.9], "gravity": 3.7}
     given["control"] = lambda time, q, v: 2.0 + time - v[:, :inputs]
     found, expected = (rollout(m, **given) for m in (compiled, emitted_steps.module))
     np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-13)

@@ -23,7 +23,14 @@ from gibbs_codegen.runtime.each_library import EachLibrary
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import compiled_steps
-from gibbs_codegen.simulator.integration.loop_parts import LAWS, NUMBERS, Loop, addresses, values_of
+from gibbs_codegen.simulator.integration.loop_parts import (
+    LAWS,
+    NUMBERS,
+    Loop,
+    addresses,
+    layout_text,
+    values_of,
+)
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags
 
 _log = logging.getLogger("gibbs_codegen")
@@ -88,7 +95,8 @@ class BlockLoop:
             return None
         try:
             compiler = find_compiler(os.environ.get("CC") or None)
-            steps = compiled_steps(compiler, LANES)
+            flags = f"-DLANES={LANES}", f"-DLAYOUT={layout_text(closed)}"
+            steps = compiled_steps(compiler, *flags)
             words, owned = _structures(closed, bounds, acting, count, compiler)
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)
@@ -153,6 +161,44 @@ class BlockLoop:
         return Blocks(taken, found, last, refused != 0)
 
 
+class _Pointers:
+    """Arrays that a `Loop` points to, of which some have a part for each block."""
+
+    def __init__(self) -> None:
+        self.owned: list[Any] = []
+        self._strides: dict[int, int] = {}
+
+    def to(self, at: int, array: NDArray[Any]) -> int:
+        """The address of an array.
+
+        Args:
+            at: Offset of the pointer in the structure.
+            array: The array, (1, …) for all blocks or (blocks, …).
+
+        Returns:
+            The address.
+        """
+        self.owned.append(array)
+        self._strides[at // 8] = array.strides[0] if len(array) > 1 else 0
+        return array.ctypes.data
+
+    def repeated(self, loop: Loop, blocks: int) -> NDArray[np.uint64]:
+        """The structure for each block, with pointers to its parts.
+
+        Args:
+            loop: That of the first block.
+            blocks: How many there are.
+
+        Returns:
+            Words (blocks, words).
+        """
+        self.owned.append(loop)
+        words = np.tile(np.frombuffer(bytes(loop), dtype=np.uint64), (blocks, 1))
+        for word, stride in self._strides.items():
+            words[:, word] += (stride * np.arange(blocks)).astype(np.uint64)
+        return words
+
+
 def _structures(
     closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int, compiler: Compiler
 ) -> tuple[NDArray[np.uint64], list[Any]]:
@@ -172,47 +218,51 @@ def _structures(
         CompilerError: Those functions cannot be compiled.
         CacheError: Nor kept.
     """
+    loop, pointers, blocks = Loop(), _Pointers(), -(-count // LANES)
+    _bind(loop, pointers, closed, count, compiler)
+    for part, name, value in values_of(closed, bounds, acting):
+        holder = getattr(loop, part) if part else loop
+        at = (getattr(Loop, part).offset if part else 0) + getattr(type(holder), name).offset
+        if (part, name) in NUMBERS:
+            value = pointers.to(at, _for_all_or_each(value, NUMBERS[part, name], count))
+        elif isinstance(value, np.ndarray):
+            array = np.ascontiguousarray(value, dtype=np.float64)
+            pointers.owned.append(array)
+            value = array.ctypes.data
+        setattr(holder, name, value)
+    guesses = _aligned((blocks, closed.vehicle.rotors, LANES))
+    guesses[...] = 0.0
+    loop.guesses = pointers.to(Loop.guesses.offset, guesses)
+    return pointers.repeated(loop, blocks), pointers.owned
+
+
+def _bind(
+    loop: Loop, pointers: _Pointers, closed: ClosedLoop, count: int, compiler: Compiler
+) -> None:
+    """Put functions for blocks into a structure, with constants for all or of each state.
+
+    Args:
+        loop: The structure.
+        pointers: What it points to.
+        closed: The closed loops.
+        count: How many flights there are.
+        compiler: What compiles the functions that take constants of each state.
+    """
     vehicle, model = closed.vehicle, closed.controller.vehicle
-    blocks, loop = -(-count // LANES), Loop()
-    owned: list[Any] = []
-    strides = {}
-
-    def point(at: int, array: NDArray[Any]) -> int:
-        """The address of an array, for the pointer at an offset; blocks, if any, follow it."""
-        owned.append(array)
-        strides[at // 8] = array.strides[0] if len(array) > 1 else 0
-        return array.ctypes.data
-
     constants = {"plant": vehicle.constants, "model": model.constants}
     if any(isinstance(values, np.ndarray) for values in constants.values()):
         library = EachLibrary(Path(vehicle.module.__path__[0]), vehicle.name, compiler).library
         ending = "_batch_each"
     else:
         library, ending = ctypes.CDLL(str(vehicle.module.__file__)), "_batch"
+    pointers.owned.append(library)
     loop.functions = type(loop.functions)(*addresses(library, vehicle.name, ending))
     for name, values in constants.items():
         values = vehicle.module.prepare({}) if values is None else values
         if ending == "_batch_each":
             numbers = np.frombuffer(values) if isinstance(values, bytes) else values
-            values = point(getattr(Loop, name).offset, _for_all_or_each(numbers, 1, count))
+            values = pointers.to(getattr(Loop, name).offset, _for_all_or_each(numbers, 1, count))
         setattr(loop, name, values)
-    owned += [library, loop]  # which holds constants that are the same for all
-    for part, name, value in values_of(closed, bounds, acting):
-        holder = getattr(loop, part) if part else loop
-        at = (getattr(Loop, part).offset if part else 0) + getattr(type(holder), name).offset
-        if (part, name) in NUMBERS:
-            value = point(at, _for_all_or_each(value, NUMBERS[part, name], count))
-        elif isinstance(value, np.ndarray):
-            owned.append(np.ascontiguousarray(value, dtype=np.float64))
-            value = owned[-1].ctypes.data
-        setattr(holder, name, value)
-    guesses = _aligned((blocks, vehicle.rotors, LANES))
-    guesses[...] = 0.0
-    loop.guesses = point(Loop.guesses.offset, guesses)
-    words = np.tile(np.frombuffer(bytes(loop), dtype=np.uint64), (blocks, 1))
-    for word, stride in strides.items():
-        words[:, word] += (stride * np.arange(blocks)).astype(np.uint64)
-    return words, owned
 
 
 def _for_all_or_each(value: Any, axes: int, count: int) -> Array:

@@ -215,12 +215,12 @@ class _Progress(ctypes.Structure):
 
 
 @functools.cache
-def compiled_steps(compiler: Compiler, lanes: int = 1) -> ctypes.CDLL:
+def compiled_steps(compiler: Compiler, *flags: str) -> ctypes.CDLL:
     """`native/rk4.c`, compiled.
 
     Args:
         compiler: The compiler.
-        lanes: How many states a number has.
+        flags: LANES, how many states a number has, and LAYOUT, if all robots have the same one.
 
     Returns:
         The library.
@@ -232,13 +232,15 @@ def compiled_steps(compiler: Compiler, lanes: int = 1) -> ctypes.CDLL:
     source = NATIVE / "rk4.c"
     read = [source, *sorted(NATIVE.glob("*.h")), *sorted(Path(emitted.__path__[0]).glob("*.c"))]
     # Nobody asks what square roots leave in errno; with it they are not taken side by side.
-    flags = (f"-DLANES={lanes}", "-fno-math-errno")
+    options = (*flags, "-fno-math-errno")
 
     def make(output: Path) -> None:
-        compiler.library([source], output, flags)
+        compiler.library([source], output, options)
 
     texts = [path.read_text(encoding="utf-8") for path in read]
-    library = ctypes.CDLL(str(cached_library("\n".join([compiler.identity, *flags, *texts]), make)))
+    library = ctypes.CDLL(
+        str(cached_library("\n".join([compiler.identity, *options, *texts]), make))
+    )
     real, size = ctypes.c_double, ctypes.c_ssize_t
     library.gibbs_codegen_loop_room.argtypes = [POINTER]
     library.gibbs_codegen_loop_room.restype = size

@@ -14,7 +14,7 @@ import numpy as np
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.control.geometric import GeometricLaw
-from gibbs_codegen.simulator.integration.acting import Acting
+from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.environment_part import (
     EnvironmentPart,
@@ -73,6 +73,20 @@ def _layout(closed: ClosedLoop, acting: Acting) -> Values:
         "quaternion": layout.q.attitude.start,
         "placed": layout.q.position.start,
     }
+
+
+def layout_text(closed: ClosedLoop) -> str:
+    """The layout of a closed loop as C initialises it.
+
+    Args:
+        closed: The closed loop.
+
+    Returns:
+        The text.
+    """
+    values = [*_layout(closed, NOTHING).values()]
+    texts = (str(x) if isinstance(x, int) else "{" + ",".join(map(str, x)) + "}" for x in values)
+    return "{" + ",".join(texts) + "}"
 
 
 class _Desired(ctypes.Structure):
@@ -149,19 +163,20 @@ def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
 class _Actuators(ctypes.Structure):
     _fields_ = (
         *(("limited", _FLAG), ("lags", _FLAG), ("compensates", _FLAG)),
-        *(("least", POINTER), ("most", POINTER), ("lag", POINTER)),
+        *(("least", POINTER), ("most", POINTER), ("lag", POINTER), ("pace", POINTER)),
     )
 
 
 def _actuators(closed: ClosedLoop, acting: Acting) -> Values:
-    limits = closed.actuators.inputs
+    limits, lag = closed.actuators.inputs, closed.actuators.lag
     return {
         "limited": closed.limited,
         "lags": closed.lags,
         "compensates": closed.compensates,
         "least": limits[..., 0, :],
         "most": limits[..., 1, :],
-        "lag": closed.actuators.lag,
+        "lag": lag,
+        "pace": np.divide(1.0, lag, out=np.zeros(lag.shape), where=lag > 0.0),
     }
 
 
@@ -203,13 +218,9 @@ NUMBERS: Mapping[tuple[str, str], int] = {
     **{(part, "centre"): 1 for part in ("flown", "known")},
     **{(part, "wrenches"): 2 for part in ("flown", "known")},
     **{("sharing", name): axes for name, axes in (("distribution", 2), ("least", 1), ("most", 1))},
-    **{("actuators", name): 1 for name in ("least", "most", "lag")},
-    **{
-        ("environment", "gravity"): 0,
-        ("envelope", "bounds"): 1,
-        ("", "losses"): 1,
-        ("", "held"): 1,
-    },
+    **{("actuators", name): 1 for name in ("least", "most", "lag", "pace")},
+    **{("environment", "gravity"): 0, ("envelope", "bounds"): 1},
+    **{("", "losses"): 1, ("", "held"): 1},
 }
 
 

@@ -20,7 +20,7 @@ static const double PREFERENCE = 1e-5;
 static void moved_wrenches(const Loop *f, const Attitude *a, const number *matrix, number *columns,
                            Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     number *const generalised = take(&room, at->velocities);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         for (ptrdiff_t i = 0; i < at->velocities; ++i) {
@@ -75,8 +75,7 @@ static void smallest(ptrdiff_t n, const double *columns, const double *wrench, d
 }
 
 /* Where thrusts do not produce a wrench, but for rounding. */
-static INLINE flags missed(ptrdiff_t n, const number *columns, const number *wrench,
-                           const number *thrusts)
+static flags missed(ptrdiff_t n, const number *columns, const number *wrench, const number *thrusts)
 {
     number left[BASE];
     memcpy(left, wrench, sizeof left);
@@ -114,7 +113,7 @@ static void weigh_torques(Nearest *p)
 static int bring_within(const Loop *f, const number *columns, const number *wrench, int lane,
                         number *thrusts, Room room)
 {
-    const ptrdiff_t n = f->layout.rotors;
+    const ptrdiff_t n = layout_of(f)->rotors;
     double *const own = take_plain(&room, n * BASE), *const target = take_plain(&room, BASE);
     double *const least = take_plain(&room, n), *const most = take_plain(&room, n);
     double *const sides = take_plain(&room, n), *const found = take_plain(&room, n);
@@ -134,12 +133,12 @@ static int bring_within(const Loop *f, const number *columns, const number *wren
 
 /* Where thrusts of flights that go on exceed their limits, put those in their place that come
  * nearest to the wrench. Returns where none are found. */
-static INLINE flags keep_within(const Loop *f, flags going, const number *columns,
-                                const number *wrench, number *thrusts, Room room)
+static flags keep_within(const Loop *f, flags going, const number *columns, const number *wrench,
+                         number *thrusts, Room room)
 {
     const number *const least = f->sharing.least, *const most = f->sharing.most;
     flags beyond = {0}, refused = {0};
-    for (ptrdiff_t k = 0; k < f->layout.rotors; ++k) {
+    for (ptrdiff_t k = 0; k < layout_of(f)->rotors; ++k) {
         beyond |= (flags)(thrusts[k] < least[k]) | (flags)(thrusts[k] > most[k]);
     }
     beyond &= going;
@@ -169,10 +168,10 @@ static void smallest_of_each(ptrdiff_t n, const number *columns, const number *w
  * Inputs of a generalised force at coordinates: thrusts for its part on the base; for the joints
  * their own entries, less what thrusts contribute to those. Returns where rotors cannot produce it.
  */
-static INLINE flags allocate(const Loop *f, const Moment *now, const number *q, const Attitude *a,
-                             const number *generalised, number *inputs, Room room)
+static flags allocate(const Loop *f, const Moment *now, const number *q, const Attitude *a,
+                      const number *generalised, number *inputs, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->rotors, width = inputs_of(f);
     const number *columns = f->known.wrenches;
     number *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
@@ -206,7 +205,7 @@ static INLINE flags allocate(const Loop *f, const Moment *now, const number *q, 
 /* Room that `allocate` takes. */
 static ptrdiff_t room_of_allocation(const Loop *f)
 {
-    const ptrdiff_t n = f->layout.rotors, m = f->layout.velocities;
+    const ptrdiff_t n = layout_of(f)->rotors, m = layout_of(f)->velocities;
     const ptrdiff_t moving = f->known.move ? m * inputs_of(f) + n * BASE : 0;
     const ptrdiff_t smallest_thrusts = f->known.move ? n * (2 * BASE + 1) : 0;
     const ptrdiff_t nearest_thrusts = f->sharing.limited ? n * (2 * BASE + 5 + n) + BASE : 0;

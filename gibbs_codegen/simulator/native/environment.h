@@ -74,7 +74,7 @@ static void carry(const Loop *f, const Moment *now, const number *inputs, number
 {
     const Environment *const e = &f->environment;
     const Functions *const of = &f->functions;
-    const ptrdiff_t m = f->layout.velocities, count = 3 * e->payloads;
+    const ptrdiff_t m = layout_of(f)->velocities, count = 3 * e->payloads;
     number *const free = take(&room, m), *const moved = take(&room, m);
     number *const jacobians = take(&room, 6 * m * e->frames);
     number *const drift = take(&room, 6 * e->frames);
@@ -138,7 +138,7 @@ static void surround(const Loop *f, const Moment *now, const number *inputs, num
 static ptrdiff_t room_of_environment(const Loop *f)
 {
     const Environment *const e = &f->environment;
-    const ptrdiff_t m = f->layout.velocities, count = 3 * e->payloads;
+    const ptrdiff_t m = layout_of(f)->velocities, count = 3 * e->payloads;
     const ptrdiff_t carried = 2 * m + (6 * m + 6) * e->frames + count * count + count;
     return (6 + 16 + 6) * e->frames + (count ? carried : 0);
 }

@@ -28,7 +28,7 @@ typedef struct {
 /* The thrust axis in the base's frame, along what equal thrusts of all rotors make. */
 static void axis_of(const Loop *f, const number *q, number *axis, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t width = inputs_of(f);
     number *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
     number sum[3] = {0}, most = {0.0};
@@ -58,7 +58,7 @@ static void axis_of(const Loop *f, const number *q, number *axis, Room room)
 /* What integral action adds to an error, by the place of its rate in the velocities. */
 static INLINE number learned(const Loop *f, const Moment *now, ptrdiff_t place)
 {
-    if (!f->layout.memory) {
+    if (!layout_of(f)->memory) {
         return same(0.0);
     }
     return *f->gains.integral * now->memory[place];
@@ -66,9 +66,9 @@ static INLINE number learned(const Loop *f, const Moment *now, ptrdiff_t place)
 
 /* The force that errors and the desired motion ask for. `jacobian` is that of the centre of mass,
  * and `along` the thrust axis in the world. */
-static INLINE Need need_of(const Loop *f, const Moment *now, const number *jacobian, const number *along)
+static Need need_of(const Loop *f, const Moment *now, const number *jacobian, const number *along)
 {
-    const ptrdiff_t m = f->layout.velocities, position = f->layout.position;
+    const ptrdiff_t m = layout_of(f)->velocities, position = layout_of(f)->position;
     const number mass = *f->centre.mass;
     number place[3], path[9], desired[3], off[3], drift[3], wish[3], growth[3];
     Need need;
@@ -130,7 +130,8 @@ static void attitude_error(const number *p, const number *r, const number *axis,
     }
     whole[3] = (back[3] * lean[3] - dot(3, back, lean)) / size;
     const number about = dot(3, whole, axis), cosine = whole[3];
-    const number heading = 2.0 * arc_tangent(signed_as(same(1.0), cosine) * about, magnitude(cosine));
+    const number side = signed_as(same(1.0), cosine);
+    const number heading = 2.0 * arc_tangent(side * about, magnitude(cosine));
     for (int i = 0; i < 3; ++i) {
         error[i] = share * swing[i] + heading * (about * about + cosine * cosine) * axis[i];
     }
@@ -151,7 +152,7 @@ static void weigh(const Layout *at, const number *gains, const number *error, co
 static void lean_to(const Loop *f, const Moment *now, const number *axis, const Need *need,
                     number *out)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     const number *const p = now->q + at->quaternion, *const r = now->wanted + at->quaternion;
     const number *const spin = now->v + at->attitude;
@@ -191,7 +192,7 @@ static void lean_to(const Loop *f, const Moment *now, const number *axis, const 
 /* How what the law remembers grows: by the errors of the centre of mass and of the joints. */
 static void remember_centre(const Loop *f, const Moment *now, number *growth)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     number place[3], path[9];
     f->functions.centre_of_mass(OF(f->model), now->q, place);
     evaluate(&f->desired, (const double *)f->centre.coefficients, 3 * LANES, now->time,
@@ -206,9 +207,9 @@ static void remember_centre(const Loop *f, const Moment *now, number *growth)
 }
 
 /* Inputs by which the centre of mass, the attitude and the joints follow the desired motion. */
-static INLINE flags geometric(const Loop *f, const Moment *now, number *inputs, Room room)
+static flags geometric(const Loop *f, const Moment *now, number *inputs, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     number *const jacobian = take(&room, 3 * m);
     number *const a = take(&room, m), *const generalised = take(&room, m);

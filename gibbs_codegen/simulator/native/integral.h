@@ -19,9 +19,9 @@ static INLINE flags at_limits(const Loop *f, const number *inputs)
 }
 
 /* Let nothing that is remembered grow away from 0 where an input is at a limit. */
-static INLINE void keep_from_winding(const Loop *f, flags wound, const number *memory, number *growth)
+static void keep_from_winding(const Loop *f, flags wound, const number *memory, number *growth)
 {
-    for (ptrdiff_t i = 0; i < f->layout.memory; ++i) {
+    for (ptrdiff_t i = 0; i < layout_of(f)->memory; ++i) {
         const flags away = wound & (flags)(growth[i] * memory[i] >= 0.0);
         growth[i] = choose(away, same(0.0), growth[i]);
     }

@@ -17,7 +17,7 @@
  * within limits and the thrusts of the motors. */
 static void moving(const Loop *f, const Moment *now, const number *inputs, number *rate, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     number *const acting = take(&room, inputs_of(f));
     memcpy(acting, inputs, (size_t)inputs_of(f) * sizeof *acting);
     limit(f, acting);
@@ -37,10 +37,10 @@ static void moving(const Loop *f, const Moment *now, const number *inputs, numbe
 
 /* Inputs that the law wants some time ahead, for which the motion goes on at a rate.
  * Returns what is refused. */
-static INLINE flags want(const Loop *f, const Moment *now, const number *rate, double ahead, number *inputs,
-                Room room)
+static flags want(const Loop *f, const Moment *now, const number *rate, double ahead,
+                  number *inputs, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     number *const q = take(&room, n), *const v = take(&room, m);
     number *const memory = take(&room, at->memory), *const wanted = take(&room, 3 * n);
@@ -64,10 +64,10 @@ static INLINE flags want(const Loop *f, const Moment *now, const number *rate, d
 
 /* Add what makes up for the lag of the motors to the inputs that the law wants, unless they are held.
  * Returns where the law refuses those that it wants next. */
-static INLINE flags compensate(const Loop *f, const Moment *now, number *inputs, Room room)
+static flags compensate(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const Desired *const path = &f->desired;
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const double last = path->begin + (double)path->pieces * path->piece - AHEAD;
     const double ahead = now->time > last ? -AHEAD : AHEAD;
     number *const rate = take(&room, at->coordinates + at->velocities + at->memory);
@@ -87,7 +87,7 @@ static INLINE flags compensate(const Loop *f, const Moment *now, number *inputs,
 /* Room that a command takes, of which the law itself takes `law`. */
 static ptrdiff_t room_of_command(const Loop *f, ptrdiff_t law)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t motion = at->coordinates + at->velocities + at->memory;
     return f->actuators.compensates ? 2 * motion + inputs_of(f) + 3 * at->coordinates + law : law;
 }

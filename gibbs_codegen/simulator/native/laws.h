@@ -13,7 +13,7 @@
 /* Desired accelerations, corrected by the errors of a state. */
 static void corrected(const Loop *f, const Moment *now, number *restrict out, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities;
     const number *const wanted = now->wanted;
     number *const off = take(&room, 2 * m);
@@ -29,9 +29,9 @@ static void corrected(const Loop *f, const Moment *now, number *restrict out, Ro
 }
 
 /* Inputs of the desired acceleration, corrected by the tracking errors. */
-static INLINE flags computed_torque(const Loop *f, const Moment *now, number *inputs, Room room)
+static flags computed_torque(const Loop *f, const Moment *now, number *inputs, Room room)
 {
-    const ptrdiff_t m = f->layout.velocities;
+    const ptrdiff_t m = layout_of(f)->velocities;
     number *const acceleration = take(&room, m), *const force = take(&room, m);
     corrected(f, now, acceleration, room);
     f->functions.inverse_dynamics(OF(f->model), now->q, now->v, acceleration, force);
@@ -39,18 +39,18 @@ static INLINE flags computed_torque(const Loop *f, const Moment *now, number *in
 }
 
 /* Inputs of the desired motion, whatever the state. */
-static INLINE flags open_loop(const Loop *f, const Moment *now, number *inputs, Room room)
+static flags open_loop(const Loop *f, const Moment *now, number *inputs, Room room)
 {
-    const ptrdiff_t n = f->layout.coordinates, m = f->layout.velocities;
+    const ptrdiff_t n = layout_of(f)->coordinates, m = layout_of(f)->velocities;
     const number *const wanted = now->wanted;
-    const Attitude attitude = attitude_of(&f->layout, wanted);
+    const Attitude attitude = attitude_of(layout_of(f), wanted);
     number *const force = take(&room, m);
     f->functions.inverse_dynamics(OF(f->model), wanted, wanted + n, wanted + n + m, force);
     return allocate(f, now, wanted, &attitude, force, inputs, room);
 }
 
 /* Commanded inputs. Returns where the rotors cannot produce them. */
-static INLINE flags command(const Loop *f, const Moment *now, number *inputs, Room room)
+static flags command(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const size_t size = (size_t)inputs_of(f) * sizeof *inputs;
     const flags none = {0};
@@ -73,7 +73,7 @@ static INLINE flags command(const Loop *f, const Moment *now, number *inputs, Ro
 /* Room that `command` takes. */
 static ptrdiff_t room_of_law(const Loop *f)
 {
-    const ptrdiff_t m = f->layout.velocities, allocating = room_of_allocation(f);
+    const ptrdiff_t m = layout_of(f)->velocities, allocating = room_of_allocation(f);
     /* Of errors and a Jacobian, accelerations and forces. */
     return 5 * m + (allocating > 2 * m ? allocating : 2 * m);
 }
@@ -81,12 +81,12 @@ static ptrdiff_t room_of_law(const Loop *f)
 /* How what a law remembers grows: the integrals of the errors, if there are any. */
 static void remember(const Loop *f, const Moment *now, number *growth, Room room)
 {
-    if (f->layout.memory && f->law == GEOMETRIC) {
+    if (layout_of(f)->memory && f->law == GEOMETRIC) {
         remember_centre(f, now, growth);
-    } else if (f->layout.memory) {
-        number *const off = take(&room, 2 * f->layout.velocities);
-        errors_of(&f->layout, now->wanted, now->q, now->v, off);
-        memcpy(growth, off, (size_t)f->layout.memory * sizeof *growth);
+    } else if (layout_of(f)->memory) {
+        number *const off = take(&room, 2 * layout_of(f)->velocities);
+        errors_of(layout_of(f), now->wanted, now->q, now->v, off);
+        memcpy(growth, off, (size_t)layout_of(f)->memory * sizeof *growth);
     }
 }
 

@@ -94,7 +94,8 @@ typedef struct {
     int compensates; /* whether commands make up for the lag */
     const number *least; /* [rotors + joints]: limits of the inputs */
     const number *most;
-    const number *lag; /* [rotors]: time constants of the motors, 0 for none */
+    const number *lag; /* [rotors]: time constants of the motors, 0 for none, */
+    const number *pace; /* and what 1 is divided by them, 0 for those without */
 } Actuators;
 
 /* What acts on the robot besides its inputs: a push, wind, walls, rotors that spin, and payloads.
@@ -179,22 +180,34 @@ static double *take_plain(Room *room, ptrdiff_t count)
     return (double *)take(room, (count + LANES - 1) / LANES);
 }
 
+/* LAYOUT is that of the one robot that a build is for, if it is: then compilers know all places. */
+static INLINE const Layout *layout_of(const Loop *f)
+{
+#ifdef LAYOUT
+    static const Layout fixed = LAYOUT;
+    (void)f;
+    return &fixed;
+#else
+    return &f->layout;
+#endif
+}
+
 static ptrdiff_t inputs_of(const Loop *f)
 {
-    return f->layout.rotors + f->layout.velocities - BASE;
+    return layout_of(f)->rotors + layout_of(f)->velocities - BASE;
 }
 
 /* Place of the law's memory in the state: after coordinates, velocities, work and thrusts. */
 static ptrdiff_t memory_of(const Loop *f)
 {
-    const Layout *at = &f->layout;
+    const Layout *at = layout_of(f);
     return at->coordinates + at->velocities + 1 + (f->actuators.lags ? at->rotors : 0);
 }
 
 /* Length of the state. */
 static ptrdiff_t size_of(const Loop *f)
 {
-    return memory_of(f) + f->layout.memory;
+    return memory_of(f) + layout_of(f)->memory;
 }
 
 static int has_quaternion(const Layout *at)

@@ -29,7 +29,7 @@ typedef int flags;
 #define ROBOT const void *
 #define OF(constants) constants
 #else
-/* All functions that take or return vectors are inlined, so that no convention matters. */
+/* No function that takes or returns vectors is called from elsewhere: no convention matters. */
 #pragma GCC diagnostic ignored "-Wpsabi"
 typedef double number __attribute__((vector_size(LANES * sizeof(double)), may_alias));
 typedef int64_t flags __attribute__((vector_size(LANES * sizeof(int64_t)), may_alias));

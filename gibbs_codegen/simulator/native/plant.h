@@ -9,9 +9,9 @@
 #include "vectors.h"
 
 /* Power of inputs. Where no joint moves the rotors, thrusts act on the base alone. */
-static INLINE number power(const Loop *f, const Moment *now, const number *inputs, Room room)
+static number power(const Loop *f, const Moment *now, const number *inputs, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t joints = at->velocities - BASE, width = inputs_of(f);
     number sum = {0.0}, twist[BASE];
     if (f->flown.move) {
@@ -33,7 +33,7 @@ static INLINE number power(const Loop *f, const Moment *now, const number *input
 static INLINE number losses(const Loop *f, const number *v)
 {
     number sum = {0.0};
-    for (ptrdiff_t i = 0; i < f->layout.velocities; ++i) {
+    for (ptrdiff_t i = 0; i < layout_of(f)->velocities; ++i) {
         sum += f->losses[i] * v[i] * v[i];
     }
     return sum;
@@ -52,21 +52,20 @@ static void limit(const Loop *f, number *inputs)
 /* Make inputs that act of those commanded, and of what motors aim for the rates of their thrusts. */
 static void actuate(const Loop *f, const number *thrusts, number *inputs, number *rate)
 {
-    for (ptrdiff_t k = 0; f->actuators.lags && k < f->layout.rotors; ++k) {
-        const number lag = f->actuators.lag[k];
-        const flags lags = (flags)(lag > 0.0);
-        rate[k] = choose(lags, (inputs[k] - thrusts[k]) / lag, same(0.0));
+    for (ptrdiff_t k = 0; f->actuators.lags && k < layout_of(f)->rotors; ++k) {
+        const flags lags = (flags)(f->actuators.lag[k] > 0.0);
+        rate[k] = choose(lags, f->actuators.pace[k] * (inputs[k] - thrusts[k]), same(0.0));
         inputs[k] = choose(lags, thrusts[k], inputs[k]);
     }
 }
 
 /* Accelerations under inputs that act. Returns the power of all that acts. */
-static INLINE number move(const Loop *f, const Moment *now, const number *inputs, number *acceleration,
+static number move(const Loop *f, const Moment *now, const number *inputs, number *acceleration,
                    Room room)
 {
     const Functions *const of = &f->functions;
     const number *const q = now->q, *const v = now->v;
-    const ptrdiff_t m = f->layout.velocities;
+    const ptrdiff_t m = layout_of(f)->velocities;
     const number given = power(f, now, inputs, room) - losses(f, v);
     if (!f->environment.frames) {
         of->forward_dynamics(OF(f->plant), q, v, inputs, acceleration);
@@ -82,7 +81,7 @@ static INLINE number move(const Loop *f, const Moment *now, const number *inputs
 /* Room that `move` takes. */
 static ptrdiff_t room_of_plant(const Loop *f)
 {
-    const ptrdiff_t m = f->layout.velocities;
+    const ptrdiff_t m = layout_of(f)->velocities;
     const ptrdiff_t power = f->flown.move ? m * inputs_of(f) : 0;
     const ptrdiff_t around = f->environment.frames ? m + room_of_environment(f) : 0;
     return power > around ? power : around;

@@ -30,13 +30,13 @@ static void evaluate(const Desired *path, const double *coefficients, ptrdiff_t 
 /* Desired coordinates, velocities and accelerations, one after the other. */
 static void reference(const Loop *f, double time, number *out)
 {
-    const ptrdiff_t n = f->layout.coordinates;
+    const ptrdiff_t n = layout_of(f)->coordinates;
     evaluate(&f->desired, f->desired.coefficients, n, time, (double *)out);
     for (ptrdiff_t i = 3 * n; i-- > 0;) { /* from the end, where nothing is overwritten */
         out[i] = same(((const double *)out)[i]);
     }
-    if (has_quaternion(&f->layout)) {
-        quasi_velocities(&f->layout, out);
+    if (has_quaternion(layout_of(f))) {
+        quasi_velocities(layout_of(f), out);
     }
 }
 

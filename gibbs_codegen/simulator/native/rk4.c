@@ -24,10 +24,10 @@
 /* Time derivative of a state. `wanted` is the reference at its time; `range`, if it is not NULL, is
  * of the inputs that are commanded, then of those that act. Returns the flights, of those that are
  * `going`, for which Python is to say why there is none. */
-static INLINE flags derivative(const Loop *f, double time, flags going, const number *wanted,
-                               const number *state, number *rate, number *range, Room room)
+static flags derivative(const Loop *f, double time, flags going, const number *wanted,
+                        const number *state, number *rate, number *range, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities, memory = memory_of(f);
     number *const q = take(&room, n), *const inputs = take(&room, inputs_of(f));
     Moment now = {time, wanted, q, state + n, state + n + m + 1, state + memory, going, {0}};
@@ -71,9 +71,9 @@ static void advance(ptrdiff_t size, const number *restrict rate, double share,
 }
 
 /* Which flights can go on: finite, near what is wanted, and away from the singularity. */
-static INLINE flags go_on(const Loop *f, const number *wanted, const number *state, Room room)
+static flags go_on(const Loop *f, const number *wanted, const number *state, Room room)
 {
-    const Layout *const at = &f->layout;
+    const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->coordinates, m = at->velocities, size = size_of(f);
     number *const q = take(&room, n), *const off = take(&room, 2 * m);
     flags within = are_finite(state[0]);
@@ -97,8 +97,8 @@ static INLINE flags go_on(const Loop *f, const number *wanted, const number *sta
 
 /* One step from the reference `wanted` at its four stages. Flights that are not `going` keep their
  * state. Returns those that are refused, which do too. */
-static INLINE flags take_step(const Loop *f, double time, double step, flags going,
-                              const number *const *wanted, number *state, number *range, Room room)
+static flags take_step(const Loop *f, double time, double step, flags going,
+                       const number *const *wanted, number *state, number *range, Room room)
 {
     static const double weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
@@ -128,7 +128,7 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop);
 
 ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
 {
-    const ptrdiff_t n = loop->layout.coordinates;
+    const ptrdiff_t n = layout_of(loop)->coordinates;
     const ptrdiff_t law = room_of_command(loop, room_of_law(loop)), plant = room_of_plant(loop);
     const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
     return 3 * size_of(loop) + 3 * (3 * n) + stage;
@@ -143,7 +143,7 @@ void gibbs_codegen_rate(const Loop *loop, double time, flags *going, const numbe
                         number *rate)
 {
     Room room = {loop->scratch};
-    number *const wanted = take(&room, 3 * loop->layout.coordinates);
+    number *const wanted = take(&room, 3 * layout_of(loop)->coordinates);
     reference(loop, time, wanted);
     *going &= opposite(derivative(loop, time, *going, wanted, state, rate, NULL, room));
 }
@@ -182,7 +182,7 @@ void gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t cou
                        number *ranges, Progress *progress)
 {
     const Loop f = *loop;
-    const ptrdiff_t n = f.layout.coordinates, size = size_of(&f);
+    const ptrdiff_t n = layout_of(&f)->coordinates, size = size_of(&f);
     Room room = {f.scratch};
     number *const middle = take(&room, 3 * n);
     number *now = take(&room, 3 * n), *then = take(&room, 3 * n);
@@ -197,7 +197,8 @@ void gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t cou
         number *const range = ranges ? ranges + 4 * inputs_of(&f) * kept : NULL;
         reference(&f, begin + 0.5 * step, middle);
         reference(&f, begin + step, then);
-        const flags refused = take_step(&f, begin, step, progress->going, wanted, state, range, room);
+        const flags going = progress->going;
+        const flags refused = take_step(&f, begin, step, going, wanted, state, range, room);
         progress->refused |= refused;
         end(progress, refused, done);
         if (!any(progress->going)) {

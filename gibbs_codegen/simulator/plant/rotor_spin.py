@@ -42,11 +42,12 @@ class RotorSpin:
         self.rotors: NDArray[np.intp] = np.flatnonzero(spins)
         self.spins = spins[self.rotors]
         joints = _FIRST_JOINT + _NEXT_JOINT * np.arange(vehicle.joints)
-        q = np.tile(vehicle.neutral, (3, 1))
-        q[1:, vehicle.arm] = joints, -joints[::-1]
-        thrusts = np.swapaxes(vehicle.thrust_wrenches(q)[:, :3, self.rotors], -1, -2)
-        world = thrusts @ np.swapaxes(vehicle.base_rotation(q), -1, -2)
-        seen = np.einsum("sfij,sgi->sgfj", vehicle.frame_poses(q)[..., :3, :3], world)
+        # Where parameters differ along an axis, one robot tells the directions of all.
+        q = np.tile(vehicle.neutral, (3, 1, 1))
+        q[1:, 0, vehicle.arm] = joints, -joints[::-1]
+        thrusts = np.swapaxes(vehicle.thrust_wrenches(q)[:, 0, :3][..., self.rotors], -1, -2)
+        world = thrusts @ np.swapaxes(vehicle.base_rotation(q[:, 0]), -1, -2)
+        seen = np.einsum("sfij,sgi->sgfj", vehicle.frame_poses(q)[:, 0, :, :3, :3], world)
         stays = np.all(np.abs(seen - seen[:1]) < _SAME_DIRECTION, axis=(0, 3))
         for rotor, frames in zip(self.rotors, stays, strict=True):
             if not np.any(frames):

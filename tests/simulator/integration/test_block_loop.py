@@ -92,6 +92,16 @@ FLIGHTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "integral": ("hexarotor", "hover", {"control": {"integral": 0.5}}),
     "open loop": ("hexarotor_3link", "hover", {"control": {"law": "open_loop"}}),
     "off": ("hexarotor", "hover", {"control": {"law": "off"}}),
+    "surrounded": (
+        "hexarotor_3link",
+        "hover",
+        {
+            "wind": {"velocity": [4, 1, 0], "drag": {"base": 0.5, "tip": 0.3}},
+            "payload": [{"frame": "tip", "mass": 0.2}],
+            "wall": [{"frame": "base", "point": [0, 0, 2], "normal": [0, 0, 1], "stiffness": 300}],
+            "push": {"force": [1, 0, 2], "begin": 0, "end": 1},
+        },
+    ),
     "geometric": ("quadrotor_arm_2link", "circle", {"motors": {"time_constant": 0.02}}),
     "rotors that move": ("hydrus", "hover", {}),
     "quaternion": ("hextilt_flying_arm_5", "hover", {"motors": {"time_constant": 0.01}}),

@@ -454,12 +454,14 @@ int main(void)
         surroundings(&f.environment, wrenches, rows);
         const ptrdiff_t acting = rotors + n - BASE;
         double *least = room(acting), *most = room(acting), *lag = room(rotors);
+        double *pace = room(rotors);
         for (ptrdiff_t j = 0; j < acting; ++j) {
             least[j] = -1e4;
             most[j] = 1e4;
         }
         for (ptrdiff_t j = 0; j < rotors; ++j) {
             lag[j] = draw(3) ? 0.1 : 0.0;
+            pace[j] = lag[j] > 0.0 ? 10.0 : 0.0;
         }
         f.actuators.limited = draw(4) == 0;
         f.actuators.least = least;
@@ -467,6 +469,7 @@ int main(void)
         f.actuators.lags = draw(2) == 0;
         f.actuators.compensates = f.actuators.lags && draw(2) == 0;
         f.actuators.lag = lag;
+        f.actuators.pace = pace;
         double *held = filled(acting);
         f.held = held;
         double *bounds = filled(2 * n);
@@ -507,7 +510,7 @@ int main(void)
         memset(f.guesses, 0, (size_t)rotors * sizeof *f.guesses);
         const ptrdiff_t size = coordinates + n + 1 + (f.actuators.lags ? rotors : 0) +
                                f.layout.memory;
-        const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
+        const ptrdiff_t count = draw(30), every = 1 + draw(40), before = draw(1000);
         double *state = filled(size), *samples = room((count / every + 1) * size);
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
             samples[j] = UNTOUCHED;
@@ -518,13 +521,13 @@ int main(void)
         }
         const double time = draw(2) ? 0.0 : 100.0;
         Progress progress = {1, 0, {0}};
-        gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state, samples,
+        gibbs_codegen_rk4(&f, time, 1e-2, count, every, before, state, samples,
                           draw(2) ? ranges : NULL, &progress);
         const ptrdiff_t taken = progress.taken[0];
         if (taken < 0 || taken > count) {
             return 3;
         }
-        const ptrdiff_t kept = (number + taken) / every - number / every;
+        const ptrdiff_t kept = (before + taken) / every - before / every;
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
             if ((samples[j] == UNTOUCHED) != (j >= kept * size)) {
                 return 4;
@@ -537,6 +540,7 @@ int main(void)
         free(least);
         free(most);
         free(lag);
+        free(pace);
         free(held);
         free(bounds);
         free(coefficients);

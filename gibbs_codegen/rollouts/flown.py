@@ -1,0 +1,200 @@
+"""Rollouts of a scenario's closed loop: flights side by side, of plants that differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.rollouts.given import Given
+from gibbs_codegen.rollouts.problem import OUT_OF_BOUNDS, RUNNING, Array, Rollout
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.scenario import Scenario, Settings
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.fixed_step import check_stability
+from gibbs_codegen.simulator.integration.integrate import integrate
+from gibbs_codegen.simulator.integration.side_by_side import SideBySide
+from gibbs_codegen.simulator.integration.state_history import StateHistory
+from gibbs_codegen.simulator.plant.environment import Environment
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.simulation import Prepared, prepared
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Closed loops of a scenario that differ in parameters of the plant and in the lag of motors.
+
+    - `parameters`: those of the plant, by name, arrays (n), or (1) for all
+    - `lag` (1 or n, rotors): time constants, s; None for those of the scenario
+    """
+
+    start: Prepared
+    parameters: Mapping[str, Array]
+    lag: Array | None
+
+    def loop(self, state: int | None = None) -> ClosedLoop:
+        """The closed loop of one state or, with an axis of the states where they differ, of all.
+
+        Args:
+            state: Number of the state; None for all.
+
+        Returns:
+            The closed loop.
+        """
+        loop, scenario = self.start.loop, self.start.scenario
+        plant, actuators = loop.vehicle, loop.actuators
+        if self.parameters:
+            own = {name: _of(values, state) for name, values in self.parameters.items()}
+            known = {**scenario.parameters, **scenario.plant, **own}
+            plant = Vehicle(plant.module, known, "parameters")
+        if self.lag is not None:
+            actuators = replace(actuators, lag=_of(self.lag, state))
+        environment = Environment.of(plant, scenario, actuators.spins)
+        return replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+
+
+def _of(values: Array, state: int | None) -> Any:
+    """Values of a state, or of all, without an axis of the states if they are the same."""
+    if state is None:
+        return values if len(values) > 1 else values[0]
+    return values[state if len(values) > 1 else 0]
+
+
+def flown_rollout(
+    given: Given,
+    scenario: Scenario | str,
+    begin: tuple[Any, Any],
+    grid: tuple[float, int],
+    varied: tuple[Mapping[str, Any], Any],
+    threads: int,
+    told: Callable[[float], None],
+) -> Rollout:
+    """Roll states out under the control of a scenario, in its surroundings.
+
+    Args:
+        given: What reads the arguments.
+        scenario: The scenario, or the name or path of one.
+        begin: q0 and v0 as of `rollout`, or None for where the scenario begins.
+        grid: Size of a step, s, and how many make a sample.
+        varied: Parameters and time constants as of `rollout`.
+        threads: How many threads share the states.
+        told: Is told the share that is done, 0 to 1.
+
+    Returns:
+        What comes out. A state in which control is lost is out of bounds.
+
+    Raises:
+        UsageError: An argument is not what it must be, or a flight cannot begin or go on.
+    """
+    (dt, every), (parameters, lag) = grid, varied
+    duration = given.steps * dt
+    start = _prepared(given, scenario, dt, every)
+    q, v = given.start(
+        *(a if b is None else b for a, b in zip((start.q, start.v), begin, strict=True))
+    )
+    own = given.parameters(parameters)
+    flown = Flown(start, own, None if lag is None else given.lag(lag))
+    count = given.count()
+    loop, settings = flown.loop(), start.scenario.integration
+    check_stability(flown.loop(_quickest(loop)), dt)
+    starts = _starts(loop, np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
+    fly = SideBySide(loop, flown.loop, settings, duration, threads)
+    found = fly(starts, lambda time: told(time / duration))
+    states = np.empty((count, given.steps // every + 1, loop.size))
+    steps, ended = np.full(count, given.steps), np.full(count, RUNNING, dtype=np.int8)
+    for i, history in enumerate(found):
+        whole = _alone(flown, i, starts[i], duration) if history is None else history
+        states[i] = _on_grid(whole, dt * every, states.shape[1])
+        if whole.stopped:
+            steps[i], ended[i] = round(whole.time[-1] / dt), OUT_OF_BOUNDS
+    parts = loop.parts(states)
+    time = np.arange(states.shape[1], dtype=np.float64) * (dt * every)
+    return Rollout(time, parts.q, parts.v, parts.thrusts if loop.lags else None, steps, ended)
+
+
+def _prepared(given: Given, scenario: Scenario | str, dt: float, every: int) -> Prepared:
+    """What flights of a scenario begin with.
+
+    Args:
+        given, scenario: As of `flown_rollout`.
+        dt: Size of a step, s.
+        every: How many steps make a sample.
+
+    Returns:
+        Motion, closed loop and where the flight begins.
+
+    Raises:
+        UsageError: It cannot begin, or its law is sampled.
+    """
+    flown = read_scenario(scenario) if isinstance(scenario, str) else scenario
+    if flown.control.rate is not None or flown.sensors is not None:
+        raise UsageError(
+            "control: a rollout is under laws that act at all times, without control.rate and "
+            "sensors; simulate_many flies such scenarios"
+        )
+    settings: Settings = replace(flown.integration, method="rk4", step=dt, rate=1.0 / (dt * every))
+    scene = replace(flown, integration=settings)
+    return prepared(given.module, scene, lambda what, share: None, own=False)
+
+
+def _quickest(loop: ClosedLoop) -> int:
+    """Number of the state whose motors lag least, but lag: whose steps must be the shortest."""
+    lag = np.atleast_2d(loop.actuators.lag)
+    return int(np.where(lag > 0.0, lag, np.inf).min(axis=1).argmin())
+
+
+def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
+    """States (n, size) of the closed loop at the begin, with motors that have settled.
+
+    Args:
+        loop: The closed loop of all.
+        q, v: Coordinates (n, nq) and velocities (n, nv).
+
+    Returns:
+        The states.
+    """
+    memory = np.zeros((len(q), loop.controller.memory))
+    wanted = loop.controller(np.zeros(len(q)), q, v, memory)
+    thrusts = np.clip(wanted, *loop.actuators.inputs)[:, : loop.vehicle.rotors if loop.lags else 0]
+    return np.concatenate([q, v, np.zeros((len(q), 1)), thrusts, memory], axis=1)
+
+
+def _alone(flown: Flown, state: int, start: Array, duration: float) -> StateHistory:
+    """The history of a state that is integrated by itself.
+
+    Args:
+        flown: The closed loops.
+        state: Number of the state.
+        start: State (size) of its closed loop at the begin.
+        duration: How long, s.
+
+    Returns:
+        The history.
+
+    Raises:
+        UsageError: It cannot go on.
+    """
+    try:
+        return integrate(flown.loop(state), start, duration, flown.start.scenario.integration)
+    except GibbsCodegenError as error:
+        raise UsageError(f"state {state}: {error}") from None
+
+
+def _on_grid(history: StateHistory, between: float, count: int) -> Array:
+    """Samples (count, size) of a history, of which the last is repeated after its end.
+
+    Args:
+        history: The history.
+        between: Time between samples, s.
+        count: How many there are to be.
+
+    Returns:
+        The samples.
+    """
+    places = history.time / between
+    whole = history.states[np.abs(places - np.rint(places)) < 1e-6]
+    rest = np.broadcast_to(history.states[-1], (count - len(whole), len(history.states[-1])))
+    return np.concatenate([whole, rest])

@@ -1,0 +1,91 @@
+"""Rollouts of a scenario's closed loop: against flights of `simulate`, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gibbs_codegen import Scenario, UsageError, read_scenario, rollout, simulate
+from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.scenario.sensors import Sensors
+
+LENGTH = "link2_mass_per_length"
+STEPS, DT, EVERY = 120, 0.0025, 20
+
+
+@pytest.fixture(scope="module")
+def machine(fast: Callable[[str], ModuleType]) -> ModuleType:
+    """The paper's machine."""
+    return fast("hexarotor_3link")
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    """A hover with a push that begins between two steps."""
+    push = Push((1.0, -0.5, 0.5), 0.0512, 0.2, frame="base")
+    return replace(read_scenario("hover"), push=push, duration=STEPS * DT)
+
+
+def flown(machine: ModuleType, scenario: Scenario, **changed: Any) -> Any:
+    """The flight of a scenario in the same steps."""
+    settings = replace(scenario.integration, method="rk4", step=DT, rate=1.0 / (DT * EVERY))
+    return simulate(machine, replace(scenario, integration=settings, **changed))
+
+
+def test_states_are_those_of_flights(machine: ModuleType, scenario: Scenario) -> None:
+    masses = machine.PARAMETERS[LENGTH] * np.array([0.8, 1.0, 1.3])
+    lag = np.array([0.01, 0.02, 0.03])
+    found = rollout(
+        *(machine, None, None, scenario, STEPS, DT),
+        every=EVERY,
+        parameters={LENGTH: masses},
+        time_constants=np.tile(lag[:, None], (1, 6)),
+    )
+    assert found.ended.tolist() == [0, 0, 0]
+    assert found.steps.tolist() == [STEPS] * 3
+    for i in range(3):
+        motors = replace(scenario.motors, time_constant=lag[i])
+        flight = flown(machine, scenario, plant={LENGTH: masses[i]}, motors=motors)
+        np.testing.assert_allclose(found.time, flight.time, atol=1e-12)
+        # Compensation of the lag differences thrusts over 1e-7 s, which magnifies rounding.
+        np.testing.assert_allclose(found.q[i], flight.q, atol=1e-8)
+        np.testing.assert_allclose(found.v[i], flight.v, atol=1e-7)
+        np.testing.assert_allclose(found.thrusts[i], flight.applied[:, :6], atol=1e-5)
+
+
+def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> None:
+    """Where control is lost a state ends, and changes no other."""
+    usual = rollout(machine, None, None, scenario, STEPS, DT, every=EVERY)
+    q0 = np.repeat(usual.q[:, 0], 2, axis=0)
+    v0 = np.zeros_like(q0)
+    v0[1] = 300.0
+    found = rollout(machine, q0, v0, scenario, STEPS, DT, every=EVERY)
+    np.testing.assert_allclose(found.q[0], usual.q[0], rtol=1e-12, atol=1e-12)
+    assert found.ended.tolist() == [0, 2]
+    assert found.steps[1] < STEPS
+    np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
+
+
+WRONG = {
+    "leave out method, precision, wrenches, limits": {"limits": (0.0, 1.0)},
+    "without control.rate and sensors": {"sensors": Sensors()},
+    "integration.step: in steps of 2 s rk4 makes errors grow": {"dt": 2.0},
+    "parameters: link2_mass_per_length: value 1 of 2 must be finite": {
+        "parameters": {LENGTH: [1.0, np.nan]}
+    },
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_what_is_wrong_is_told(message: str, machine: ModuleType, scenario: Scenario) -> None:
+    given = {"dt": DT, **WRONG[message]}
+    if sensors := given.pop("sensors", None):
+        scenario = replace(scenario, sensors=sensors)
+    with pytest.raises(UsageError) as error:
+        rollout(machine, None, None, scenario, STEPS, **given)
+    assert message in str(error.value)
