@@ -33,7 +33,10 @@ TOGETHER = 500
 def worst_errors(flights: int, threads: int, lag: float) -> np.ndarray:
     """Largest deviation of a coordinate in each flight, rad or m; NaN of those that end early."""
     robot = load(SHIPPED, backend="c")
-    paper = read_scenario("paper", {"duration": 10.0, "motors": {"time_constant": lag}})
+    paper = read_scenario(
+        "paper",
+        {"duration": 10, "motors": {"time_constant": lag}, "integration": {"method": "rk4"}},
+    )
     masses = np.random.default_rng(18).uniform(0.8, 1.2, (flights, len(MASSES)))
     worst = []
     for begin in range(0, flights, TOGETHER):
