@@ -104,18 +104,23 @@ static flags take_step(const Loop *f, double time, double step, flags going,
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
     const ptrdiff_t size = size_of(f);
     number *const rate = take(&room, size), *const stage = take(&room, size);
-    number *const sum = take(&room, size);
+    number *const sum = take(&room, size), *const begin = take(&room, size);
+    const ptrdiff_t moving = layout_of(f)->coordinates + layout_of(f)->velocities;
     flags refused = {0};
-    memcpy(sum, state, (size_t)size * sizeof *sum);
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        /* Where a flight was lost numbers may be so large that they take long: it rests instead. */
+        begin[i] = choose(going, state[i], i < moving ? wanted[0][i] : (number){0});
+    }
+    memcpy(sum, begin, (size_t)size * sizeof *sum);
     for (int k = 0; k < 4; ++k) {
         const double at = time + step * 0.5 * (double)((k + 1) / 2);
-        const number *const from = k > 0 ? stage : state;
+        const number *const from = k > 0 ? stage : begin;
         const flags left = going & opposite(refused);
         refused |= derivative(f, at, left, wanted[k], from, rate, k > 0 ? NULL : range, room);
         if (!any(going & opposite(refused))) {
             return refused;
         }
-        advance(size, rate, step * weight[k], sum, state, step * ahead[k], stage);
+        advance(size, rate, step * weight[k], sum, begin, step * ahead[k], stage);
     }
     for (ptrdiff_t i = 0; i < size; ++i) {
         state[i] = choose(going & opposite(refused), sum[i], state[i]);
@@ -131,7 +136,7 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
     const ptrdiff_t n = layout_of(loop)->coordinates;
     const ptrdiff_t law = room_of_command(loop, room_of_law(loop)), plant = room_of_plant(loop);
     const ptrdiff_t stage = n + inputs_of(loop) + (law > plant ? law : plant);
-    return 3 * size_of(loop) + 3 * (3 * n) + stage;
+    return 4 * size_of(loop) + 3 * (3 * n) + stage;
 }
 
 /* The time derivative of states at a time. `going` tells for which it is wanted, and becomes those
