@@ -6,7 +6,7 @@ import io
 import os
 import pickle
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -17,10 +17,14 @@ from gibbs_codegen.scenario.control import Motors
 from gibbs_codegen.scenario.scenario import Scenario, StartOffset
 from gibbs_codegen.simulator.desired.trajectory import Progress
 from gibbs_codegen.simulator.record.flight import Flight
-from gibbs_codegen.simulator.simulation import prepared
+from gibbs_codegen.simulator.simulation import Prepared, prepared
 from gibbs_codegen.simulator.together import Together
 
 Found = Flight | GibbsCodegenError
+
+# What flights begin with is kept of so many groups.
+_MOST_KNOWN = 4
+_known: dict[tuple[ModuleType, bytes | None], Prepared] = {}
 
 
 def simulate_many(
@@ -47,18 +51,20 @@ def simulate_many(
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     found: dict[int, Found] = {}
-    for places in _alike(scenarios):
+    for common, places in _alike(scenarios):
         done, size = len(found), len(places)
 
         def tell(share: float, done: int = done, size: int = size) -> None:
             progress("flying", (done + share * size) / len(scenarios))
 
-        found |= _flown(module, {place: scenarios[place] for place in places}, threads, tell)
+        group = {place: scenarios[place] for place in places}
+        found |= _flown(module, common, group, threads, tell)
     return [found[place] for place in range(len(scenarios))]
 
 
 def _flown(
     module: ModuleType,
+    common: bytes | None,
     scenarios: Mapping[int, Scenario],
     threads: int,
     tell: Callable[[float], None],
@@ -67,6 +73,7 @@ def _flown(
 
     Args:
         module: The module.
+        common: What tells the scenarios from others.
         scenarios: The scenarios, by their places.
         threads, tell: As of `Together.flights`.
 
@@ -76,7 +83,7 @@ def _flown(
     found: dict[int, Found] = {}
     for place, scenario in scenarios.items():
         try:
-            start = prepared(module, scenario, lambda what, share: None, own=False)
+            start = _prepared(module, common, scenario)
         except GibbsCodegenError as error:
             found[place] = error
             continue
@@ -86,12 +93,24 @@ def _flown(
     return found
 
 
-def _alike(scenarios: Sequence[Scenario]) -> list[list[int]]:
-    """Places of scenarios that share their desired motion, group by group."""
+def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
+    """What flights that share their desired motion begin with, which calls in a row share too."""
+    known = _known.pop((module, common), None)
+    if known is None:
+        known = prepared(module, scenario, lambda what, share: None, own=False)
+    if common is not None:
+        _known[module, common] = known
+        for oldest in [*_known][:-_MOST_KNOWN]:
+            del _known[oldest]
+    return known
+
+
+def _alike(scenarios: Sequence[Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
+    """Places of scenarios that share their desired motion, and what these have in common."""
     groups: dict[Any, list[int]] = defaultdict(list)
     for place, scenario in enumerate(scenarios):
         groups[_common(scenario) or place].append(place)
-    return list(groups.values())
+    return [(k if isinstance(k, bytes) else None, places) for k, places in groups.items()]
 
 
 def _common(scenario: Scenario) -> bytes | None:

@@ -37,6 +37,8 @@ class Together:
     def __init__(self, start: Prepared, scenarios: Sequence[Scenario]) -> None:
         self._common, self._scenarios = start, scenarios
         self._like: Recording | None = None
+        self._loops: dict[int, ClosedLoop] = {}
+        self._starts: dict[tuple[float, ...], Array] = {}
         # Lags of motors with which steps are known to be short enough.
         self._stable: set[bytes] = set()
 
@@ -75,7 +77,7 @@ class Together:
         if not places:
             return histories
         loop = self._joint_loop(places)
-        starts = np.stack([self._state(loop, i) for i in places])
+        starts = np.stack([self._state(i) for i in places])
         fly = SideBySide(
             loop,
             lambda k: self._loop(places[k]),
@@ -119,25 +121,33 @@ class Together:
 
     def _loop(self, i: int) -> ClosedLoop:
         """The closed loop of a flight, under a law that acts at all times."""
+        if i in self._loops:
+            return self._loops[i]
         scenario, loop = self._scenarios[i], self._common.loop
         known = {**scenario.parameters, **scenario.plant}
         plant = Vehicle(loop.vehicle.module, known, "plant") if scenario.plant else loop.vehicle
         actuators = replace(loop.actuators, lag=self._lag(scenario))
         environment = Environment.of(plant, scenario, actuators.spins)
-        return replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+        own = replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+        self._loops[i] = own
+        return own
 
     def _lag(self, scenario: Scenario) -> Array:
         """Time constants (N) of the motors in a flight, s."""
         known, value = self._common.loop.actuators.lag, scenario.motors.time_constant
         return known if value is None else np.full(len(known), value)
 
-    def _state(self, loop: ClosedLoop, i: int) -> Array:
-        """State (size) in which a flight starts."""
-        start, offset = self._common, self._scenarios[i].start
-        q, v = start.q, start.v
-        if offset != start.scenario.start:
-            q, v = starting_state(loop.controller.vehicle, loop.controller.reference, offset)
-        return loop.start(q, v)
+    def _state(self, i: int) -> Array:
+        """State (size) in which a flight starts, which neither the plant nor a lag decides."""
+        offset, common = self._scenarios[i].start, self._common
+        place = (*offset.position, *offset.rotation)
+        if place not in self._starts:
+            loop, q, v = self._loop(i), common.q, common.v
+            if offset != common.scenario.start:
+                law = loop.controller
+                q, v = starting_state(law.vehicle, law.reference, offset)
+            self._starts[place] = loop.start(q, v)
+        return self._starts[place]
 
     def _alone(self, i: int) -> tuple[ClosedLoop, StateHistory]:
         """Integrate a flight by itself.
@@ -152,8 +162,7 @@ class Together:
             UsageError: As `simulate` does.
         """
         loop, scenario = self._loop(i), self._common.scenario
-        state = self._state(loop, i)
-        q, v, *_ = loop.parts(state)
+        q, v, *_ = loop.parts(self._state(i))
         check_mass_matrix(loop.vehicle, q)
         law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
         loop = replace(loop, controller=law)

@@ -82,7 +82,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_each_flight_is_that_of_its_scenario(fast: Load, name: str) -> None:
     module, scenarios = fast("hexarotor_3link"), CASES[name]
-    # Thin rods magnify what is rounded, and so does what makes up for a lag, a difference over 1e-7 s.
+    # Thin rods magnify what is rounded; so does a difference over 1e-7 s, which makes up for lag.
     tolerance = 1e-6 if name == "lags and starts" else 1e-8
     found = simulate_many(module, scenarios)
     for flight, scenario in zip(found, scenarios, strict=True):
