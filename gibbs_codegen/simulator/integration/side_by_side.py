@@ -129,10 +129,12 @@ class _Flown:
         envelope, ranges = self._plan.envelope(loop), InputRanges.none(len(loop.vehicle.inputs))
         found: list[StateHistory | None] = []
         for i, kept in enumerate(self._kept.tolist()):
-            reason = self._reasons.get(i, "")
-            samples = StateHistory(time[:kept], states[i, :kept], reason, ranges)
-            whole = whole_history(samples, float(self._ends[i]), self._last[i], envelope)
-            found.append(None if self._alone[i] else whole)
+            reason, end = self._reasons.get(i, ""), float(self._ends[i])
+            history = StateHistory(time[:kept], states[i, :kept], reason, ranges)
+            # Of a flight that went on to the end, all samples have been looked at.
+            if reason or end > time[kept - 1]:
+                history = whole_history(history, end, self._last[i], envelope)
+            found.append(None if self._alone[i] else history)
         return found
 
     def _go_on(self, found: Blocks, ends: Array, finished: Flags) -> None:
