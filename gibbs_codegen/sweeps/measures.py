@@ -101,18 +101,18 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
         flight: The flight.
 
     Returns:
-        Their values, NaN of those that fail, and why the first fails; "" if none does.
+        Their values, NaN of those that fail, and why these do; "" if none does.
     """
-    values, why = [], ""
+    values, why = [], []
     for name, measure in measures.items():
         try:
             values.append(_number(measure, flight))
-        except Exception as error:  # What a user's function raises concerns its flight only.
+        except (Exception, SystemExit) as error:  # A user's function concerns its flight only.
             values.append(math.nan)
             own = isinstance(error, GibbsCodegenError)
             words = str(error) if own else f"{type(error).__name__}: {error}"
-            why = why or f"measure {printable(name)}: {printable(words)}"
-    return values, why
+            why.append(f"{printable(name)}: {printable(words)}")
+    return values, "; ".join(why)
 
 
 def _number(measure: Measure, flight: Flight) -> float:

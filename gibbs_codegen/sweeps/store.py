@@ -14,27 +14,30 @@ from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.files.staging import staging_folder
 
 _FOLDER = "chunks"
+# What is told of each case: why its flight ended early, why there is none, and which measures of it
+# failed.
+TEXTS = ("stopped", "failed", "measures_failed")
 
 Rows = NDArray[Any]
 
 
-def rows_of(measures: Sequence[Sequence[float]], stopped: Sequence[str], failed: list[str]) -> Rows:
+def rows_of(measures: Sequence[Sequence[float]], *texts: Sequence[str]) -> Rows:
     """What is kept of flights.
 
     Args:
         measures: Measures of each flight.
-        stopped: Why each ended early.
-        failed: Why there is none.
+        texts: What is told of each, as many as `TEXTS`.
 
     Returns:
         An array with a row for each flight.
     """
-    kinds = [_text_type(stopped), _text_type(failed)]
+    named = dict(zip(TEXTS, texts, strict=True))
     fields: list[Any] = [("measures", np.float64, (len(measures[0]),))]
-    fields += zip(("stopped", "failed"), kinds, strict=True)
+    fields += [(name, _text_type(told)) for name, told in named.items()]
     rows = np.zeros(len(measures), fields)
-    for name, values in (("measures", measures), ("stopped", stopped), ("failed", failed)):
-        rows[name] = values
+    rows["measures"] = measures
+    for name, told in named.items():
+        rows[name] = told
     return rows
 
 
@@ -47,13 +50,9 @@ def joined(parts: Sequence[Rows]) -> Rows:
     Returns:
         All rows; texts are as wide as the longest.
     """
-    columns = {n: np.concatenate([part[n] for part in parts]) for n in ("stopped", "failed")}
-    texts = {name: np.array(column.tolist()) for name, column in columns.items()}
-    return rows_of(
-        np.concatenate([part["measures"] for part in parts]),  # type: ignore[arg-type]
-        texts["stopped"].tolist(),
-        texts["failed"].tolist(),
-    )
+    columns = {n: np.concatenate([part[n] for part in parts]) for n in ("measures", *TEXTS)}
+    texts = [columns[name].tolist() for name in TEXTS]
+    return rows_of(columns["measures"], *texts)  # type: ignore[arg-type]
 
 
 def _text_type(texts: Sequence[str]) -> str:
@@ -85,7 +84,7 @@ class Store:
             rows: Rows = np.load(self._chunks / f"{digest}.npy", allow_pickle=False)
         except (OSError, ValueError, EOFError):
             return None
-        whole = rows.dtype.names == ("measures", "stopped", "failed") and len(rows) == count
+        whole = rows.dtype.names == ("measures", *TEXTS) and len(rows) == count
         return rows if whole else None
 
     def write(self, digest: str, rows: Rows) -> None:

@@ -20,11 +20,12 @@ from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.runtime.load import require
 from gibbs_codegen.sweeps.cases import Case
 from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivities
+from gibbs_codegen.sweeps.store import TEXTS
 
 StrPath = str | os.PathLike[str]
 
 # Columns that every table has, around those of keys and measures.
-_FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed")
+_FIRST, _LAST = ("case", "robot", "scenario"), TEXTS
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 
 
@@ -57,8 +58,9 @@ class Study:
         folder: where it is kept.
         cases: the flights, in the order of the rows.
         table: a structured array with the columns `case`, `robot` and `scenario`, one for each key
-            that varies, one for each measure, `stopped`, which says why a flight ended early, and
-            `failed`, which says why there is none. Measures of a flight that failed are NaN.
+            that varies, one for each measure, `stopped`, which says why a flight ended early,
+            `failed`, which says why there is none, and `measures_failed`, which says what measures
+            of a flight raised. Measures that failed, or of a case that did, are NaN.
     """
 
     folder: Path
