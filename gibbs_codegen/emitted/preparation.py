@@ -44,8 +44,8 @@ def prepared(
             constants are not finite.
     """
     if not isinstance(parameters, Mapping):
-        kind = type(parameters).__name__
-        raise TypeError(f'parameters must map names to numbers, as {{"gravity": 3.71}}, not {kind}')
+        words = 'must map names to numbers, such as {"gravity": 3.71}'
+        raise TypeError(f"parameters {words}, not {type(parameters).__name__}")
     given = {**defaults, **parameters}
     unknown = [name for name in given if name not in defaults]
     if unknown:

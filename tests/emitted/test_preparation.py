@@ -26,7 +26,7 @@ def test_parameters_keep_their_defaults() -> None:
 @pytest.mark.parametrize(
     ("parameters", "error", "message"),
     [
-        ([1, 2], TypeError, 'parameters must map names to numbers, as {"gravity": 3.71}, not list'),
+        ([1, 2], TypeError, 'parameters must map names to numbers, such as {"gravity": 3.71}'),
         ({"mas": 1.0}, ValueError, "unknown parameter 'mas': did you mean mass?"),
         ({"zzz": 1.0}, ValueError, "unknown parameter 'zzz': PARAMETERS has all names"),
         ({"drag": 1.0}, ValueError, "drag is no parameter: it is zero in the robot file"),
