@@ -28,6 +28,8 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "greatest": lambda values: np.max(np.abs(values)),
     "last": lambda values: values[-1],
 }
+# Arrays of a flight without a row for each sample.
+_NO_SERIES = {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "walls"}
 
 
 def default(tip: bool) -> dict[str, Measure]:
@@ -83,13 +85,14 @@ def _check_text(name: str, text: str) -> None:
     known_series = _series()
     if series not in known_series:
         near = difflib.get_close_matches(series[:80], known_series, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known_series)}"
-        raise UsageError(f"{words}: a flight has no such series; {hint}")
+        hint = f"; did you mean {near[0]}?" if near else "."
+        there = ", ".join(known_series)
+        raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
 
 
 def _series() -> list[str]:
     """Names of what a flight has a row of for each sample."""
-    named = [each.name for each in fields(Flight) if each.type == "Array"]
+    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
     return sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
 
 
@@ -101,9 +104,9 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
         flight: The flight.
 
     Returns:
-        Their values, NaN of those that fail, and why these do; "" if none does.
+        Their values, NaN of those that fail, and why the first fails; "" if none does.
     """
-    values, why = [], []
+    values, why = [], ""
     for name, measure in measures.items():
         try:
             values.append(_number(measure, flight))
@@ -111,8 +114,8 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
             values.append(math.nan)
             own = isinstance(error, GibbsCodegenError)
             words = str(error) if own else f"{type(error).__name__}: {error}"
-            why.append(f"{printable(name)}: {printable(words)}")
-    return values, "; ".join(why)
+            why = why or f"measure {printable(name)}: {printable(words)}"
+    return values, why
 
 
 def _number(measure: Measure, flight: Flight) -> float:

@@ -14,30 +14,28 @@ from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.files.staging import staging_folder
 
 _FOLDER = "chunks"
-# What is told of each case: why its flight ended early, why there is none, and which measures of it
-# failed.
-TEXTS = ("stopped", "failed", "measures_failed")
+# Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
+REASONS = ("stopped", "failed", "unmeasured")
 
 Rows = NDArray[Any]
 
 
-def rows_of(measures: Sequence[Sequence[float]], *texts: Sequence[str]) -> Rows:
+def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Rows:
     """What is kept of flights.
 
     Args:
         measures: Measures of each flight.
-        texts: What is told of each, as many as `TEXTS`.
+        reasons: Texts of each flight, for each of `REASONS`.
 
     Returns:
         An array with a row for each flight.
     """
-    named = dict(zip(TEXTS, texts, strict=True))
     fields: list[Any] = [("measures", np.float64, (len(measures[0]),))]
-    fields += [(name, _text_type(told)) for name, told in named.items()]
+    fields += zip(REASONS, map(_text_type, reasons), strict=True)
     rows = np.zeros(len(measures), fields)
     rows["measures"] = measures
-    for name, told in named.items():
-        rows[name] = told
+    for name, texts in zip(REASONS, reasons, strict=True):
+        rows[name] = texts
     return rows
 
 
@@ -50,9 +48,8 @@ def joined(parts: Sequence[Rows]) -> Rows:
     Returns:
         All rows; texts are as wide as the longest.
     """
-    columns = {n: np.concatenate([part[n] for part in parts]) for n in ("measures", *TEXTS)}
-    texts = [columns[name].tolist() for name in TEXTS]
-    return rows_of(columns["measures"], *texts)  # type: ignore[arg-type]
+    measures: Any = np.concatenate([part["measures"] for part in parts])
+    return rows_of(measures, *([t for part in parts for t in part[n].tolist()] for n in REASONS))
 
 
 def _text_type(texts: Sequence[str]) -> str:
@@ -84,7 +81,7 @@ class Store:
             rows: Rows = np.load(self._chunks / f"{digest}.npy", allow_pickle=False)
         except (OSError, ValueError, EOFError):
             return None
-        whole = rows.dtype.names == ("measures", *TEXTS) and len(rows) == count
+        whole = rows.dtype.names == ("measures", *REASONS) and len(rows) == count
         return rows if whole else None
 
     def write(self, digest: str, rows: Rows) -> None:

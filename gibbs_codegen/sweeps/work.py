@@ -134,18 +134,13 @@ def _measured(
         flight: The flight, or why there is none.
 
     Returns:
-        Their values, why the flight ended early, why there is none, and which of them failed.
+        Their values, and the flight's texts of `store.REASONS`.
     """
     from gibbs_codegen.sweeps.measures import of_flight
 
     if not isinstance(flight, Exception):
         values, why = of_flight(measures, flight)
-        return (
-            values,
-            printable(flight.stopped, _LONGEST_REASON),
-            "",
-            printable(why, _LONGEST_REASON),
-        )
+        return values, printable(flight.stopped, _LONGEST_REASON), "", why
     own = isinstance(flight, GibbsCodegenError)
     words = str(flight) if own else f"{type(flight).__name__}: {flight}"
     return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON), ""

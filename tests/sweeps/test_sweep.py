@@ -111,10 +111,14 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
     parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
     measure = {**WORST, "fails": lambda flight: 1 / 0, "ends": lambda flight: sys.exit(3)}
-    table = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path).table
-    reasons = "fails: ZeroDivisionError: division by zero; ends: SystemExit: 3"
-    assert table["measures_failed"].tolist() == [reasons, ""]
-    assert table["failed"][0] == ""
+    study = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path)
+    table = study.table
+    assert table["unmeasured"].tolist() == [
+        "measure fails: ZeroDivisionError: division by zero",
+        "",
+    ]
+    assert (study.whole["case"], study.failures["case"], study.unmeasured["case"]) == (0, 1, 0)
+    assert [each.flights for each in study.summary()] == [1, 0, 0]
     assert "time_constant: must be at least 0" in table["failed"][1]
     assert np.isnan(table["worst [m]"][1])
     assert np.isfinite(table["worst [m]"][0])
@@ -210,6 +214,8 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ({"seed": -1}, "seed: must be a whole number of at least 0"),
         ({"measure": {"a": "tip_error.most"}}, "must come one of max"),
         ({"measure": {"a": "tip_eror.max"}}, "no such series; did you mean tip_error"),
+        ({"measure": {"a": "thrusts.max"}}, "There are .*applied, .*tip_error, .*work"),
+        ({"measure": {"a": "walls.max"}}, "no such series"),
         ({"measure": {"case": "tip_error.max"}}, "a column of the table has that name"),
         ({"measure": {"a": 3}}, "must be a function of a flight"),
         ({"scenarios": "hovr"}, "did you mean hover"),
