@@ -148,7 +148,7 @@ class Given:
             UsageError: They are something else.
         """
         q = self.states("q0", q0, self.layout.q.size)
-        return self._normalised("q0", q), self.states("v0", v0, self.layout.v.size)
+        return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
     def control(self, control: Any) -> tuple[Any, Feedback | None]:
         """Inputs, and the feedback that is added to them.
@@ -175,7 +175,7 @@ class Given:
         v = self.in_time("control.v", control.v, size)
         given = self.xp.zeros(self.inputs) if isinstance(control.u, float) else control.u
         inputs = self.in_time("control.u", given, self.inputs)
-        return inputs, Feedback(gain, self._normalised("control.q", q), v)
+        return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
     def asked(self, inputs: Any) -> Any:
         """What a controller gave.
@@ -273,8 +273,19 @@ class Given:
             array = self.xp.broadcast_to(array, (self.rotors,))
         return self.states(name, array, self.rotors)
 
-    def _normalised(self, name: str, q: Any) -> Any:
-        """Coordinates (..., nq) with quaternions of length 1."""
+    def normalised(self, name: str, q: Any) -> Any:
+        """Coordinates with quaternions of length 1.
+
+        Args:
+            name: Of the argument.
+            q: Coordinates (..., nq).
+
+        Returns:
+            Such coordinates.
+
+        Raises:
+            UsageError: A quaternion is zero.
+        """
         if self.layout.is_quaternion:
             length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
             self._check(length > 0.0, name, "with a quaternion that is not zero")
@@ -331,6 +342,27 @@ def whole(name: str, value: Any) -> int:
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
         raise UsageError(f"{name}: must be a whole number of 1 or more, not {printable(value, 60)}")
     return int(value)
+
+
+def seconds(name: str, value: Any) -> float:
+    """A time.
+
+    Args:
+        name: Of the argument.
+        value: What was given, s.
+
+    Returns:
+        The time, s.
+
+    Raises:
+        UsageError: It is no number above 0, or infinite.
+    """
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (is_number and 0.0 < value < math.inf):
+        raise UsageError(
+            f"{name}: must be a finite time above 0 s, not {printable(repr(value), 60)}"
+        )
+    return float(value)
 
 
 def _listed(shape: Sequence[object]) -> str:

@@ -110,8 +110,14 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
     parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
     measure = {**WORST, "fails": lambda flight: 1 / 0}
-    table = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path).table
-    assert table["failed"][0] == "measure fails: ZeroDivisionError: division by zero"
+    study = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path)
+    table = study.table
+    assert table["unmeasured"].tolist() == [
+        "measure fails: ZeroDivisionError: division by zero",
+        "",
+    ]
+    assert (study.whole["case"], study.failures["case"], study.unmeasured["case"]) == (0, 1, 0)
+    assert [each.flights for each in study.summary()] == [1, 0]
     assert "time_constant: must be at least 0" in table["failed"][1]
     assert np.isnan(table["worst [m]"][1])
     assert np.isfinite(table["worst [m]"][0])
