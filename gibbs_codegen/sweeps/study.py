@@ -238,6 +238,8 @@ def read_study(folder: StrPath) -> Study:
         UsageError: If there is none, or it is not whole.
     """
     place = Path(folder)
+    if not place.is_dir():
+        raise UsageError(f"{printable(folder)}: there is no such folder")
     try:
         table = np.load(place / _TABLE, allow_pickle=False)
         cases = [Case(**case) for case in json.loads((place / _CASES).read_text("utf-8"))]

@@ -203,6 +203,8 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ({"seed": -1}, "seed: must be a whole number of at least 0"),
         ({"measure": {"a": "tip_error.most"}}, "must come one of max"),
         ({"measure": {"a": "tip_eror.max"}}, "no such series; did you mean tip_error"),
+        ({"measure": {"a": "thrusts.max"}}, "There are .*applied, .*tip_error, .*work"),
+        ({"measure": {"a": "walls.max"}}, "no such series"),
         ({"measure": {"case": "tip_error.max"}}, "a column of the table has that name"),
         ({"measure": {"a": 3}}, "must be a function of a flight"),
         ({"scenarios": "hovr"}, "did you mean hover"),
