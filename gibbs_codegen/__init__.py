@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
     from gibbs_codegen.simulator.control.sensing import Observation as Observation
+    from gibbs_codegen.simulator.many import simulate_many as simulate_many
     from gibbs_codegen.simulator.record.flight import Flight as Flight
     from gibbs_codegen.simulator.record.flight import read_flight as read_flight
     from gibbs_codegen.simulator.simulation import simulate as simulate
@@ -110,6 +111,7 @@ _LAZY = {
     "rollout": "rollouts.rollout",
     "scaled": "sweeps.sampling",
     "simulate": "simulator.simulation",
+    "simulate_many": "simulator.many",
     "sweep": "sweeps.sweep",
     "together": "sweeps.sampling",
     "trim": "analysis.trim",

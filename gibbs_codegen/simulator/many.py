@@ -94,7 +94,16 @@ def _flown(
 
 
 def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
-    """What flights that share their desired motion begin with, which calls in a row share too."""
+    """What flights that share their desired motion begin with, which calls in a row share too.
+
+    Args:
+        module: The module.
+        common: What tells the scenario from others.
+        scenario: The scenario.
+
+    Returns:
+        What `prepared` gives.
+    """
     known = _known.pop((module, common), None)
     if known is None:
         known = prepared(module, scenario, lambda what, share: None, own=False)

@@ -5,17 +5,22 @@ How a sweep is cut depends on its cases alone, so that the same call finds the s
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.sweeps.plan import Block, Cases
 
 # What a chunk is to take at most, s; how many flights, and samples of them, may be in memory.
-_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 160_000
+_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 256_000
 # Entries in which flights may differ that `simulate_many` computes side by side.
 _SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
+# Entries that decide how long a flight takes.
+_OF_LENGTH = ("duration", "integration", "control.rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +58,51 @@ def chunks_of(cases: Cases) -> list[Chunk]:
     """
     found = []
     for block, first in zip(cases.blocks, cases.begins, strict=False):
-        size = _flights(block)
-        for begin in range(0, len(block), size):
-            found.append(Chunk(block, first, begin, min(begin + size, len(block))))
+        size, samples = _flights(block), block.samples
+        # Samples of a combination are cut where they would be if there were more of them.
+        stride = samples if samples >= size else size // samples * samples
+        for outer in range(0, len(block), stride):
+            end = min(outer + stride, len(block))
+            for begin in range(outer, end, size):
+                found.append(Chunk(block, first, begin, min(begin + size, end)))
     return found
 
 
 def _flights(block: Block) -> int:
     """How many flights of a block make a chunk."""
-    scenarios = []
-    for place in (0, len(block) - 1):  # Where lists ascend or descend, one of them is the longest.
-        with suppress(GibbsCodegenError):
-            scenarios.append(block.scenario.changed(block.chosen(place)[1]))
     differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
     together = all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
-    scenarios = scenarios or [block.scenario.plain]
-    seconds = max(_seconds(each, together) for each in scenarios)
-    samples = max(each.duration * each.integration.rate for each in scenarios)
-    most = min(_SECONDS / seconds, _MOST_SAMPLES / samples, _MOST_FLIGHTS)
+    entries: dict[str, Any] = {}
+    fit = _fit(block, entries, together)
+    for axis in block.axes:  # One after the other is set to what takes longest.
+        if any(key.startswith(_OF_LENGTH) for key in axis.targets):
+            drawn = block.drawn.get(axis.column, np.zeros(1))
+            values = axis.varied.levels or (float(drawn.min()), float(drawn.max()))
+            tried = [{**entries, **axis.entries(value)} for value in values]
+            fits = [_fit(block, each, together) for each in tried]
+            if min(fits) <= _MOST_FLIGHTS:
+                fit = min(fits)
+                entries = tried[fits.index(fit)]
+    return min(fit, _MOST_FLIGHTS)
+
+
+def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
+    """How many flights of a block with some entries fit; if refused, more than may be.
+
+    Args:
+        block: The block.
+        entries: Values of entries by key.
+        together: As of `_seconds`.
+
+    Returns:
+        The number.
+    """
+    try:
+        scenario = block.scenario.changed(entries)
+    except GibbsCodegenError:
+        return _MOST_FLIGHTS + 1
+    samples = scenario.duration * scenario.integration.rate
+    most = min(_SECONDS / _seconds(scenario, together), _MOST_SAMPLES / samples, _MOST_FLIGHTS)
     return max(int(most), 1)
 
 

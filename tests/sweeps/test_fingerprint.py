@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -85,3 +86,63 @@ def test_globals_that_a_function_uses_count(monkeypatch):
 def test_what_nothing_tells_is_refused():
     with pytest.raises(UsageError, match="cannot tell whether this is the same"):
         fingerprint(each for each in range(3))
+
+
+HELPERS = """
+import dataclasses, functools
+def h(x): return {0} * x
+@functools.lru_cache
+def cached(x): return {0} * x
+@dataclasses.dataclass(frozen=True)
+class Called:
+    n: int
+    def __call__(self, flight): return {0} * flight.q[self.n]
+class Plain:
+    def at(self, flight): return {0} * flight.q
+plain = Plain()
+"""
+
+
+def of_module(name, factor, make):
+    module = ModuleType(name)
+    sys.modules[name] = module
+    exec(HELPERS.format(factor), vars(module))  # noqa: S102  # Shorter than files.
+    return fingerprint(make(module))
+
+
+def imported_within(module):
+    def measure(flight):
+        import helpers_of_a_user
+
+        return helpers_of_a_user.h(flight.q)
+
+    return measure
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda module: lambda flight: module.h(flight.q),
+        lambda module: (lambda h: lambda flight: h(flight.q))(module.h),
+        lambda module: module.cached,
+        lambda module: module.Called(1),
+        lambda module: module.plain.at,
+        lambda module: lambda flight: module.plain.at(flight),
+        imported_within,
+    ],
+)
+def test_code_of_other_modules_of_the_user_counts(make, monkeypatch):
+    name = "helpers_of_a_user"
+    monkeypatch.setitem(sys.modules, name, None)
+    assert of_module(name, 2, make) == of_module(name, 2, make)
+    assert of_module(name, 2, make) != of_module(name, 3, make)
+
+
+def test_what_is_imported_within_a_function_and_is_not_there_is_refused():
+    def measure(flight):
+        from no_such_helpers import h
+
+        return h(flight)
+
+    with pytest.raises(UsageError, match=r"what the module no_such_helpers does.*at the top"):
+        fingerprint(measure)

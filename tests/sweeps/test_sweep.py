@@ -25,6 +25,9 @@ from gibbs_codegen.scenario.control import Motors
 from gibbs_codegen.scenario.scenario import StartOffset
 from gibbs_codegen.sweeps import chunks
 from gibbs_codegen.sweeps.entries import nested
+from gibbs_codegen.sweeps.plan import cases_of
+from gibbs_codegen.sweeps.sampling import varied
+from gibbs_codegen.sweeps.sources import robot_source, scenario_source
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -106,6 +109,28 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
     assert again.table.tobytes() == first.table.tobytes()
     with pytest.raises(AssertionError):
         sweep(robot, "hover", LATE, 4, 2, WORST, broken, tmp_path)
+
+
+def test_more_samples_fly_only_what_is_lacking(robot, tmp_path, here, monkeypatch):
+    monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 2)
+    parameters = {**LATE, "motors.time_constant": [0.0, 0.01]}
+    sweep(robot, "hover", parameters, 5, 1, WORST, here, tmp_path)
+    found = []
+    for samples in (5, 8):
+        sweep(robot, "hover", parameters, samples, 1, WORST, here, tmp_path)
+        found.append({path.name for path in (tmp_path / "chunks").iterdir()})
+    # Of each combination two whole chunks of four remain, and one of a single sample is left over.
+    assert [len(names) for names in found] == [6, 10]
+
+
+def test_the_longest_flights_decide_what_a_chunk_is(robot):
+    source, scenario = robot_source(robot, None, None), scenario_source("hover")
+    sizes = []
+    for durations in ([50.0], [0.05, 50.0, 0.05]):
+        parameters = {"duration": varied(durations), "start.offset[0]": uniform(0.0, 0.1)}
+        found = chunks.chunks_of(cases_of([source], [scenario], parameters, 50, 0))
+        sizes.append(max(map(len, found)))
+    assert sizes[0] == sizes[1] < 50
 
 
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
