@@ -29,13 +29,15 @@ def print_study(study: Study, seconds: float) -> None:
         seconds: How long it took.
     """
     console = Console(width=terminal.width(), highlight=False)
-    early, failed = len(study.stopped), len(study.failures)
+    early, failed, unmeasured = map(len, (study.stopped, study.failures, study.unmeasured))
     print(
         f"{printable(study.folder)}: {len(study.table)} cases in {seconds:.1f} s: "
         f"{len(study.whole)} flights to the end, {early} ended early, {failed} failed"
+        + (f"; of {unmeasured} flights a measure could not be taken" if unmeasured else "")
     )
     _print_reasons("ended early", study, "stopped")
     _print_reasons("failed", study, "failed")
+    _print_reasons("not measured", study, "unmeasured")
     if not len(study.whole):
         return
     table = plain_table("flights to the end", "", "least", "5 %", "median", "95 %", "greatest")
@@ -83,7 +85,8 @@ def _print_reasons(what: str, study: Study, column: str) -> None:
     for kind, count in frequent[:_MOST_REASONS]:
         first = rows[kinds.index(kind)]
         print(f"  {what}, {count}, as case {first['case']}: {printable(first[column], 300)}")
-        print(f"    {study.command(first['case'])}")
+        if column != "unmeasured":  # A command that flies it again does not measure it.
+            print(f"    {study.command(first['case'])}")
     if more := frequent[_MOST_REASONS:]:
         print(f"  {what}, {sum(count for _, count in more)} for other reasons, which table.csv has")
 

@@ -156,7 +156,7 @@ class Given:
             if value is None:
                 raise UsageError(f"{name}: must be given; only scenarios say where states begin")
         q = self.states("q0", q0, self.layout.q.size)
-        return self._normalised("q0", q), self.states("v0", v0, self.layout.v.size)
+        return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
     def control(self, control: Any) -> tuple[Any, Feedback | None]:
         """Inputs, and the feedback that is added to them.
@@ -183,7 +183,7 @@ class Given:
         v = self.in_time("control.v", control.v, size)
         u = self._one_for_all("control.u", control.u, self.inputs)
         inputs = self.in_time("control.u", u, self.inputs)
-        return inputs, Feedback(gain, self._normalised("control.q", q), v)
+        return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
     def asked(self, inputs: Any) -> Any:
         """What a controller gave.
@@ -301,8 +301,19 @@ class Given:
         array = self._read(name, value)
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
-    def _normalised(self, name: str, q: Any) -> Any:
-        """Coordinates (..., nq) with quaternions of length 1."""
+    def normalised(self, name: str, q: Any) -> Any:
+        """Coordinates with quaternions of length 1.
+
+        Args:
+            name: Of the argument.
+            q: Coordinates (..., nq).
+
+        Returns:
+            Such coordinates.
+
+        Raises:
+            UsageError: A quaternion is zero.
+        """
         if not self.layout.is_quaternion:
             return q
         length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
@@ -360,6 +371,27 @@ def whole(name: str, value: Any) -> int:
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
         raise UsageError(f"{name}: must be a whole number of 1 or more, not {printable(value, 60)}")
     return int(value)
+
+
+def seconds(name: str, value: Any) -> float:
+    """A time.
+
+    Args:
+        name: Of the argument.
+        value: What was given, s.
+
+    Returns:
+        The time, s.
+
+    Raises:
+        UsageError: It is no number above 0, or infinite.
+    """
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (is_number and 0.0 < value < math.inf):
+        raise UsageError(
+            f"{name}: must be a finite time above 0 s, not {printable(repr(value), 60)}"
+        )
+    return float(value)
 
 
 def _listed(shape: Sequence[object]) -> str:

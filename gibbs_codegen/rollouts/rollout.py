@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import functools
 import logging
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import ModuleType
 from typing import Any, get_args
 
-import numpy as np
-
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.rollouts.asked import asked_rollout
 from gibbs_codegen.rollouts.compiled import compiled_rollout, rollout_function
 from gibbs_codegen.rollouts.flown import flown_rollout
-from gibbs_codegen.rollouts.given import Given, whole
+from gibbs_codegen.rollouts.given import Given, seconds, whole
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import Method, Precision, Problem, Rollout
 from gibbs_codegen.rollouts.steps import Steps
@@ -90,7 +87,7 @@ def rollout(
     """
     module = _module(robot)
     given = _given(module, whole("steps", steps))
-    _check(given.steps, every, dt, method, precision)
+    check_settings(given.steps, every, dt, method, precision)
     if precision == "single" and getattr(module, "backend", "") == "jax":
         raise UsageError("precision: with JAX it is what JAX is set to; leave it out")
     workers, told = _threads(threads), functools.partial(progress, "rolling out")
@@ -253,17 +250,18 @@ def _module(robot: Any) -> ModuleType:
     return load(robot, "c")
 
 
-def _check(steps: int, every: int, dt: float, method: str, precision: str) -> None:
-    """Raise `UsageError` for what is none of the numbers and names that it must be.
+def check_settings(steps: int, every: int, dt: float, method: str, precision: str) -> None:
+    """Refuse what is none of the numbers and names that it must be.
 
     Args:
         steps, every, dt, method, precision: As of `rollout`.
+
+    Raises:
+        UsageError: One of them is refused.
     """
     if steps % whole("every", every):
         raise UsageError(f"every: must divide the {steps} steps, not {every}")
-    is_number = isinstance(dt, int | float | np.number) and not isinstance(dt, bool)
-    if not (is_number and 0.0 < dt < math.inf):
-        raise UsageError(f"dt: must be a finite time above 0 s, not {printable(repr(dt), 60)}")
+    seconds("dt", dt)
     for name, value, known in (
         ("method", method, get_args(Method)),
         ("precision", precision, get_args(Precision)),

@@ -14,27 +14,28 @@ from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.files.staging import staging_folder
 
 _FOLDER = "chunks"
+# Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
+REASONS = ("stopped", "failed", "unmeasured")
 
 Rows = NDArray[Any]
 
 
-def rows_of(measures: Sequence[Sequence[float]], stopped: Sequence[str], failed: list[str]) -> Rows:
+def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Rows:
     """What is kept of flights.
 
     Args:
         measures: Measures of each flight.
-        stopped: Why each ended early.
-        failed: Why there is none.
+        reasons: Texts of each flight, for each of `REASONS`.
 
     Returns:
         An array with a row for each flight.
     """
-    kinds = [_text_type(stopped), _text_type(failed)]
     fields: list[Any] = [("measures", np.float64, (len(measures[0]),))]
-    fields += zip(("stopped", "failed"), kinds, strict=True)
+    fields += zip(REASONS, map(_text_type, reasons), strict=True)
     rows = np.zeros(len(measures), fields)
-    for name, values in (("measures", measures), ("stopped", stopped), ("failed", failed)):
-        rows[name] = values
+    rows["measures"] = measures
+    for name, texts in zip(REASONS, reasons, strict=True):
+        rows[name] = texts
     return rows
 
 
@@ -47,13 +48,8 @@ def joined(parts: Sequence[Rows]) -> Rows:
     Returns:
         All rows; texts are as wide as the longest.
     """
-    columns = {n: np.concatenate([part[n] for part in parts]) for n in ("stopped", "failed")}
-    texts = {name: np.array(column.tolist()) for name, column in columns.items()}
-    return rows_of(
-        np.concatenate([part["measures"] for part in parts]),  # type: ignore[arg-type]
-        texts["stopped"].tolist(),
-        texts["failed"].tolist(),
-    )
+    measures: Any = np.concatenate([part["measures"] for part in parts])
+    return rows_of(measures, *([t for part in parts for t in part[n].tolist()] for n in REASONS))
 
 
 def _text_type(texts: Sequence[str]) -> str:
@@ -85,7 +81,7 @@ class Store:
             rows: Rows = np.load(self._chunks / f"{digest}.npy", allow_pickle=False)
         except (OSError, ValueError, EOFError):
             return None
-        whole = rows.dtype.names == ("measures", "stopped", "failed") and len(rows) == count
+        whole = rows.dtype.names == ("measures", *REASONS) and len(rows) == count
         return rows if whole else None
 
     def write(self, digest: str, rows: Rows) -> None:

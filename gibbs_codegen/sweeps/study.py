@@ -24,7 +24,7 @@ from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivities
 StrPath = str | os.PathLike[str]
 
 # Columns that every table has, around those of keys and measures.
-_FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed")
+_FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed", "unmeasured")
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 
 
@@ -57,8 +57,9 @@ class Study:
         folder: where it is kept.
         cases: the flights, in the order of the rows.
         table: a structured array with the columns `case`, `robot` and `scenario`, one for each key
-            that varies, one for each measure, `stopped`, which says why a flight ended early, and
-            `failed`, which says why there is none. Measures of a flight that failed are NaN.
+            that varies, one for each measure, `stopped`, which says why a flight ended early,
+            `failed`, which says why there is none, and `unmeasured`, which says why a measure could
+            not be taken of it. Measures that there are not are NaN.
     """
 
     folder: Path
@@ -86,6 +87,12 @@ class Study:
     def stopped(self) -> NDArray[Any]:
         """The rows of flights that ended early; `stopped` says why."""
         rows: NDArray[Any] = self.table[self.table["stopped"] != ""]
+        return rows
+
+    @property
+    def unmeasured(self) -> NDArray[Any]:
+        """The rows of flights of which a measure could not be taken; `unmeasured` says why."""
+        rows: NDArray[Any] = self.table[self.table["unmeasured"] != ""]
         return rows
 
     @cached_property
@@ -231,6 +238,8 @@ def read_study(folder: StrPath) -> Study:
         UsageError: If there is none, or it is not whole.
     """
     place = Path(folder)
+    if not place.is_dir():
+        raise UsageError(f"{printable(folder)}: there is no such folder")
     try:
         table = np.load(place / _TABLE, allow_pickle=False)
         cases = [Case(**case) for case in json.loads((place / _CASES).read_text("utf-8"))]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.sweeps.plan import Cases
-from gibbs_codegen.sweeps.store import Rows
+from gibbs_codegen.sweeps.store import REASONS, Rows
 
 # Columns that every table has.
-FIXED = ("case", "robot", "scenario", "stopped", "failed")
+FIXED = ("case", "robot", "scenario", *REASONS)
 
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
@@ -38,7 +38,7 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
         parts = [each.get(name, [math.nan] * n) for each, n in zip(own, sizes, strict=True)]
         columns[name] = _column(parts)
     columns |= {name: rows["measures"][:, place] for place, name in enumerate(measures)}
-    columns |= {name: rows[name] for name in ("stopped", "failed")}
+    columns |= {name: rows[name] for name in REASONS}
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column

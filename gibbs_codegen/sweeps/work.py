@@ -56,14 +56,11 @@ def fly(task: Task) -> Rows:
 
     module, measures = _module(task.folder, task.digest), unpacked(task.measures)
     found = _flights(module, [_scenario(task.scenario, each) for each in task.changes])
-    values, stopped, failed = [], [], []
+    rows = []
     found.reverse()
     while found:  # A flight takes a megabyte once it has been measured: they go one by one.
-        numbers, why_stopped, why_not = _measured(measures, found.pop())
-        values.append(numbers)
-        stopped.append(why_stopped)
-        failed.append(why_not)
-    return rows_of(values, stopped, failed)
+        rows.append(_measured(measures, found.pop()))
+    return rows_of(*zip(*rows, strict=True))
 
 
 def dead_row(measures: int, reason: str) -> Rows:
@@ -78,7 +75,7 @@ def dead_row(measures: int, reason: str) -> Rows:
     """
     from gibbs_codegen.sweeps.store import rows_of
 
-    return rows_of([[math.nan] * measures], [""], [reason])
+    return rows_of([[math.nan] * measures], [""], [reason], [""])
 
 
 @cache
@@ -129,7 +126,7 @@ def _flights(
 
 def _measured(
     measures: Mapping[str, Measure], flight: Flight | Exception
-) -> tuple[list[float], str, str]:
+) -> tuple[list[float], str, str, str]:
     """Measures of a flight.
 
     Args:
@@ -137,13 +134,13 @@ def _measured(
         flight: The flight, or why there is none.
 
     Returns:
-        Their values, why the flight ended early, and why there is none.
+        Their values, and the flight's texts of `store.REASONS`.
     """
     from gibbs_codegen.sweeps.measures import of_flight
 
     if not isinstance(flight, Exception):
         values, why = of_flight(measures, flight)
-        return values, printable(flight.stopped, _LONGEST_REASON), why
+        return values, printable(flight.stopped, _LONGEST_REASON), "", why
     own = isinstance(flight, GibbsCodegenError)
     words = str(flight) if own else f"{type(flight).__name__}: {flight}"
-    return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON)
+    return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON), ""

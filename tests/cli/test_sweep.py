@@ -141,6 +141,19 @@ def test_reasons_are_told_by_kind_the_most_frequent_first(
     assert LAG not in told
 
 
+def test_a_measure_that_fails_takes_nothing_from_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = synthetic_study(tmp_path)
+    study.table["unmeasured"][study.table["failed"] == ""] = "measure bad: ZeroDivisionError"
+    print_study(study, 1.5)
+    told = capsys.readouterr().out
+    counts = "600 cases in 1.5 s: 570 flights to the end, 20 ended early, 10 failed"
+    assert f"{counts}; of 590 flights a measure could not be taken" in told
+    assert "not measured, 590, as case 0: measure bad: ZeroDivisionError" in told
+    assert "median" in told
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

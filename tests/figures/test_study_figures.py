@@ -11,6 +11,7 @@ import pytest
 from support.synthetic_study import EFFORT, MASS, TIP, synthetic_study
 
 from gibbs_codegen.figures import study as figures
+from gibbs_codegen.sweeps.store import REASONS
 from gibbs_codegen.sweeps.study import Study
 
 
@@ -71,7 +72,7 @@ def _odd_studies() -> dict[str, Study]:
     dtype = [("$x" if name == TIP else name, kind) for name, kind in fixed.table.dtype.descr]
     odd = replace(fixed, table=fixed.table.astype(dtype))
     none = replace(fixed, cases=[replace(case, values={}) for case in fixed.cases])
-    columns = ["case", "robot", "scenario", EFFORT, "stopped", "failed"]
+    columns = ["case", "robot", "scenario", EFFORT, *REASONS]
     return {
         "few": few,
         "alike": alike,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.sweeps.cases import Case
+from gibbs_codegen.sweeps.store import REASONS
 from gibbs_codegen.sweeps.study import Study
 
 MASS, LAG, TIP, EFFORT = "plant.link1_mass_per_length", "motors.time_constant", "tip", "effort"
@@ -29,7 +30,7 @@ def synthetic_study(folder: Path, count: int = 600, robots: int = 1, broken: boo
     random = np.random.default_rng(5)
     types: list[Any] = [("case", "i8"), ("robot", "U16"), ("scenario", "U8")]
     types += [(MASS, "f8"), (LAG, "f8"), ("control.law", "U16"), (TIP, "f8"), (EFFORT, "f8")]
-    table = np.zeros(count, [*types, ("stopped", "U80"), ("failed", "U80")])
+    table = np.zeros(count, [*types, *[(n, "U80") for n in REASONS]])
     table["case"] = np.arange(count)
     table["robot"] = [f"robot{case % robots}" for case in range(count)]
     table["scenario"] = "hover"
