@@ -110,7 +110,7 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
     for name, measure in measures.items():
         try:
             values.append(_number(measure, flight))
-        except Exception as error:  # What a user's function raises concerns its flight only.
+        except (Exception, SystemExit) as error:  # A user's function concerns its flight only.
             values.append(math.nan)
             own = isinstance(error, GibbsCodegenError)
             words = str(error) if own else f"{type(error).__name__}: {error}"
