@@ -116,9 +116,10 @@ typedef uint64_t bits;
 #endif
 
 /*
- * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and `thrusts`
- * and fills `next_q`, `next_v` and `next_thrusts`. Inputs at its begin, middle and end are `command`
- * unless thrusts lag. `wrenches` is NULL without. Its `filled` lanes have the states from `first` on.
+ * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and
+ * `thrusts` and fills `next_q`, `next_v` and `next_thrusts`. Unless thrusts lag, these have no
+ * values, and inputs at its begin, middle and end are `command`. `wrenches` is NULL without. Its
+ * `filled` lanes have the states from `first` on.
  */
 typedef struct Block {
     real constants[CONSTANTS * LANES];
@@ -130,7 +131,7 @@ typedef struct Block {
     real loads[FRAMES * 6 * LANES];
     bits ended[LANES], taken[LANES];
     size_t first;
-    int filled;
+    int filled, lags;
     real *q, *next_q, *v, *next_v, *thrusts, *next_thrusts;
     const real *begin, *middle, *end, *wrenches;
 } Block;
@@ -245,8 +246,8 @@ static INLINE int next_columns(const int column, const int width)
 }
 
 /*
- * Rows of the states in the lanes of a block become its entries. Lanes beyond the `filled` ones have
- * the last state again.
+ * Rows of the states in the lanes of a block become its entries, or zeros where there are none.
+ * Lanes beyond the `filled` ones have the last state again.
  */
 static INLINE void load_rows(
     const Rows rows,
@@ -256,7 +257,12 @@ static INLINE void load_rows(
     const int width,
     real *block)
 {
-    const real *row = rows.entries + first * rows.by_state + step * rows.by_step;
+    const real *row = rows.entries;
+    if (!row) {
+        memset(block, 0, (size_t)(width * LANES) * sizeof *block);
+        return;
+    }
+    row += first * rows.by_state + step * rows.by_step;
     if (rows.by_state == 0) {
         for (int i = 0; i < width; ++i) {
             for (int lane = 0; lane < LANES; ++lane) {
@@ -338,19 +344,25 @@ static INLINE void add_feedback(
 
 static INLINE void limit(const Settings *settings, Block *b)
 {
-    for (int i = 0; i < NU; ++i) {
+    for (int i = 0; settings->least && i < NU; ++i) {
         const real least = settings->least[i];
+        VECTORISE
+        for (int lane = 0; lane < LANES; ++lane) {
+            const real wanted = b->command[i * LANES + lane];
+            b->command[i * LANES + lane] = wanted < least ? least : wanted;
+        }
+    }
+    for (int i = 0; settings->most && i < NU; ++i) {
         const real most = settings->most[i];
         VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
-            const real raised = wanted < least ? least : wanted;
-            b->command[i * LANES + lane] = raised > most ? most : raised;
+            b->command[i * LANES + lane] = wanted > most ? most : wanted;
         }
     }
 }
 
-/* What is left of the way of thrusts to commands at the begin, after half a step and a whole one. */
+/* What is left of the way of thrusts to commands: at the begin, after half a step, a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
     load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
@@ -393,14 +405,12 @@ static INLINE void act(
         if (settings->gain) {
             add_feedback(settings, step, first, b);
         }
-        if (settings->least) {
-            limit(settings, b);
-        }
+        limit(settings, b);
     }
     if (settings->wrenches.entries && (first || settings->wrenches.by_step != 0)) {
         load_rows(settings->wrenches, b->first, b->filled, step, FRAMES * 6, b->loads);
     }
-    if (settings->time_constants.entries) {
+    if (b->lags) {
         follow(b);
     }
 }
@@ -544,7 +554,9 @@ static INLINE int take_over(const Settings *settings, Block *b)
     if (stops) {
         put_back(NQ, taken, b->q, b->next_q);
         put_back(NV, taken, b->v, b->next_v);
-        put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
+        if (b->lags) {
+            put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
+        }
     }
     b->q = b->next_q;
     b->next_q = q;
@@ -563,11 +575,11 @@ static INLINE void begin_block(
     const int filled,
     Block *b)
 {
-    const int lags = settings->time_constants.entries != NULL;
     Rows constants = rows_of((const real *)settings->constants, CONSTANTS);
     constants.by_state *= settings->constants_by_state;
     b->first = first;
     b->filled = filled;
+    b->lags = settings->time_constants.entries != NULL;
     for (int lane = 0; lane < LANES; ++lane) {
         b->ended[lane] = states->ended[first + (size_t)(lane < filled ? lane : filled - 1)];
         b->taken[lane] = 0;
@@ -581,13 +593,13 @@ static INLINE void begin_block(
     load_rows(constants, first, filled, 0, CONSTANTS, b->constants);
     load_rows(rows_of(states->q, NQ), first, filled, 0, NQ, b->q);
     load_rows(rows_of(states->v, NV), first, filled, 0, NV, b->v);
-    if (lags) {
+    if (b->lags) {
         load_rows(rows_of(states->thrusts, ROTORS), first, filled, 0, ROTORS, b->thrusts);
         prepare_lag(settings, b);
     }
-    b->begin = lags ? b->lagged[0] : b->command;
-    b->middle = lags ? b->lagged[1] : b->command;
-    b->end = lags ? b->lagged[2] : b->command;
+    b->begin = b->lags ? b->lagged[0] : b->command;
+    b->middle = b->lags ? b->lagged[1] : b->command;
+    b->end = b->lags ? b->lagged[2] : b->command;
     b->wrenches = settings->wrenches.entries ? b->loads : NULL;
 }
 
@@ -600,7 +612,7 @@ static INLINE void keep_sample(const States *states, const size_t sample, const 
     if (states->v_samples) {
         store_rows(b->v, b->filled, NV, NV * states->samples, states->v_samples + row * NV);
     }
-    if (states->thrust_samples) {
+    if (b->lags && states->thrust_samples) {
         real *rows = states->thrust_samples + row * ROTORS;
         store_rows(b->thrusts, b->filled, ROTORS, ROTORS * states->samples, rows);
     }
@@ -611,7 +623,7 @@ static INLINE void end_block(const States *states, const Block *b)
     const size_t first = b->first;
     store_rows(b->q, b->filled, NQ, NQ, states->q + first * NQ);
     store_rows(b->v, b->filled, NV, NV, states->v + first * NV);
-    if (states->thrusts) {
+    if (b->lags && states->thrusts) {
         store_rows(b->thrusts, b->filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
     }
     for (int lane = 0; lane < b->filled; ++lane) {
@@ -629,8 +641,9 @@ static WIDE void roll_block(
     const size_t end)
 {
     Block block ALIGNED;
-    size_t to_sample = settings->every - begin % settings->every;
-    size_t sample = begin / settings->every;
+    const size_t every = settings->every ? settings->every : SIZE_MAX;
+    size_t to_sample = every - begin % every;
+    size_t sample = begin / every;
     int goes_on = 1;
     begin_block(settings, states, first, filled, &block);
     if (begin == 0) {
@@ -647,7 +660,7 @@ static WIDE void roll_block(
             goes_on = take_over(settings, &block);
         }
         if (--to_sample == 0) {
-            to_sample = settings->every;
+            to_sample = every;
             keep_sample(states, ++sample, &block);
         }
     }

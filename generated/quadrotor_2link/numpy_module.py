@@ -248,10 +248,13 @@ def prepared(
         state, of which the first has the shape that all broadcast to.
 
     Raises:
-        TypeError: What is given is no number.
+        TypeError: What is given is no mapping, or no number.
         ValueError: A name is unknown, a value is not finite, arrays do not broadcast, or the
             constants are not finite.
     """
+    if not isinstance(parameters, Mapping):
+        words = 'must map names to numbers, such as {"gravity": 3.71}'
+        raise TypeError(f"parameters {words}, not {type(parameters).__name__}")
     given = {**defaults, **parameters}
     unknown = [name for name in given if name not in defaults]
     if unknown:

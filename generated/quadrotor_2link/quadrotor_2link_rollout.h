@@ -9,13 +9,14 @@
  * @brief Rollouts of quadrotor_2link: many states, through many steps of time.
  *
  * Compile quadrotor_2link_rollout.c with quadrotor_2link.c and quadrotor_2link_each.c, for the same precision.
- * States are rows, one after the other, as are samples; blocks of LANES states are made inside. A
- * state ends when a step
- * makes one of its numbers infinite or NaN, which is then not kept, or when a step has taken one
- * out of bounds. It stays as it is from then on, and the others do not notice. Nothing is allocated
- * or kept between calls: a rollout may be cut into calls for some of the states or steps, in any
- * number of threads, as long as a state takes its steps in order. With OpenMP, blocks of states are
- * shared among threads.
+ * With -fopenmp (or as your compiler calls it) for quadrotor_2link_rollout.c, and only for that,
+ * threads share the states of a call.
+ *
+ * States are rows, one after the other, as are samples; blocks of LANES states are made inside.
+ * A state ends when a step makes one of its numbers infinite or NaN, which is then not kept, or
+ * when a step has taken one out of bounds. It stays as it is from then on, and the others do not
+ * notice. Nothing is allocated or kept between calls: a rollout may be cut into calls for some of
+ * the states or steps, in any number of threads, as long as a state takes its steps in order.
  */
 
 #ifndef QUADROTOR_2LINK_ROLLOUT_H
@@ -63,7 +64,7 @@ typedef struct quadrotor_2link_rollout_rows {
     size_t by_step;
 } quadrotor_2link_rollout_rows;
 
-/** What is computed. What is not wanted is zero, or NULL. */
+/** What is computed. What is not wanted is zero, or NULL, but for the constants and `dt`. */
 typedef struct quadrotor_2link_rollout_settings {
     /** those of state i at [i * constants_by_state]: 0 where all states have the same, or else 1 */
     const quadrotor_2link_constants *constants;
@@ -71,21 +72,22 @@ typedef struct quadrotor_2link_rollout_settings {
     /** length of a step, s */
     quadrotor_2link_real dt;
     int method;
-    /** a sample is kept after every so many steps; at least 1 */
+    /** a sample is kept after every so many steps; 0: none but that at the begin */
     size_t every;
-    /** held through each step: all of INPUTS */
+    /** held through each step: all of INPUTS; NULL: zeros */
     quadrotor_2link_rollout_rows inputs;
     /** INPUTS x (2 VELOCITIES), row-major: times the displacement from q and v to the desired ones,
         it is added to the inputs at the begin of each step */
     const quadrotor_2link_real *gain;
-    /** COORDINATES, for the gain */
+    /** COORDINATES; needed with a gain */
     quadrotor_2link_rollout_rows desired_q;
-    /** VELOCITIES, for the gain */
+    /** VELOCITIES, for the gain; NULL: zeros */
     quadrotor_2link_rollout_rows desired_v;
-    /** INPUTS: limits, within which inputs are brought */
+    /** INPUTS: limits, within which inputs are brought; both, one or none of them */
     const quadrotor_2link_real *least;
     const quadrotor_2link_real *most;
-    /** for each rotor that with which its thrust follows the input, s; 0: at once */
+    /** for each rotor that with which its thrust follows the input, s; 0: at once. The same in all
+        steps */
     quadrotor_2link_rollout_rows time_constants;
     /** held through each step: FRAMES x 6, as W of forward_dynamics_with_wrenches */
     quadrotor_2link_rollout_rows wrenches;
@@ -93,24 +95,25 @@ typedef struct quadrotor_2link_rollout_settings {
     const quadrotor_2link_real *bounds;
 } quadrotor_2link_rollout_settings;
 
-/** Where states are read and written; i is the number of a state. */
+/** Where states are read and written; i is the number of a state. Samples may be NULL. */
 typedef struct quadrotor_2link_rollout_states {
     /** q of state i at [i * COORDINATES]; a call replaces it by that after the last step */
     quadrotor_2link_real *q;
     /** v of state i at [i * VELOCITIES], likewise */
     quadrotor_2link_real *v;
-    /** of the rotors, likewise, N; needed with time constants */
+    /** of the rotors, likewise, N; needed with time constants, and not touched without */
     quadrotor_2link_real *thrusts;
     /** how many steps state i has taken, to which those of the call are added */
     size_t *steps;
     /** why state i has ended; 0, for RUNNING, to begin with */
     unsigned char *ended;
-    /** samples that there is room for, of each state: 1 + steps / every */
+    /** samples that there is room for, of each state: 1 + steps / every, or 1 if `every` is 0 */
     size_t samples;
     /** sample s of state i at [(i * samples + s) * COORDINATES]; sample 0 is the state at the
-        begin, and after the end of a state its last one is repeated; or NULL, as the next two */
+        begin, and after the end of a state its last one is repeated */
     quadrotor_2link_real *q_samples;
     quadrotor_2link_real *v_samples;
+    /** not touched without time constants */
     quadrotor_2link_real *thrust_samples;
 } quadrotor_2link_rollout_states;
 

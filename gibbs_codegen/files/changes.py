@@ -38,13 +38,28 @@ def changes_of(entries: Sequence[str]) -> dict[str, Any]:
             raise UsageError(f"{printable(entry, 40)}: must be KEY=VALUE, such as duration=5")
         one = _one_entry(key, value) or _one_entry(key, _quoted(value))
         if one and not value.strip():
-            one = _removed(one)
+            one = _with_value(one, None)
         if not one:  # What begins with # is a comment of TOML, and no entry.
             raise UsageError(
                 f"{printable(entry, 40)}: not a key, such as start.offset, before the ="
             )
         _add(changes, one)
     return changes
+
+
+def nested(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes with tables in place of keys with dots.
+
+    Args:
+        changes: The changes, which may have keys such as `start.offset`; later ones prevail.
+
+    Returns:
+        The same changes in the form of the file.
+    """
+    whole: dict[str, Any] = {}
+    for key, value in changes.items():
+        _add(whole, _with_value(_one_entry(str(key), "0") or {key: 0}, value))
+    return whole
 
 
 def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,15 +141,19 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _removed(entry: dict[str, Any]) -> dict[str, Any]:
+def _with_value(entry: dict[str, Any], value: Any) -> dict[str, Any]:
+    """One entry, below its keys, with another value."""
     return {
-        key: _removed(value) if isinstance(value, dict) else None for key, value in entry.items()
+        key: _with_value(inner, value) if isinstance(inner, dict) else value
+        for key, inner in entry.items()
     }
 
 
 def _add(changes: dict[str, Any], more: Mapping[str, Any]) -> None:
     for key, value in more.items():
-        if isinstance(value, dict) and isinstance(changes.get(key), dict):
+        if isinstance(value, Mapping):
+            before = changes.get(key)
+            changes[key] = before if isinstance(before, dict) else {}
             _add(changes[key], value)
         else:
             changes[key] = value

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from numbers import Real
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -28,6 +31,8 @@ class Draws:
     """
 
     def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
+        if not isinstance(values, Mapping):
+            raise UsageError(f"{what}: values by name, not {printable(values)}")
         for name, value in values.items():
             if name not in known:
                 raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
@@ -71,9 +76,32 @@ class Draws:
         return found
 
 
+def episode_draws(
+    module: ModuleType,
+    offsets: Mapping[str, Any],
+    rates: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+) -> tuple[Draws, Draws, Draws]:
+    """What episodes draw.
+
+    Args:
+        module: The robot's.
+        offsets, rates, parameters: As of `VectorEnv`.
+
+    Returns:
+        Offsets, rates and parameters.
+
+    Raises:
+        UsageError: As of `Draws`.
+    """
+    zero = dict.fromkeys(module.VELOCITIES, 0.0)
+    return (
+        Draws(offsets, zero, "offsets"),
+        Draws(rates, zero, "rates"),
+        Draws(parameters, module.PARAMETERS, "parameters"),
+    )
+
+
 def _is_number(value: object) -> bool:
     """Whether a value is one finite real number."""
-    try:
-        return bool(np.isfinite(float(value)))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return False
+    return isinstance(value, Real) and math.isfinite(value)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.rollouts.moment import Flags, Moment
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.rollouts.given import Given, whole
 from gibbs_codegen.rollouts.problem import Array, Method, Motors, Precision, Problem
-from gibbs_codegen.rollouts.rollout import known_inputs
+from gibbs_codegen.rollouts.rollout import check_settings, known_inputs
+from gibbs_codegen.rollouts.task import Flags, Moment
 from gibbs_codegen.simulator.plant.actuators import robot_file_actuators
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
@@ -38,6 +40,7 @@ class Fleet:
         self,
         vehicle: Vehicle,
         count: int,
+        *,
         hover: ArrayLike | None,
         limits: tuple[ArrayLike, ArrayLike] | None,
         time_constants: ArrayLike | None,
@@ -49,22 +52,25 @@ class Fleet:
         threads: int,
     ) -> None:
         nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
-        self.vehicle, self._threads = vehicle, threads
-        self._hover = _filled("hover", vehicle.neutral if hover is None else hover, (nq,))
-        self.motors = motors = _motors(vehicle, limits, time_constants)
+        given = Given(vehicle.module, whole("steps", steps))
+        check_settings(steps, steps, dt, method, precision)
+        self.vehicle, self._threads = vehicle, whole("threads", threads)
+        hovers = given.states("hover", vehicle.neutral if hover is None else hover, nq)
+        self.motors = motors = _motors(given, vehicle, limits, time_constants)
+        if given.count() != 1:
+            raise UsageError("hover, time_constants: they are the same for all environments")
+        [self._hover] = given.normalised("hover", hovers)
         self._begin = np.clip(_holding_inputs(vehicle, self._hover), motors.least, motors.most)
+        flown: Any = {"steps": given.steps, "dt": dt, "method": method, "precision": precision}
         self._problem = Problem(
             vehicle.module,
             vehicle.constants,
             np.tile(self._hover, (count, 1)),
             np.zeros((count, nv)),
             np.tile(self._begin, (count, 1, 1)),
-            steps,
-            dt,
-            method,
             every=steps,
-            bounds=None if bounds is None else _filled("bounds", bounds, (2, nq + nv)),
-            precision=precision,
+            bounds=None if bounds is None else given.range("bounds", bounds, nq + nv),
+            **flown,
         )
         self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
         self.decisions = np.zeros(count, dtype=np.int64)
@@ -84,6 +90,9 @@ class Fleet:
             v: Their velocities (m, nv).
             parameters: Their parameters (m) by name, with the same names in each call, of which the
                 first is for all machines.
+
+        Raises:
+            UsageError: If no machine can have such parameters.
         """
         now = self._problem
         now.q[rows] = self.vehicle.integrate(self._hover, away)
@@ -96,10 +105,13 @@ class Fleet:
         if not parameters:
             return
         prepare = self.vehicle.module.prepare
-        if isinstance(now.constants, np.ndarray):  # The C back end has a row for each machine.
-            now.constants[rows] = prepare(dict(parameters))
-        else:
-            self._problem = replace(now, constants=prepare(self.parameters))
+        try:
+            if isinstance(now.constants, np.ndarray):  # The C back end has a row for each machine.
+                now.constants[rows] = prepare(dict(parameters))
+            else:
+                self._problem = replace(now, constants=prepare(self.parameters))
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"{self.vehicle.name}: parameters: {error}") from None
 
     def advance(self, inputs: Array) -> NDArray[np.int8]:
         """Fly all machines through a decision.
@@ -151,55 +163,21 @@ def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
     return np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0])
 
 
-def _motors(
-    vehicle: Vehicle, limits: tuple[ArrayLike, ArrayLike] | None, time_constants: ArrayLike | None
-) -> Motors:
+def _motors(given: Given, vehicle: Vehicle, limits: Any, time_constants: Any) -> Motors:
     """Limits and lag of a fleet's machines, with thrusts of zero.
 
     Args:
+        given: What reads them.
         vehicle, limits, time_constants: As of `Fleet`.
 
     Returns:
         The motors.
 
     Raises:
-        UsageError: If limits leave nothing between them, or lag is less than none.
+        UsageError: If a least input is above the greatest, or lag is less than none.
     """
     actuators = robot_file_actuators(vehicle)
-    least, most = (
-        _filled("limits", ends, (len(vehicle.inputs),))
-        for ends in (actuators.inputs if limits is None else limits)
-    )
-    for name, low, high in zip(vehicle.inputs, least, most, strict=True):
-        if not low < high:
-            raise UsageError(
-                f"limits: {name}: its least, {low:g}, is not below its greatest, {high:g}"
-            )
-    lag = actuators.lag if time_constants is None else time_constants
-    lag = _filled("time_constants", lag, (1, vehicle.rotors))
-    if np.any(lag < 0.0) or np.any(np.isinf(lag)):
-        raise UsageError(f"time_constants: 0 s or more, not {printable(lag)}")
+    ends = actuators.inputs if limits is None else limits
+    least, most = given.range("limits", ends, given.inputs)
+    lag = given.lag(actuators.lag if time_constants is None else time_constants)
     return Motors(least, most, lag, np.zeros_like(lag))
-
-
-def _filled(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Values of an argument in the shape that they are to have.
-
-    Args:
-        name: Of the argument.
-        values: What is given, which is broadcast.
-        shape: What is wanted.
-
-    Returns:
-        The values.
-
-    Raises:
-        UsageError: If they are no numbers, or do not broadcast.
-    """
-    try:
-        filled = np.array(np.broadcast_to(np.asarray(values, dtype=np.float64), shape))
-    except (TypeError, ValueError):
-        filled = np.array(np.nan)
-    if np.isnan(filled).any():
-        raise UsageError(f"{name}: numbers of shape {shape}, not {printable(values)}")
-    return filled

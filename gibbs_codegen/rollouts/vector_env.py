@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.rollouts.draws import Draws
+from gibbs_codegen.rollouts.draws import episode_draws
 from gibbs_codegen.rollouts.fleet import Fleet
-from gibbs_codegen.rollouts.moment import (
+from gibbs_codegen.rollouts.given import numpy_array, seconds, whole
+from gibbs_codegen.rollouts.problem import RUNNING, Array, Method, Precision
+from gibbs_codegen.rollouts.task import (
     Ending,
     Flags,
     Measure,
@@ -24,7 +26,6 @@ from gibbs_codegen.rollouts.moment import (
     gone,
     nearness,
 )
-from gibbs_codegen.rollouts.problem import RUNNING, Array, Method, Precision
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
@@ -65,8 +66,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             robot file.
         time_constants: Lag of the motors, s, a number or (rotors); None for that of the robot file.
         dt, steps, method: A decision is held through so many steps of `dt` s, by "euler" or "rk4".
-        duration: After how many seconds an episode is truncated, or None.
-        bounds: Least and greatest q and v (2, nq + nv); beyond them an episode ends.
+        duration: An episode is truncated by the first decision at whose end so many seconds are
+            over; or None.
+        bounds: Least and greatest q and v, each a number or (nq + nv); beyond them an episode ends.
         reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
             end (n), and observations (n, m).
         normalised: Whether actions are between −1 and 1.
@@ -101,26 +103,26 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         precision: Precision = "double",
         threads: int = 1,
     ) -> None:
-        _check(num_envs, steps, dt, duration)
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-        self.num_envs = num_envs
-        self._fleet = Fleet(
-            Vehicle(module),
-            *(num_envs, hover, limits, time_constants, dt, steps),
-            *(method, bounds, precision, threads),
-        )
-        self._draws = _draws(module, offsets or {}, rates or {}, parameters or {})
+        self.num_envs = whole("num_envs", num_envs)
+        given: dict[str, Any] = {"limits": limits, "time_constants": time_constants, "dt": dt}
+        given |= {"steps": steps, "method": method, "precision": precision, "threads": threads}
+        self._fleet = Fleet(Vehicle(module), self.num_envs, hover=hover, bounds=bounds, **given)
+        self._draws = episode_draws(module, offsets or {}, rates or {}, parameters or {})
         self._reward, self._terminated, self._observe = reward, terminated, observe
-        self._most = math.inf if duration is None else duration / self._fleet.duration
-        self._mode = AutoresetMode(autoreset_mode)
+        self._most = _decisions(duration, self._fleet.duration)
+        self._mode = _mode(autoreset_mode)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
-        self._over = np.zeros(num_envs, dtype=np.bool_)
+        self._over = np.zeros(self.num_envs, dtype=np.bool_)
         self._set_spaces(normalised)
 
     def _set_spaces(self, normalised: bool) -> None:
         """Tell what actions and observations are; raises `UsageError`."""
         self._normalised = normalised
+        for name in ("reward", "terminated", "observe"):
+            if not callable(getattr(self, f"_{name}")):
+                raise UsageError(f"{name}: must be a function of a Moment")
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         motors = self._fleet.motors
         unlimited = ~(np.isfinite(motors.least) & np.isfinite(motors.most))
@@ -150,6 +152,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         """The seed of each environment, from which it can be had again."""
         return tuple(self._seeds)
 
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The random numbers of each environment."""
+        return tuple(self._generators)
+
     def reset(
         self,
         *,
@@ -161,19 +168,23 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         Args:
             seed: Of the first environment, the others having the next ones; or one for each, None
                 where an environment goes on with its own random numbers.
-            options: "reset_mask" (n) says in which environments; the others are left as they are.
+            options: "reset_mask" (n) says in which environments, but the first time, when it must
+                be all; the others are left as they are.
 
         Returns:
             Observations (n, m), and no further information.
 
         Raises:
-            UsageError: If there are not n seeds, or the mask is not n flags.
+            UsageError: If there are not n seeds, the mask is not n flags, or parameters are not
+                those of a machine.
         """
         rows = np.ones(self.num_envs, dtype=np.bool_)
         if options and "reset_mask" in options:
             rows = np.asarray(options["reset_mask"])
             if rows.shape != (self.num_envs,) or rows.dtype != np.bool_ or not rows.any():
                 raise UsageError(f"reset_mask: {self.num_envs} flags, of which some are True")
+        if not (self._generators or rows.all()):
+            raise UsageError("reset_mask: the first reset must begin episodes everywhere")
         self._seed(seed, rows)
         self._begin(rows)
         return self._observed(self._fleet.moment()), {}
@@ -237,9 +248,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             first = None if seed is None else operator.index(seed)
             seeds = [None if first is None else first + i for i in range(self.num_envs)]
         else:
-            seeds = list(seed)
+            seeds = list(seed) if np.iterable(seed) else []
         if len(seeds) != self.num_envs:
-            raise UsageError(f"seed: one number, or {self.num_envs}, not {len(seeds)}")
+            words = f"a whole number, or {self.num_envs} of them"
+            raise UsageError(f"seed: {words}, not {printable(seed)}")
         if not self._generators:
             made = [seeding.np_random(each) for each in seeds]
             self._generators, self._seeds = [g for g, _ in made], [s for _, s in made]
@@ -268,7 +280,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
-        given = np.asarray(actions, dtype=np.float64)
+        given = numpy_array("actions", actions)
         if given.shape != self.action_space.shape or not np.isfinite(given).all():
             wanted = self.action_space.shape
             raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(given)}")
@@ -319,38 +331,26 @@ def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
     return found
 
 
-def _draws(
-    module: ModuleType,
-    offsets: Mapping[str, Any],
-    rates: Mapping[str, Any],
-    parameters: Mapping[str, Any],
-) -> tuple[Draws, Draws, Draws]:
-    """What episodes draw.
+def _decisions(duration: float | None, decision: float) -> float:
+    """After how many decisions of so many seconds an episode is truncated.
 
     Args:
-        module: The robot's.
-        offsets, rates, parameters: As of `VectorEnv`.
+        duration: As of `VectorEnv`.
+        decision: Of a decision, s.
 
     Returns:
-        Offsets, rates and parameters.
+        The number, less what rounding may have added.
+
+    Raises:
+        UsageError: If the duration is no time.
     """
-    zero = dict.fromkeys(module.VELOCITIES, 0.0)
-    return (
-        Draws(offsets, zero, "offsets"),
-        Draws(rates, zero, "rates"),
-        Draws(parameters, module.PARAMETERS, "parameters"),
-    )
+    return math.inf if duration is None else seconds("duration", duration) / decision - 1e-6
 
 
-def _check(num_envs: object, steps: object, dt: float, duration: float | None) -> None:
-    """Raise `UsageError` for numbers that are not whole, and for times that are not positive.
-
-    Args:
-        num_envs, steps, dt, duration: As of `VectorEnv`.
-    """
-    for name, number in (("num_envs", num_envs), ("steps", steps)):
-        if not isinstance(number, int) or number < 1:
-            raise UsageError(f"{name}: a whole number, at least 1, not {printable(number)}")
-    for name, time in (("dt", dt), ("duration", duration)):
-        if time is not None and not 0.0 < time < math.inf:
-            raise UsageError(f"{name}: more than 0 s, not {printable(time)}")
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    """When an environment begins its next episode; raises `UsageError` for an unknown word."""
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        known = ", ".join(mode.value for mode in AutoresetMode)
+        raise UsageError(f"autoreset_mode: one of {known}, not {printable(given)}") from None

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gibbs_codegen.errors import Fault, ScenarioFileError
+from gibbs_codegen.files.changes import nested
 from gibbs_codegen.files.shipped import shipped_names, text_of
 from gibbs_codegen.files.toml import checked
 from gibbs_codegen.files.toml_depth import TOO_DEEP
@@ -30,7 +31,8 @@ def read_scenario(name_or_path: str, changes: Mapping[str, Any] | None = None) -
     Args:
         name_or_path: The path or name.
         changes: What replaces entries of the file, in its own form:
-            `{"start": {"offset": [0.2, 0, 0]}}`; None removes an entry.
+            `{"start": {"offset": [0.2, 0, 0]}}`, or `{"start.offset": [0.2, 0, 0]}`; None removes
+            an entry.
 
     Returns:
         The scenario.
@@ -58,6 +60,7 @@ def parse_scenario(
     from gibbs_codegen.scenario.tables import ScenarioTable  # Late, as it imports pydantic.
 
     try:
+        changes = nested(changes or {})
         return checked(text, source, ScenarioTable, ScenarioFileError, changes).scenario()
     except RecursionError:
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None

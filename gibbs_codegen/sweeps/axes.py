@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import fnmatch
+import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,9 +75,10 @@ def axes_of(
 
     Raises:
         UsageError: If a key names no parameter of the robot, or nothing is known that a factor
-            could be one of.
+            could be one of, or two keys are for one entry.
     """
     found: list[Axis] = []
+    of_target: dict[str, str] = {}
     for key, varied in parameters.items():
         columns = _entries_of(key, robot)
         if varied.together:
@@ -84,7 +86,29 @@ def axes_of(
         for column, targets in columns.items():
             bases = [_base(key, robot, scenario) for key in targets if varied.relative]
             found.append(Axis(column, tuple(targets), tuple(bases), varied))
+            _refuse_twice(of_target, targets, key)
+            of_target |= dict.fromkeys(targets, key)
     return found
+
+
+def _refuse_twice(of_target: Mapping[str, str], targets: Sequence[str], key: str) -> None:
+    """Refuse a key for an entry that another key is for, or that is in one, or that one is in.
+
+    Args:
+        of_target: The keys so far, by those of their entries in full.
+        targets: Entries of the key.
+        key: The key.
+
+    Raises:
+        UsageError: If there is such an entry.
+    """
+    for new, (old, other) in itertools.product(targets, of_target.items()):
+        short, long = sorted((new, old), key=len)
+        if long.startswith(short) and long[len(short) :][:1] in ("", ".", "["):
+            raise UsageError(
+                f"{printable(other)} and {printable(key)} both set {printable(long)}; let one of "
+                "them do so"
+            )
 
 
 def _entries_of(key: str, robot: RobotSource) -> dict[str, list[str]]:

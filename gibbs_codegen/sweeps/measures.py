@@ -28,6 +28,8 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "greatest": lambda values: np.max(np.abs(values)),
     "last": lambda values: values[-1],
 }
+# Arrays of a flight without a row for each sample.
+_NO_SERIES = {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "walls"}
 
 
 def default(tip: bool) -> dict[str, Measure]:
@@ -83,13 +85,14 @@ def _check_text(name: str, text: str) -> None:
     known_series = _series()
     if series not in known_series:
         near = difflib.get_close_matches(series[:80], known_series, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known_series)}"
-        raise UsageError(f"{words}: a flight has no such series; {hint}")
+        hint = f"; did you mean {near[0]}?" if near else "."
+        there = ", ".join(known_series)
+        raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
 
 
 def _series() -> list[str]:
     """Names of what a flight has a row of for each sample."""
-    named = [each.name for each in fields(Flight) if each.type == "Array"]
+    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
     return sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
 
 
@@ -107,7 +110,7 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
     for name, measure in measures.items():
         try:
             values.append(_number(measure, flight))
-        except Exception as error:  # What a user's function raises concerns its flight only.
+        except (Exception, SystemExit) as error:  # A user's function concerns its flight only.
             values.append(math.nan)
             own = isinstance(error, GibbsCodegenError)
             words = str(error) if own else f"{type(error).__name__}: {error}"

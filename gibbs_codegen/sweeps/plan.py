@@ -17,7 +17,6 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.sweeps.axes import Axis, axes_of
 from gibbs_codegen.sweeps.cases import Case
 from gibbs_codegen.sweeps.entries import with_places_filled
@@ -137,7 +136,7 @@ def cases_of(
         The cases.
 
     Raises:
-        UsageError: If a key means nothing, or there are samples of nothing that is drawn.
+        UsageError: If a key means nothing.
     """
     pairs = list(itertools.product(robots, scenarios))
     axes = [axes_of(parameters, robot, scenario) for robot, scenario in pairs]
@@ -146,11 +145,6 @@ def cases_of(
     of_column = dict(zip(drawn, np.transpose(points), strict=True))
     sensed = any(key.startswith("sensors.") for key in parameters)
     noisy = [sensed or s.says("sensors") is not None for s in scenarios] * len(robots)
-    if samples > 1 and not drawn and not any(noisy):
-        raise UsageError(
-            f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
-            "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
-        )
     blocks = []
     for (robot, scenario), some, noise in zip(pairs, axes, noisy, strict=True):
         numbers = {a.column: a.varied.draw.at(of_column[a.column]) for a in some if a.varied.draw}

@@ -122,6 +122,11 @@ class Running:
             broken: Future[Rows] = Future()
             broken.set_exception(error)
             return broken
+        except RuntimeError as error:  # So do executors of any kind refuse after they were ended.
+            raise UsageError(
+                f"the executor takes no work: {printable(error)}; what was done is kept: the same "
+                "call goes on from there, with an executor that works"
+            ) from None
 
     def _done(self, future: Future[Rows], chunk: Chunk) -> bool:
         """Keep a chunk that was flown.
@@ -139,8 +144,7 @@ class Running:
         try:
             rows = future.result()
         except _NOT_THERE as error:
-            words = printable(f"{type(error).__name__}: {error}", 400)
-            raise UsageError(f"a worker cannot fly: {words}") from None
+            raise _cannot_fly(error) from None
         except GibbsCodegenError:
             raise
         except (Exception, CancelledError) as error:  # Every executor has words of its own.
@@ -168,6 +172,9 @@ class Running:
 
         Returns:
             Its rows, which are kept.
+
+        Raises:
+            GibbsCodegenError: If nothing can be computed, or kept.
         """
         digest = self._job.digest(chunk)
         rows = self._store.read(digest, len(chunk))
@@ -178,9 +185,19 @@ class Running:
             except BrokenExecutor:
                 self._own.end()
                 tries -= 1
+            except GibbsCodegenError:
+                raise
+            except Exception as error:  # It did not die.
+                raise _cannot_fly(error) from None
         if rows is None and len(chunk) == 1:
             rows = dead_row(len(self._job.measures), _DEAD)
         elif rows is None:
             rows = joined([self._alone(half) for half in chunk.halves()])
         self._store.write(digest, rows)
         return rows
+
+
+def _cannot_fly(error: Exception) -> UsageError:
+    """What is raised where a worker lives, and cannot compute."""
+    words = printable(f"{type(error).__name__}: {error}", 400)
+    return UsageError(f"a worker cannot fly: {words}")

@@ -8,7 +8,7 @@ Latin hypercube it can be gone on with, so that more samples keep those that are
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -175,13 +175,20 @@ def varied(values: Any) -> Varied:
     """
     if isinstance(values, Varied):
         return values
-    if isinstance(values, np.ndarray):
-        values = values.tolist()
+    values = _plain(values)
     listed = values if isinstance(values, list | tuple | range) else (values,)
     if not listed:
         raise UsageError("an empty list: give at least one value")
-    # Numbers of NumPy become Python's.
-    return Varied(tuple(v.item() if isinstance(v, np.generic) else v for v in listed))
+    return Varied(tuple(listed))
+
+
+def _plain(value: Any) -> Any:
+    """A value in which numbers and arrays of NumPy are Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
 
 
 def shares(samples: int, keys: int, seed: int) -> Array:

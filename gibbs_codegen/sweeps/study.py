@@ -252,6 +252,8 @@ def read_study(folder: StrPath) -> Study:
         UsageError: If there is none, or it is not whole.
     """
     place = Path(folder)
+    if not place.is_dir():
+        raise UsageError(f"{printable(folder)}: there is no such folder")
     try:
         said = json.loads((place / _CASES).read_text("utf-8"))
         digest, cases = said["table"], [Case(**case) for case in said["cases"]]

@@ -93,6 +93,11 @@ def sweep(
     chosen = measure or known_measures.default(all(robot.has_tip for robot in found))
     known_measures.check(chosen, (*FIXED, *cases.columns))
     _refuse_hopeless(cases)
+    if samples > 1 and not any(each.drawn or each.seed is not None for each in cases.blocks):
+        raise UsageError(
+            f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
+            "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
+        )
     job, count = Job(chosen), workers or own_count()
     rows = _flown(job, chunks_of(cases), Store(folder), executor, count, progress)
     study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))

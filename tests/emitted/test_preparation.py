@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ def test_parameters_keep_their_defaults() -> None:
 @pytest.mark.parametrize(
     ("parameters", "error", "message"),
     [
+        ([1, 2], TypeError, 'parameters must map names to numbers, such as {"gravity": 3.71}'),
         ({"mas": 1.0}, ValueError, "unknown parameter 'mas': did you mean mass?"),
         ({"zzz": 1.0}, ValueError, "unknown parameter 'zzz': PARAMETERS has all names"),
         ({"drag": 1.0}, ValueError, "drag is no parameter: it is zero in the robot file"),
@@ -36,7 +38,7 @@ def test_parameters_keep_their_defaults() -> None:
     ],
 )
 def test_parameters_are_refused_by_name(
-    parameters: dict[str, object], error: type[Exception], message: str
+    parameters: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error) as raised:
         prepared(inertia, DEFAULTS, ["drag"], parameters)

@@ -71,6 +71,20 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
     np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
 
 
+def test_what_overflows_changes_no_other_quaternion(fast: Callable[[str], ModuleType]) -> None:
+    """Without control nothing is bounded: rates become infinite, and quaternions 0 or NaN."""
+    drone = fast("quadrotor")
+    falls = read_scenario("hover", {"control": {"law": "off"}})
+    v0 = np.zeros((3, 6))
+    v0[1:, 3:] = np.array([1e3, 2e3, 3e3])
+    v0[2] *= 1e150
+    plant = {"base_inertia_yy": 1.7 * drone.PARAMETERS["base_inertia_yy"]}
+    found = rollout(drone, None, v0, falls, 60, 0.02, every=10, parameters=plant)
+    np.testing.assert_allclose(found.v[0, -1, 2], -9.81 * 1.2, rtol=1e-9)
+    assert found.ended.tolist() == [0, 2, 2]
+    assert np.all(np.isfinite(found.q))
+
+
 WRONG = {
     "leave out method, precision, wrenches, limits": {"limits": (0.0, 1.0)},
     "without control.rate and sensors": {"sensors": Sensors()},

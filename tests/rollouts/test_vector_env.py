@@ -22,8 +22,8 @@ from scipy.stats import norm, uniform
 
 from gibbs_codegen import scaled
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.rollouts.moment import Moment
 from gibbs_codegen.rollouts.problem import DIVERGED, OUT_OF_BOUNDS
+from gibbs_codegen.rollouts.task import Moment
 from gibbs_codegen.rollouts.vector_env import VectorEnv
 
 Array = NDArray[np.float64]
@@ -136,6 +136,8 @@ def test_only_environments_of_the_mask_begin_again(quadrotor: ModuleType) -> Non
     ours = VectorEnv(quadrotor, 4, autoreset_mode="Disabled", **SETTINGS)
     with pytest.raises(ResetNeeded):
         ours.step(np.zeros((4, 4)))
+    with pytest.raises(UsageError, match="reset_mask: the first reset must begin episodes every"):
+        ours.reset(options={"reset_mask": np.arange(4) > 1})
     first, _ = ours.reset(seed=0)
     for _ in range(15):
         last, _, _, truncated, _ = ours.step(np.zeros((4, 4)))
@@ -159,6 +161,7 @@ def test_seed_of_its_own_can_be_had_again(quadrotor: ModuleType) -> None:
     start, _ = ours.reset()
     other = VectorEnv(quadrotor, 2, **SETTINGS)
     np.testing.assert_array_equal(other.reset(seed=ours.np_random_seed)[0], start)
+    assert [g.random() for g in other.np_random] == [g.random() for g in ours.np_random]
 
 
 def test_inputs_that_hold_it_hold_it(shipped: Load) -> None:
@@ -227,15 +230,24 @@ def test_machine_that_diverges_ends_without_warnings(quadrotor: ModuleType) -> N
 
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"limits": (0.0, np.inf)}, "limits: F_front_left, .*: without limits"),
-    ({"limits": (0.0, [1.0, 2.0])}, r"limits: numbers of shape \(4,\)"),
-    ({"limits": (5.0, 1.0)}, "limits: F_front_left: its least, 5, is not below its greatest, 1"),
-    ({"num_envs": 0}, "num_envs: a whole number, at least 1, not 0"),
-    ({"duration": 0.0}, "duration: more than 0 s"),
-    ({"dt": 0.0}, "dt: more than 0 s"),
-    ({"steps": 0}, "steps: a whole number, at least 1, not 0"),
-    ({"hover": [0.0, 1.0]}, r"hover: numbers of shape \(7,\)"),
-    ({"hover": np.nan}, r"hover: numbers of shape \(7,\), not nan"),
-    ({"time_constants": -0.1}, "time_constants: 0 s or more"),
+    ({"limits": (0.0, [1.0, 2.0])}, "limits: must be the least and the greatest values"),
+    ({"limits": 3}, "limits: must be the least and the greatest values"),
+    ({"limits": (5.0, 1.0)}, "limits: entry 0: the least value 5 must not be above"),
+    ({"bounds": (5.0, -5.0)}, "bounds: entry 0: the least value 5 must not be above"),
+    ({"num_envs": 0}, "num_envs: must be a whole number of 1 or more, not 0"),
+    ({"duration": 0.0}, "duration: must be a finite time above 0 s"),
+    ({"dt": "0"}, "dt: must be a finite time above 0 s, not '0'"),
+    ({"steps": True}, "steps: must be a whole number of 1 or more, not True"),
+    ({"threads": 0}, "threads: must be a whole number of 1 or more, not 0"),
+    ({"method": "foo"}, "method: 'foo' is unknown; known: euler, rk4"),
+    ({"precision": "half"}, "precision: 'half' is unknown; known: double, single"),
+    ({"autoreset_mode": "foo"}, "autoreset_mode: one of NextStep, SameStep, Disabled, not foo"),
+    ({"hover": [0.0, 1.0]}, r"hover: its shape must be \(7,\)"),
+    ({"hover": [np.nan] * 7}, "hover: value 0 of 7 must be finite, not nan"),
+    ({"hover": np.ones((3, 7))}, "hover, time_constants: they are the same for all"),
+    ({"time_constants": -0.1}, "time_constants.* must be 0 or more, in s"),
+    ({"reward": 3}, "reward: must be a function"),
+    ({"rates": 3}, "rates: values by name, not 3"),
     ({"offsets": {"x": 1.0}}, "offsets: x: unknown; known: vx, vy, vz, wx, wy, wz"),
     ({"rates": {"wx": scaled(0.8, 1.2)}}, "rates: wx: factors of 0 are 0"),
     ({"parameters": {"base_mass": "big"}}, "parameters: base_mass: a finite number or a distr"),
@@ -259,10 +271,37 @@ def test_wrong_actions_and_results_are_told(quadrotor: ModuleType) -> None:
         ours.step(np.full((3, 4), np.nan))
     with pytest.raises(UsageError, match=r"reward: an array \(3,\), not of shape \(3, 7\)"):
         ours.step(np.zeros((3, 4)))
-    with pytest.raises(UsageError, match="seed: one number, or 3, not 2"):
-        ours.reset(seed=[1, 2])
+    with pytest.raises(UsageError, match="actions must be real numbers"):
+        ours.step("abc")
+    for seed in ([1, 2], 3.5):
+        with pytest.raises(UsageError, match="seed: a whole number, or 3 of them, not "):
+            ours.reset(seed=seed)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="reset_mask: 3 flags"):
         ours.reset(options={"reset_mask": np.zeros(3, dtype=bool)})
+
+
+def test_parameters_of_no_machine_are_told(fast: Load, shipped: Load) -> None:
+    for load in (fast, shipped):  # By C, by NumPy.
+        ours = VectorEnv(load("quadrotor"), 2, limits=(0, 8), parameters={"base_mass": -1.0})
+        with pytest.raises(UsageError, match="quadrotor: parameters: state 0 of 2: "):
+            ours.reset()
+
+
+def test_arguments_that_rollouts_take_are_taken(quadrotor: ModuleType) -> None:
+    """Whole numbers of NumPy, and bounds that are the same for all coordinates."""
+    ours = VectorEnv(quadrotor, np.int64(2), limits=(0.0, 8.0), bounds=(-5, 5), threads=2)  # type: ignore[arg-type]
+    assert len(ours.reset()[0]) == 2
+
+
+@pytest.mark.parametrize(("duration", "decisions"), [(0.14, 28), (0.142, 29), (0.001, 1)])
+def test_episodes_are_truncated_in_time(
+    quadrotor: ModuleType, duration: float, decisions: int
+) -> None:
+    """After the first decision at whose end the duration is over, whatever rounding says."""
+    ours = VectorEnv(quadrotor, 1, limits=(0.0, 8.0), duration=duration, dt=0.005, steps=1)
+    ours.reset()
+    truncated = [bool(ours.step(np.zeros((1, 4)))[3][0]) for _ in range(decisions)]
+    assert truncated == [False] * (decisions - 1) + [True]
 
 
 def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

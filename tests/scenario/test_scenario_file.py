@@ -738,6 +738,10 @@ def test_changes_are_checked_as_the_file_is() -> None:
     assert changed.control == Control("open_loop")
     assert changed.duration == 2
     assert changed.base == read_scenario("hover").base
+    dots = {"control": {"rate": 500}, "control.delay": 0.001, "start.offset": (0, 0, 1)}
+    same = {"control": {"rate": 500, "delay": 0.001}, "start": {"offset": (0, 0, 1)}}
+    assert read_scenario("hover", dots) == read_scenario("hover", same)
+    assert dots["control"] == {"rate": 500}
     with pytest.raises(ScenarioFileError, match=r"duraton: unknown key; did you mean duration\?"):
         read_scenario("hover", changes_of(["duraton=2"]))
     deep: list[Any] = []

@@ -134,6 +134,30 @@ def test_an_executor_that_never_works_is_told(robot, tmp_path, monkeypatch):
         sweep(robot, "hover", parameters, 30, executor=pool, out=tmp_path / "f")
 
 
+def test_an_executor_that_was_ended_is_told(robot, tmp_path):
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    with pytest.raises(UsageError, match=r"takes no work: .*; what was done is kept"):
+        sweep(robot, "hover", {"duration": 0.05}, executor=pool, out=tmp_path)
+
+
+class Unpackable:
+    """A measure that no worker can unpack."""
+
+    __call__ = abs
+
+    def __setstate__(self, state):
+        raise RuntimeError("no licence here")
+
+    def __getstate__(self):
+        return {"a": 1}
+
+
+def test_what_no_worker_can_unpack_is_told(robot, tmp_path):
+    with pytest.raises(UsageError, match="a worker cannot fly: RuntimeError: no licence here"):
+        sweep(robot, "hover", {"duration": 0.05}, measure={"a": Unpackable()}, out=tmp_path)
+
+
 def started(script, *arguments):
     return subprocess.Popen([sys.executable, script, *arguments], start_new_session=True)
 

@@ -135,7 +135,7 @@ def test_two_studies_of_the_same_have_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_what_is_no_study_is_refused(study: Study, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="holds no study that a sweep finished"):
+    with pytest.raises(UsageError, match="nowhere: there is no such folder"):
         read_study(tmp_path / "nowhere")
     study.save()
     np.save(study.folder / "table.npy", study.table[::-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 
@@ -116,7 +117,7 @@ def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
 
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
     parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
-    measure = {**WORST, "fails": lambda flight: 1 / 0}
+    measure = {**WORST, "fails": lambda flight: 1 / 0, "ends": lambda flight: sys.exit(3)}
     study = sweep(robot, "hover", parameters, measure=measure, executor=here, out=tmp_path)
     table = study.table
     assert table["unmeasured"].tolist() == [
@@ -124,7 +125,7 @@ def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here
         "",
     ]
     assert (study.whole["case"], study.failures["case"], study.unmeasured["case"]) == (0, 1, 0)
-    assert [each.flights for each in study.summary()] == [1, 0]
+    assert [each.flights for each in study.summary()] == [1, 0, 0]
     assert "time_constant: must be at least 0" in table["failed"][1]
     assert np.isnan(table["worst [m]"][1])
     assert np.isfinite(table["worst [m]"][0])
@@ -203,6 +204,16 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ),
         ({"parameters": {"motor.time_constant": [1.0]}}, "motor: unknown key; did you mean motors"),
         ({"parameters": {"motors..x": [1.0]}}, "not a key"),
+        ({"parameters": {"motors.time_constnt": [0.1]}, "samples": 4}, "time_constnt: unknown key"),
+        (
+            {"parameters": {"plant.link2_mass_per_length": 1.0, "plant.link2*": scaled(0.8, 1.2)}},
+            r"plant.link2_mass_per_length and plant.link2\* both set plant.link2_mass_per_length",
+        ),
+        ({"parameters": {"gravity": 9.0, "parameters.gravity": 9.1}}, "gravity and parameters.gr"),
+        (
+            {"parameters": {"start.offset[2]": 0.1, "start.offset": [[0.0] * 3]}},
+            "both set start.of",
+        ),
         ({"parameters": {"motors.time_constant": scaled(0.5, 2.0)}}, "has no number there"),
         ({"parameters": {"start.offset[3]": [1.0]}}, "has no such entry"),
         ({"samples": 4}, "nothing is drawn"),
@@ -210,6 +221,8 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ({"seed": -1}, "seed: must be a whole number of at least 0"),
         ({"measure": {"a": "tip_error.most"}}, "must come one of max"),
         ({"measure": {"a": "tip_eror.max"}}, "no such series; did you mean tip_error"),
+        ({"measure": {"a": "thrusts.max"}}, "There are .*applied, .*tip_error, .*work"),
+        ({"measure": {"a": "walls.max"}}, "no such series"),
         ({"measure": {"case": "tip_error.max"}}, "a column of the table has that name"),
         ({"measure": {"a": 3}}, "must be a function of a flight"),
         ({"scenarios": "hovr"}, "did you mean hover"),

@@ -24,8 +24,10 @@ from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.contents import compare_c_defaults
+from gibbs_codegen.verification.frame_rows import frame_rows
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import compare_module, formulations
@@ -283,3 +285,17 @@ def test_states_are_away_from_the_singular_attitude() -> None:
     states = States.random(Tree(read_robot("quadrotor_2link")[0]), 200, 0)
     assert np.abs(states.q[:, 1]).max() < 1.3
     assert np.abs(states.q[:, 0]).max() > 3.0
+
+
+def test_wrenches_whose_forces_cancel_have_a_size() -> None:
+    """The error of a sum is a share of its terms, however little is left of them."""
+    tree = Tree(read_robot("hexarotor_3link")[0])
+    states = States.random(tree, 1, 0)
+    found = NewtonEuler(tree).at(states)
+    jacobians = found.jacobians[0, len(tree.motors) :][..., tree.free]
+    cancelling = np.linalg.svd(jacobians.reshape(-1, jacobians.shape[-1]).T)[2][-1]
+    states = replace(states, W=cancelling.reshape(states.W.shape))
+    rows = frame_rows(tree, found, states, Sizes(tree, states))
+    forces, size = next(row[1:] for row in rows if row[0] == "wrench_forces")
+    assert np.all(np.abs(forces) < 1e-14)
+    assert np.all(size > 1e-3)

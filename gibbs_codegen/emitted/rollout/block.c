@@ -10,9 +10,10 @@
 #endif
 
 /*
- * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and `thrusts`
- * and fills `next_q`, `next_v` and `next_thrusts`. Inputs at its begin, middle and end are `command`
- * unless thrusts lag. `wrenches` is NULL without. Its `filled` lanes have the states from `first` on.
+ * A block of states: entry e of a lane is at [e * LANES + lane]. A step reads `q`, `v` and
+ * `thrusts` and fills `next_q`, `next_v` and `next_thrusts`. Unless thrusts lag, these have no
+ * values, and inputs at its begin, middle and end are `command`. `wrenches` is NULL without. Its
+ * `filled` lanes have the states from `first` on.
  */
 typedef struct Block {
     real constants[CONSTANTS * LANES];
@@ -24,7 +25,7 @@ typedef struct Block {
     real loads[FRAMES * 6 * LANES];
     bits ended[LANES], taken[LANES];
     size_t first;
-    int filled;
+    int filled, lags;
     real *q, *next_q, *v, *next_v, *thrusts, *next_thrusts;
     const real *begin, *middle, *end, *wrenches;
 } Block;

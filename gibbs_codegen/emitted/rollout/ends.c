@@ -79,7 +79,9 @@ static INLINE int take_over(const Settings *settings, Block *b)
     if (stops) {
         put_back(NQ, taken, b->q, b->next_q);
         put_back(NV, taken, b->v, b->next_v);
-        put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
+        if (b->lags) {
+            put_back(ROTORS, taken, b->thrusts, b->next_thrusts);
+        }
     }
     b->q = b->next_q;
     b->next_q = q;

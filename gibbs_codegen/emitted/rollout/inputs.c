@@ -32,19 +32,25 @@ static INLINE void add_feedback(
 
 static INLINE void limit(const Settings *settings, Block *b)
 {
-    for (int i = 0; i < NU; ++i) {
+    for (int i = 0; settings->least && i < NU; ++i) {
         const real least = settings->least[i];
+        VECTORISE
+        for (int lane = 0; lane < LANES; ++lane) {
+            const real wanted = b->command[i * LANES + lane];
+            b->command[i * LANES + lane] = wanted < least ? least : wanted;
+        }
+    }
+    for (int i = 0; settings->most && i < NU; ++i) {
         const real most = settings->most[i];
         VECTORISE
         for (int lane = 0; lane < LANES; ++lane) {
             const real wanted = b->command[i * LANES + lane];
-            const real raised = wanted < least ? least : wanted;
-            b->command[i * LANES + lane] = raised > most ? most : raised;
+            b->command[i * LANES + lane] = wanted > most ? most : wanted;
         }
     }
 }
 
-/* What is left of the way of thrusts to commands at the begin, after half a step and a whole one. */
+/* What is left of the way of thrusts to commands: at the begin, after half a step, a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
     load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
@@ -87,14 +93,12 @@ static INLINE void act(
         if (settings->gain) {
             add_feedback(settings, step, first, b);
         }
-        if (settings->least) {
-            limit(settings, b);
-        }
+        limit(settings, b);
     }
     if (settings->wrenches.entries && (first || settings->wrenches.by_step != 0)) {
         load_rows(settings->wrenches, b->first, b->filled, step, FRAMES * 6, b->loads);
     }
-    if (settings->time_constants.entries) {
+    if (b->lags) {
         follow(b);
     }
 }

@@ -15,8 +15,8 @@ static INLINE int next_columns(const int column, const int width)
 }
 
 /*
- * Rows of the states in the lanes of a block become its entries. Lanes beyond the `filled` ones have
- * the last state again.
+ * Rows of the states in the lanes of a block become its entries, or zeros where there are none.
+ * Lanes beyond the `filled` ones have the last state again.
  */
 static INLINE void load_rows(
     const Rows rows,
@@ -26,7 +26,12 @@ static INLINE void load_rows(
     const int width,
     real *block)
 {
-    const real *row = rows.entries + first * rows.by_state + step * rows.by_step;
+    const real *row = rows.entries;
+    if (!row) {
+        memset(block, 0, (size_t)(width * LANES) * sizeof *block);
+        return;
+    }
+    row += first * rows.by_state + step * rows.by_step;
     if (rows.by_state == 0) {
         for (int i = 0; i < width; ++i) {
             for (int lane = 0; lane < LANES; ++lane) {

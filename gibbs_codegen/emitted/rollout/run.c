@@ -6,11 +6,11 @@ static INLINE void begin_block(
     const int filled,
     Block *b)
 {
-    const int lags = settings->time_constants.entries != NULL;
     Rows constants = rows_of((const real *)settings->constants, CONSTANTS);
     constants.by_state *= settings->constants_by_state;
     b->first = first;
     b->filled = filled;
+    b->lags = settings->time_constants.entries != NULL;
     for (int lane = 0; lane < LANES; ++lane) {
         b->ended[lane] = states->ended[first + (size_t)(lane < filled ? lane : filled - 1)];
         b->taken[lane] = 0;
@@ -24,13 +24,13 @@ static INLINE void begin_block(
     load_rows(constants, first, filled, 0, CONSTANTS, b->constants);
     load_rows(rows_of(states->q, NQ), first, filled, 0, NQ, b->q);
     load_rows(rows_of(states->v, NV), first, filled, 0, NV, b->v);
-    if (lags) {
+    if (b->lags) {
         load_rows(rows_of(states->thrusts, ROTORS), first, filled, 0, ROTORS, b->thrusts);
         prepare_lag(settings, b);
     }
-    b->begin = lags ? b->lagged[0] : b->command;
-    b->middle = lags ? b->lagged[1] : b->command;
-    b->end = lags ? b->lagged[2] : b->command;
+    b->begin = b->lags ? b->lagged[0] : b->command;
+    b->middle = b->lags ? b->lagged[1] : b->command;
+    b->end = b->lags ? b->lagged[2] : b->command;
     b->wrenches = settings->wrenches.entries ? b->loads : NULL;
 }
 
@@ -43,7 +43,7 @@ static INLINE void keep_sample(const States *states, const size_t sample, const 
     if (states->v_samples) {
         store_rows(b->v, b->filled, NV, NV * states->samples, states->v_samples + row * NV);
     }
-    if (states->thrust_samples) {
+    if (b->lags && states->thrust_samples) {
         real *rows = states->thrust_samples + row * ROTORS;
         store_rows(b->thrusts, b->filled, ROTORS, ROTORS * states->samples, rows);
     }
@@ -54,7 +54,7 @@ static INLINE void end_block(const States *states, const Block *b)
     const size_t first = b->first;
     store_rows(b->q, b->filled, NQ, NQ, states->q + first * NQ);
     store_rows(b->v, b->filled, NV, NV, states->v + first * NV);
-    if (states->thrusts) {
+    if (b->lags && states->thrusts) {
         store_rows(b->thrusts, b->filled, ROTORS, ROTORS, states->thrusts + first * ROTORS);
     }
     for (int lane = 0; lane < b->filled; ++lane) {
@@ -72,8 +72,9 @@ static WIDE void roll_block(
     const size_t end)
 {
     Block block ALIGNED;
-    size_t to_sample = settings->every - begin % settings->every;
-    size_t sample = begin / settings->every;
+    const size_t every = settings->every ? settings->every : SIZE_MAX;
+    size_t to_sample = every - begin % every;
+    size_t sample = begin / every;
     int goes_on = 1;
     begin_block(settings, states, first, filled, &block);
     if (begin == 0) {
@@ -90,7 +91,7 @@ static WIDE void roll_block(
             goes_on = take_over(settings, &block);
         }
         if (--to_sample == 0) {
-            to_sample = settings->every;
+            to_sample = every;
             keep_sample(states, ++sample, &block);
         }
     }

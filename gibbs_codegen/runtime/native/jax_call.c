@@ -2,10 +2,10 @@
  * Calls of compiled functions from XLA, on the CPU: one target for the functions of all modules.
  *
  * A call names its function, which Python has added beforehand: an address in the call would mean
- * something else in another process that takes the compiled program from JAX's cache. Every argument
- * and result has its entries along the last axis, and the axes of the batch before it, which are of
- * length 1 where an argument is the same along them. Constants, where given, are the last argument.
- * All are float64, or all float32, which is computed in double precision.
+ * something else in another process that takes the compiled program from JAX's cache. Every
+ * argument and result has its entries along the last axis, and the axes of the batch before it,
+ * which are of length 1 where an argument is the same along them. Constants, where given, are the
+ * last argument. All are float64, or all float32, which is computed in double precision.
  */
 
 #include <stdatomic.h>
@@ -248,7 +248,8 @@ XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame)
     }
     const Function *function = called(&frame->attrs);
     if (!function) {
-        return failed(frame, "gibbs_codegen: load the module before a program that calls it is run");
+        return failed(
+            frame, "gibbs_codegen: load the module before a program that calls it is run");
     }
     const int number = function->inputs + function->outputs;
     const int has_constants = frame->args.size == function->inputs + 1;
@@ -260,14 +261,16 @@ XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame)
     XLA_FFI_Buffer *given = has_constants ? frame->args.args[function->inputs] : NULL;
     size_t size = 0;
     for (int i = 0; i < number; ++i) {
-        buffers[i] = i < function->inputs ? frame->args.args[i] : frame->rets.rets[i - function->inputs];
+        buffers[i] = i < function->inputs ? frame->args.args[i]
+                                          : frame->rets.rets[i - function->inputs];
     }
     buffers[number] = given ? given : buffers[function->inputs];
     const XLA_FFI_Buffer *like = buffers[function->inputs];
     for (int i = 0; i <= number; ++i) {
         size += 2 * LANES * function->widths[i];
         if ((i < number || given) && !fits(buffers[i], like, function->widths[i])) {
-            return failed(frame, "gibbs_codegen: an argument or a result has another shape or type");
+            return failed(
+                frame, "gibbs_codegen: an argument or a result has another shape or type");
         }
     }
     if (like->dtype != XLA_FFI_DataType_F64 && like->dtype != XLA_FFI_DataType_F32) {

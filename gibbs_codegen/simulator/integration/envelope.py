@@ -57,9 +57,17 @@ class Envelope:
         Returns:
             Whether each of them is (s).
         """
-        within = np.all(self._errors(time, states) <= self.bounds, axis=-1)
-        held: Flags = within & np.all(np.isfinite(states), axis=-1)
+        held = self._finite(states)
+        held[held] = np.all(self._errors(time[held], states[held]) <= self.bounds, axis=-1)
         return held
+
+    def _finite(self, states: Array) -> Flags:
+        """Whether states (…, size) are finite, with attitudes: 0 is left of what overflows."""
+        finite: Flags = np.all(np.isfinite(states), axis=-1)
+        layout = self.loop.vehicle.layout
+        if layout.is_quaternion:
+            finite &= np.any(states[..., layout.q.attitude], axis=-1)
+        return finite
 
     def goes_on(self, time: Array, states: Array) -> Flags:
         """From which states a flight can go on: there is no `reason` why not.
@@ -93,7 +101,7 @@ class Envelope:
             The reason, with the time and a remedy; "" if it can go on.
         """
         lost = f"at t = {time:.6g} s control is lost: "
-        if not np.all(np.isfinite(state)):
+        if not self._finite(state):
             return f"{lost}the state is no longer finite; {self._advice([])}"
         excess = self._errors(time, state) / self.bounds
         worst = int(np.argmax(excess))

@@ -88,7 +88,7 @@ static flags missed(ptrdiff_t n, const number *columns, const number *wrench, co
     return (flags)(root(dot(BASE, left, left)) > exact);
 }
 
-/* Weigh a problem of which force and torque do not yet compare, and how much small thrusts count. */
+/* Weigh a problem whose force and torque do not yet compare, and how much small thrusts count. */
 static void weigh_torques(Nearest *p)
 {
     double force = 0.0, torque = 0.0;

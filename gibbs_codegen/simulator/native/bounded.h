@@ -2,9 +2,10 @@
  * Thrusts within limits whose wrench is nearest to a wanted one: bounded least squares.
  *
  * It is solved for one state at a time, with its own plain numbers. Torques are divided by a lever,
- * so that they compare with forces, and thrusts count a little, so that there is one solution. Which thrusts are at a limit is guessed, at first as it was found the
- * last time, and all wrong guesses are changed at once; where that does not lead to fewer, the last
- * of them alone, which comes to an end (Judice and Pires 1994).
+ * so that they compare with forces, and thrusts count a little, so that there is one solution.
+ * Which thrusts are at a limit is guessed, at first as it was found the last time, and all wrong
+ * guesses are changed at once; where that does not lead to fewer, the last of them alone, which
+ * comes to an end (Judice and Pires 1994).
  */
 
 #ifndef GIBBS_CODEGEN_BOUNDED_H

@@ -62,8 +62,8 @@ static flags want(const Loop *f, const Moment *now, const number *rate, double a
     return command(f, &then, inputs, room);
 }
 
-/* Add what makes up for the lag of the motors to the inputs that the law wants, unless they are held.
- * Returns where the law refuses those that it wants next. */
+/* Add what makes up for the lag of the motors to the inputs that the law wants, unless they are
+ * held. Returns where the law refuses those that it wants next. */
 static flags compensate(const Loop *f, const Moment *now, number *inputs, Room room)
 {
     const Desired *const path = &f->desired;

@@ -49,7 +49,7 @@ static void limit(const Loop *f, number *inputs)
     }
 }
 
-/* Make inputs that act of those commanded, and of what motors aim for the rates of their thrusts. */
+/* Make inputs that act of those commanded, and of what motors aim for the rates of thrusts. */
 static void actuate(const Loop *f, const number *thrusts, number *inputs, number *rate)
 {
     for (ptrdiff_t k = 0; f->actuators.lags && k < layout_of(f)->rotors; ++k) {
