@@ -26,7 +26,7 @@ _LONGEST_LINE = 27
 # one by one in files of vectors.
 _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
 # Distance of points that share a number's place, in points of typography.
-_NEAR = 20.0
+_NEAR = 12.0
 # How many times as great as the least the greatest value is from which an axis is logarithmic.
 _DECADES = 100.0
 
@@ -174,6 +174,7 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
 
 def _neighbours(axes: Axes, places: Sequence[tuple[float, float]]) -> list[list[int]]:
     """Groups of points, by number, that are drawn too near each other for a name of their own."""
+    axes.autoscale_view()  # Which waits for the drawing otherwise.
     drawn = axes.transData.transform(places) * 72.0 / axes.figure.dpi
     groups: list[list[int]] = []
     for each, place in enumerate(drawn):
