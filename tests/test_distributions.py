@@ -30,7 +30,7 @@ DATA = """
     emitted/gather.c emitted/platform.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
-    emitted/rollout/turn.c
+    emitted/rollout/transpose.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
     emitted/acados/angles/by_entries.c emitted/acados/angles/place.c
     emitted/acados/angles/rates_along.c emitted/acados/angles/rates_gradient.c

@@ -182,13 +182,13 @@ static INLINE void difference(
 }
 
 /* From here on the source is the same for every robot. */
-/* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
+/* Eight rows of eight numbers become columns; `from` and `to` have rows that far apart. */
 #if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 12)
 #define MIX __builtin_shufflevector
 typedef real Eight
     __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
 
-static INLINE void turn(
+static INLINE void transpose(
     const real *from,
     const size_t from_step,
     real *to,
@@ -215,7 +215,7 @@ static INLINE void turn(
     }
 }
 #else
-static INLINE void turn(
+static INLINE void transpose(
     const real *from,
     const size_t from_step,
     real *to,
@@ -239,7 +239,7 @@ static INLINE Rows rows_of(const real *entries, const size_t width)
     return rows;
 }
 
-/* Where the turned columns of a row of some width begin: the last ones may be turned twice. */
+/* The next of the columns of a row that are transposed; the last ones may be so twice. */
 static INLINE int next_columns(const int column, const int width)
 {
     return column + 8 < width && column + 16 > width ? width - 8 : column + 8;
@@ -273,7 +273,7 @@ static INLINE void load_rows(
         for (int lane = 0; lane < LANES; lane += 8) {
             const real *eight = row + (size_t)lane * rows.by_state;
             for (int i = 0; i < width; i = next_columns(i, width)) {
-                turn(eight + i, rows.by_state, block + i * LANES + lane, LANES);
+                transpose(eight + i, rows.by_state, block + i * LANES + lane, LANES);
             }
         }
     } else {
@@ -298,7 +298,7 @@ static INLINE void store_rows(
         for (int lane = 0; lane < LANES; lane += 8) {
             real *eight = rows + (size_t)lane * by_state;
             for (int i = 0; i < width; i = next_columns(i, width)) {
-                turn(block + i * LANES + lane, LANES, eight + i, by_state);
+                transpose(block + i * LANES + lane, LANES, eight + i, by_state);
             }
         }
     } else {

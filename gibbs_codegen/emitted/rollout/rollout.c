@@ -1,5 +1,5 @@
 /* From here on the source is the same for every robot. */
-#include "rollout/turn.c"
+#include "rollout/transpose.c"
 
 #include "rollout/rows.c"
 

@@ -8,7 +8,7 @@ static INLINE Rows rows_of(const real *entries, const size_t width)
     return rows;
 }
 
-/* Where the turned columns of a row of some width begin: the last ones may be turned twice. */
+/* The next of the columns of a row that are transposed; the last ones may be so twice. */
 static INLINE int next_columns(const int column, const int width)
 {
     return column + 8 < width && column + 16 > width ? width - 8 : column + 8;
@@ -42,7 +42,7 @@ static INLINE void load_rows(
         for (int lane = 0; lane < LANES; lane += 8) {
             const real *eight = row + (size_t)lane * rows.by_state;
             for (int i = 0; i < width; i = next_columns(i, width)) {
-                turn(eight + i, rows.by_state, block + i * LANES + lane, LANES);
+                transpose(eight + i, rows.by_state, block + i * LANES + lane, LANES);
             }
         }
     } else {
@@ -67,7 +67,7 @@ static INLINE void store_rows(
         for (int lane = 0; lane < LANES; lane += 8) {
             real *eight = rows + (size_t)lane * by_state;
             for (int i = 0; i < width; i = next_columns(i, width)) {
-                turn(block + i * LANES + lane, LANES, eight + i, by_state);
+                transpose(block + i * LANES + lane, LANES, eight + i, by_state);
             }
         }
     } else {

@@ -110,7 +110,7 @@ typedef long long Order __attribute__((vector_size(LANES * sizeof(double))));
 #endif
 
 /* Eight rows of eight become eight columns; rows may lie any distance apart on either side. */
-static void turn(const double *from, size_t from_step, double *to, size_t to_step)
+static void transpose(const double *from, size_t from_step, double *to, size_t to_step)
 {
     Vector row[LANES], pair[LANES], four[LANES];
     for (int i = 0; i < LANES; ++i) {
@@ -134,7 +134,7 @@ static void turn(const double *from, size_t from_step, double *to, size_t to_ste
     }
 }
 #else
-static void turn(const double *from, size_t from_step, double *to, size_t to_step)
+static void transpose(const double *from, size_t from_step, double *to, size_t to_step)
 {
     for (size_t i = 0; i < LANES; ++i) {
         for (size_t j = 0; j < LANES; ++j) {
@@ -150,7 +150,7 @@ static void pack(const double *rows, size_t filled, size_t width, double *block)
     size_t i = 0;
     if (filled == LANES) {
         for (; i + LANES <= width; i += LANES) {
-            turn(rows + i, width, block + i * LANES, LANES);
+            transpose(rows + i, width, block + i * LANES, LANES);
         }
     }
     for (; i < width; ++i) {
@@ -165,7 +165,7 @@ static void unpack(const double *block, size_t filled, size_t width, double *row
     size_t i = 0;
     if (filled == LANES) {
         for (; i + LANES <= width; i += LANES) {
-            turn(block + i * LANES, LANES, rows + i, width);
+            transpose(block + i * LANES, LANES, rows + i, width);
         }
     }
     for (; i < width; ++i) {
@@ -176,8 +176,8 @@ static void unpack(const double *block, size_t filled, size_t width, double *row
 }
 
 /*
- * Constants of each state for its parameters, by the function for one state. Returns 0, or 1 and the
- * number of the first state whose constants are of no use.
+ * Constants of each state for its parameters, by the function for one state. Returns 0, or 1 and
+ * the number of the first state whose constants are of no use.
  */
 size_t gibbs_codegen_constants_of_each(
     int (*init)(const double *, void *),

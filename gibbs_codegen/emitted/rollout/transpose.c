@@ -1,10 +1,10 @@
-/* Rows of eight numbers, of eight states, become columns; `from` and `to` have them that far apart. */
+/* Eight rows of eight numbers become columns; `from` and `to` have rows that far apart. */
 #if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 12)
 #define MIX __builtin_shufflevector
 typedef real Eight
     __attribute__((vector_size(8 * sizeof(real)), aligned(sizeof(real)), may_alias));
 
-static INLINE void turn(
+static INLINE void transpose(
     const real *from,
     const size_t from_step,
     real *to,
@@ -31,7 +31,7 @@ static INLINE void turn(
     }
 }
 #else
-static INLINE void turn(
+static INLINE void transpose(
     const real *from,
     const size_t from_step,
     real *to,
