@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.rollouts.problem import RUNNING, Array, Problem, Rollout
+from gibbs_codegen.rollouts.problem import REALS, RUNNING, Array, Problem, Rollout
 
 Controller = Callable[[float, Any, Any], Any]
 Roll = Callable[[Problem], Rollout]
@@ -54,10 +54,11 @@ def asked_rollout(
 
 def _begin(problem: Problem) -> list[Array]:
     """Coordinates, velocities and, where motors lag, thrusts at the begin."""
-    state, motors = [problem.q, problem.v], problem.motors
+    real, motors = REALS[problem.precision], problem.motors
+    state = [problem.q.astype(real), problem.v.astype(real)]
     if motors is not None and np.any(motors.time_constants):
         shape = len(problem.q), motors.thrusts.shape[1]
-        state.append(np.broadcast_to(motors.thrusts, shape))
+        state.append(np.broadcast_to(motors.thrusts, shape).astype(real))
     return state
 
 

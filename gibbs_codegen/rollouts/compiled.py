@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.rollouts.pieces import Piece, take_pieces
-from gibbs_codegen.rollouts.problem import Problem, Rollout
+from gibbs_codegen.rollouts.problem import REALS, Precision, Problem, Rollout
 from gibbs_codegen.runtime.c_library import compiled_files
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 
@@ -81,23 +81,19 @@ _SETTINGS = {
     "double": _settings_type(ctypes.c_double),
     "single": _settings_type(ctypes.c_float),
 }
-_REALS: dict[str, np.dtype[Any]] = {
-    "double": np.dtype(np.float64),
-    "single": np.dtype(np.float32),
-}
 
 
 def compiled_rollout(
     problem: Problem,
     threads: int = 1,
-    stopped: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Rollout:
     """Roll states out in C.
 
     Args:
         problem: What is computed. Its numbers are rounded to its precision.
         threads: How many threads share the states.
-        stopped: Is told between calls, which take some tenths of a second at most, the share of
+        progress: Is told between calls, which take some tenths of a second at most, the share of
             all that is done, 0 to 1. What it raises ends the rollout.
 
     Returns:
@@ -109,13 +105,13 @@ def compiled_rollout(
         CacheError: The library cannot be kept.
     """
     run = _Run(problem)
-    function = _function(problem)
+    function = rollout_function(problem.module, problem.precision)
     by_reference = ctypes.byref(run.settings), ctypes.byref(run.states)
 
     def call(piece: Piece) -> None:
         function(*by_reference, piece.first, piece.count, piece.begin, piece.end)
 
-    take_pieces(call, len(problem.q), problem.steps, threads, stopped)
+    take_pieces(call, len(problem.q), problem.steps, threads, progress)
     return run.rollout()
 
 
@@ -124,7 +120,7 @@ class _Run:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._real = _REALS[problem.precision]
+        self._real = REALS[problem.precision]
         self._owned: list[Any] = []
         count, samples = len(problem.q), 1 + problem.steps // problem.every
         self._steps, self._ended = np.zeros(count, np.uintp), np.zeros(count, np.uint8)
@@ -222,10 +218,21 @@ def _default_constants(module: ModuleType) -> Reals:
     return np.array([np.frombuffer(constants) if isinstance(constants, bytes) else constants])
 
 
-def _function(problem: Problem) -> Callable[..., None]:
-    """The compiled function of a module and a precision."""
+def rollout_function(module: ModuleType, precision: Precision) -> Callable[..., None]:
+    """The compiled function of a module.
+
+    Args:
+        module: The module, of any back end.
+        precision: Of its numbers.
+
+    Returns:
+        As of `_loaded`.
+
+    Raises:
+        UsageError, CompilerError, CacheError: As of `compiled_rollout`.
+    """
     compiler = find_compiler(os.environ.get("CC") or None)
-    return _loaded(problem.module, problem.precision == "single", compiler)
+    return _loaded(module, precision == "single", compiler)
 
 
 @functools.lru_cache(maxsize=64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,10 +11,11 @@ import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError
 from gibbs_codegen.rollouts.given import Given
-from gibbs_codegen.rollouts.problem import OUT_OF_BOUNDS, RUNNING, Array, Rollout
+from gibbs_codegen.rollouts.problem import DIVERGED, OUT_OF_BOUNDS, RUNNING, Array, Rollout
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.scenario import Scenario, Settings
-from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.simulator.integration.envelope import NOT_FINITE
 from gibbs_codegen.simulator.integration.fixed_step import check_stability
 from gibbs_codegen.simulator.integration.integrate import integrate
 from gibbs_codegen.simulator.integration.side_by_side import SideBySide
@@ -65,12 +67,12 @@ def _of(values: Array, state: int | None) -> Any:
 
 def flown_rollout(
     given: Given,
-    scenario: Scenario | str,
+    scenario: Scenario | str | os.PathLike[str],
     begin: tuple[Any, Any],
     grid: tuple[float, int],
     varied: tuple[Mapping[str, Any], Any],
     threads: int,
-    told: Callable[[float], None],
+    progress: Callable[[str, float], None],
 ) -> Rollout:
     """Roll states out under the control of a scenario, in its surroundings.
 
@@ -81,7 +83,7 @@ def flown_rollout(
         grid: Size of a step, s, and how many make a sample.
         varied: Parameters and time constants as of `rollout`.
         threads: How many threads share the states.
-        told: Is told the share that is done, 0 to 1.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
         What comes out. A state in which control is lost is out of bounds.
@@ -99,23 +101,24 @@ def flown_rollout(
     flown = Flown(start, own, None if lag is None else given.lag(lag))
     count = given.count()
     loop, settings = flown.loop(), start.scenario.integration
-    check_stability(flown.loop(_quickest(loop)), dt)
+    _check_steps(flown, count, dt)
     starts = _starts(loop, np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
     fly = SideBySide(loop, flown.loop, settings, duration, threads)
-    found = fly(starts, lambda time: told(time / duration))
-    states = np.empty((count, given.steps // every + 1, loop.size))
-    steps, ended = np.full(count, given.steps), np.full(count, RUNNING, dtype=np.int8)
-    for i, history in enumerate(found):
-        whole = _alone(flown, i, starts[i], duration) if history is None else history
-        states[i] = _on_grid(whole, dt * every, states.shape[1])
-        if whole.stopped:
-            steps[i], ended[i] = round(whole.time[-1] / dt), OUT_OF_BOUNDS
-    parts = loop.parts(states)
-    time = np.arange(states.shape[1], dtype=np.float64) * (dt * every)
-    return Rollout(time, parts.q, parts.v, parts.thrusts if loop.lags else None, steps, ended)
+    found = fly(starts, lambda time: progress("rolling out", time / duration))
+    histories = _with_others(flown, found, starts, duration, progress)
+    parts = loop.parts(
+        np.stack([_on_grid(each, dt * every, 1 + given.steps // every) for each in histories])
+    )
+    time = np.arange(parts.q.shape[1], dtype=np.float64) * (dt * every)
+    ends = np.array([each.time[-1] if each.stopped else duration for each in histories])
+    thrusts = _thrusts(flown, parts, np.minimum(time, ends[:, None])) if loop.lags else None
+    ended = np.array([_why(each) for each in histories], dtype=np.int8)
+    return Rollout(time, parts.q, parts.v, thrusts, np.rint(ends / dt).astype(np.int64), ended)
 
 
-def _prepared(given: Given, scenario: Scenario | str, dt: float, every: int) -> Prepared:
+def _prepared(
+    given: Given, scenario: Scenario | str | os.PathLike[str], dt: float, every: int
+) -> Prepared:
     """What flights of a scenario begin with.
 
     Args:
@@ -129,7 +132,7 @@ def _prepared(given: Given, scenario: Scenario | str, dt: float, every: int) -> 
     Raises:
         UsageError: It cannot begin, or its law is sampled.
     """
-    flown = read_scenario(scenario) if isinstance(scenario, str) else scenario
+    flown = scenario if isinstance(scenario, Scenario) else read_scenario(os.fspath(scenario))
     if flown.control.rate is not None or flown.sensors is not None:
         raise UsageError(
             "control: a rollout is under laws that act at all times, without control.rate and "
@@ -140,10 +143,30 @@ def _prepared(given: Given, scenario: Scenario | str, dt: float, every: int) -> 
     return prepared(given.module, scene, lambda what, share: None, own=False)
 
 
-def _quickest(loop: ClosedLoop) -> int:
-    """Number of the state whose motors lag least, but lag: whose steps must be the shortest."""
+def _check_steps(flown: Flown, count: int, dt: float) -> None:
+    """Refuse steps in which what should decay grows in one of the states.
+
+    Args:
+        flown: The closed loops.
+        count: How many states there are.
+        dt: Size of a step, s.
+
+    Raises:
+        UsageError: There is such a state.
+    """
+    loop = flown.loop()
     lag = np.atleast_2d(loop.actuators.lag)
-    return int(np.where(lag > 0.0, lag, np.inf).min(axis=1).argmin())
+    # The shortest lag decides, but where parameters do too: about walls and drag.
+    states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1).argmin())]
+    if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
+        own = [np.broadcast_to(each, count) for each in (*lag.T, *flown.parameters.values())]
+        states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
+    for state in states:
+        try:
+            check_stability(flown.loop(state), dt)
+        except UsageError as error:
+            words = str(error).removeprefix("integration.step: ")
+            raise UsageError(f"dt: state {state}: {words}") from None
 
 
 def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
@@ -162,25 +185,97 @@ def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
     return np.concatenate([q, v, np.zeros((len(q), 1)), thrusts, memory], axis=1)
 
 
-def _alone(flown: Flown, state: int, start: Array, duration: float) -> StateHistory:
+def _with_others(
+    flown: Flown,
+    found: list[StateHistory | None],
+    starts: Array,
+    duration: float,
+    progress: Callable[[str, float], None],
+) -> list[StateHistory]:
+    """Histories of all states: those that have none are integrated by themselves.
+
+    Args:
+        flown: The closed loops.
+        found: Histories of states; None where there is none yet.
+        starts: States (n, size) of the closed loops at the begin.
+        duration: How long, s.
+        progress: As of `flown_rollout`.
+
+    Returns:
+        The histories.
+
+    Raises:
+        UsageError: A state cannot go on.
+    """
+    missing, done, histories = found.count(None), 0, []
+    for i, history in enumerate(found):
+        if history is None:
+
+            def told(share: float, before: int = done) -> None:
+                progress("rolling out states by themselves", (before + share) / missing)
+
+            history, done = _alone(flown, i, starts[i], duration, told), done + 1
+        histories.append(history)
+    return histories
+
+
+def _alone(
+    flown: Flown, state: int, start: Array, duration: float, told: Callable[[float], None]
+) -> StateHistory:
     """The history of a state that is integrated by itself.
 
     Args:
         flown: The closed loops.
         state: Number of the state.
-        start: State (size) of its closed loop at the begin.
+        start: State (size) of its closed loop at the begin, with thrusts if any state lags.
         duration: How long, s.
+        told: Is told the share of it that is done, 0 to 1.
 
     Returns:
-        The history.
+        The history, in states (samples, size).
 
     Raises:
         UsageError: It cannot go on.
     """
+    loop, size = flown.loop(state), len(start)
+    first = loop.work_place + 1
+    places = np.delete(np.arange(size), slice(first, first + size - loop.size))
+    settings = flown.start.scenario.integration
     try:
-        return integrate(flown.loop(state), start, duration, flown.start.scenario.integration)
+        own = integrate(loop, start[places], duration, settings, lambda t, end: told(t / end))
     except GibbsCodegenError as error:
         raise UsageError(f"state {state}: {error}") from None
+    states = np.zeros((len(own.states), size))
+    states[:, places] = own.states
+    return replace(own, states=states)
+
+
+def _why(history: StateHistory) -> int:
+    """Why a state has ended, as of `Rollout`."""
+    if not history.stopped:
+        return RUNNING
+    return DIVERGED if NOT_FINITE in history.stopped else OUT_OF_BOUNDS
+
+
+def _thrusts(flown: Flown, parts: Parts, time: Array) -> Array:
+    """Thrusts of motors of which some lag.
+
+    Args:
+        flown: The closed loops.
+        parts: Parts of their states (n, samples).
+        time: Times (n, samples), s.
+
+    Returns:
+        Thrusts (n, samples, rotors), N.
+    """
+    thrusts = parts.thrusts.copy()
+    lag = np.broadcast_to(flown.loop().actuators.lag, thrusts[:, 0].shape)
+    for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
+        # A command acts at once where nothing lags, and then the state has no thrust.
+        loop, own = flown.loop(i), Parts(*(each[i] for each in parts))
+        applied = loop.applied(loop.commanded(time[i], own), own.thrusts)
+        thrusts[i] = applied[:, : thrusts.shape[-1]]
+    return thrusts
 
 
 def _on_grid(history: StateHistory, between: float, count: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
@@ -34,6 +35,10 @@ def numpy_array(name: str, value: Any) -> Array:
         raise UsageError(str(error)) from None
 
 
+# Every call asks for it, of one module after all.
+_layout = functools.lru_cache(maxsize=64)(Layout.listed)
+
+
 class Given:
     """Reads arguments of one call, and finds out how many states it is about."""
 
@@ -43,7 +48,7 @@ class Given:
         """Take what is rolled out for how many steps, and the library that arrays are of."""
         self.module, self.steps, self.xp, self._read = module, steps, xp, read
         units = module.COORDINATE_UNITS
-        self.layout = Layout.listed(module.ATTITUDE, module.COORDINATES, units, 0)
+        self.layout = _layout(module.ATTITUDE, module.COORDINATES, units, 0)
         self.inputs = len(module.INPUTS)
         self.rotors = self.inputs - len(self.layout.v.joint_places)
         self._counts: dict[str, int] = {}
@@ -147,6 +152,9 @@ class Given:
         Raises:
             UsageError: They are something else.
         """
+        for name, value in (("q0", q0), ("v0", v0)):
+            if value is None:
+                raise UsageError(f"{name}: must be given; only scenarios say where states begin")
         q = self.states("q0", q0, self.layout.q.size)
         return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
@@ -173,8 +181,8 @@ class Given:
             raise UsageError(f"control.gain: its shape must be {wanted}, not {gain.shape}")
         q = self.in_time("control.q", control.q, self.layout.q.size)
         v = self.in_time("control.v", control.v, size)
-        given = self.xp.zeros(self.inputs) if isinstance(control.u, float) else control.u
-        inputs = self.in_time("control.u", given, self.inputs)
+        u = self._one_for_all("control.u", control.u, self.inputs)
+        inputs = self.in_time("control.u", u, self.inputs)
         return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
     def asked(self, inputs: Any) -> Any:
@@ -189,9 +197,12 @@ class Given:
         Raises:
             UsageError: It is something else.
         """
-        many = self.states("what the controller returned", inputs, self.inputs)[:, np.newaxis]
-        self.count()
-        return many
+        name = "what the controller returned"
+        rows = self.states(name, inputs, self.inputs)
+        del self._counts[name]  # How many states there are is known by now.
+        if len(rows) not in (1, self.count()):
+            raise UsageError(f"{name}: has {len(rows)} rows; the number of states: {self.count()}")
+        return rows[:, np.newaxis]
 
     def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters in arrays (1 or n).
@@ -205,6 +216,9 @@ class Given:
         Raises:
             UsageError: They are something else.
         """
+        if not isinstance(parameters, Mapping):
+            words = printable(repr(parameters), 60)
+            raise UsageError(f"parameters: must map names to numbers or arrays, not {words}")
         return {name: self.states(f"parameters: {name}", v) for name, v in parameters.items()}
 
     def constants(self, parameters: Mapping[str, Any]) -> Any:
@@ -268,10 +282,24 @@ class Given:
 
     def _of_rotors(self, name: str, value: Any) -> Any:
         """Finite numbers (1 or n, rotors) of which one may be given for all."""
-        array = self._finite(name, value)
-        if array.ndim == 0:
-            array = self.xp.broadcast_to(array, (self.rotors,))
-        return self.states(name, array, self.rotors)
+        return self.states(name, self._one_for_all(name, value, self.rotors), self.rotors)
+
+    def _one_for_all(self, name: str, value: Any, width: int) -> Any:
+        """What was given, as an array; one number is repeated.
+
+        Args:
+            name: Of the argument.
+            value: What was given.
+            width: How many numbers one is for.
+
+        Returns:
+            Array (width) of one number, or the array.
+
+        Raises:
+            UsageError: It is no real numbers.
+        """
+        array = self._read(name, value)
+        return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
     def normalised(self, name: str, q: Any) -> Any:
         """Coordinates with quaternions of length 1.
@@ -286,9 +314,10 @@ class Given:
         Raises:
             UsageError: A quaternion is zero.
         """
-        if self.layout.is_quaternion:
-            length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
-            self._check(length > 0.0, name, "with a quaternion that is not zero")
+        if not self.layout.is_quaternion:
+            return q
+        length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
+        self._check(length > 0.0, name, "with a quaternion that is not zero")
         still = self.xp.zeros((*q.shape[:-1], self.layout.v.size))
         return self.module.integrate(q, still)
 

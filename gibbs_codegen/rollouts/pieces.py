@@ -36,7 +36,7 @@ def take_pieces(
     count: int,
     steps: int,
     threads: int,
-    stopped: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> None:
     """Call a function for all steps of all states, in pieces, those of one state in order.
 
@@ -45,25 +45,25 @@ def take_pieces(
         count: Number of states.
         steps: Number of steps of each.
         threads: How many threads there may be.
-        stopped: Is told between calls, in this thread, the share of all that is done, 0 to 1. What
-            it raises ends the work.
+        progress: Is told between calls, in this thread, the share of all that is done, 0 to 1.
+            What it raises ends the work.
     """
     threads = max(1, min(threads, count * steps // _LEAST))
     pieces = _Pieces(count, steps, threads)
     if threads == 1:
         for _ in pieces.taken(call):
-            stopped(pieces.share)
+            progress(pieces.share)
         return
     futures = [_pool(threads).executor().submit(pieces.take, call) for _ in range(threads)]
     try:
         while wait(futures, _WAIT_SECONDS).not_done:
-            stopped(pieces.share)
+            progress(pieces.share)
     finally:
         pieces.given_up = True
         wait(futures)
     for future in futures:
         future.result()
-    stopped(1.0)
+    progress(1.0)
 
 
 class _Pieces:

@@ -6,7 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gibbs_codegen.rollouts.problem import DIVERGED, OUT_OF_BOUNDS, RUNNING, Problem, Rollout
+from gibbs_codegen.rollouts.problem import (
+    DIVERGED,
+    OUT_OF_BOUNDS,
+    REALS,
+    RUNNING,
+    Problem,
+    Rollout,
+)
 from gibbs_codegen.rollouts.steps import Steps
 
 
@@ -38,7 +45,10 @@ def plain_rollout(
         if (number + 1) % problem.every == 0:
             samples.append(state)
         progress((number + 1) / problem.steps)
-    q, v, *thrusts = (np.stack(each, axis=1) for each in zip(*samples, strict=True))
+    real = REALS[problem.precision]
+    q, v, *thrusts = (
+        np.stack(each, axis=1).astype(real, copy=False) for each in zip(*samples, strict=True)
+    )
     time = np.arange(len(samples), dtype=np.float64) * (problem.dt * problem.every)
     lags = problem.motors is not None and np.any(problem.motors.time_constants)
     return Rollout(time, q, v, thrusts[0] if lags else None, taken, ended)

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Method = Literal["euler", "rk4"]
 Precision = Literal["double", "single"]
+REALS: dict[Precision, np.dtype[Any]] = {
+    "double": np.dtype(np.float64),
+    "single": np.dtype(np.float32),
+}
 
 # Why a state has ended: it has not, its numbers are not finite any more, or it is out of bounds.
 RUNNING, DIVERGED, OUT_OF_BOUNDS = 0, 1, 2
@@ -24,7 +28,8 @@ class Feedback:
     It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
     (1 or n, 1 or steps, nv). What it is added to, `u` (1 or n, 1 or steps, nu), is what `rollout`
-    makes the inputs of the problem; where there is a problem, those are looked at alone.
+    makes the inputs of the problem, a number being for all of them; where there is a problem, those
+    are looked at alone.
     """
 
     gain: Array
@@ -85,7 +90,8 @@ class Rollout:
     `q` (n, samples, nq) and `v` (n, samples, nv) at `time` (samples), s; `thrusts` (n, samples,
     rotors), N, where motors lag, else None. Samples after the end of a state repeat its last one.
     `steps` (n) were taken before a state `ended` (n): RUNNING, DIVERGED or OUT_OF_BOUNDS. The
-    state that a step made not finite is not kept: the last sample is the one before.
+    state that a step made not finite is not kept: the last sample is the one before. Numbers are
+    of the precision of the problem.
     """
 
     time: Array

@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.rollouts.asked import asked_rollout
-from gibbs_codegen.rollouts.compiled import compiled_rollout
+from gibbs_codegen.rollouts.compiled import compiled_rollout, rollout_function
 from gibbs_codegen.rollouts.flown import flown_rollout
 from gibbs_codegen.rollouts.given import Given, seconds, whole
 from gibbs_codegen.rollouts.plain import plain_rollout
@@ -74,7 +74,8 @@ def rollout(
             commanded first, if None.
         bounds: The least and the greatest q and v, each a number or an array (nq + nv); a state
             ends where it is beyond them.
-        precision: "double", or "single", which the C back end can do.
+        precision: "double", or "single": of the arrays that come out and, with the C back end, of
+            what is computed. JAX has its own.
         threads: How many threads of the C back end share the states; all processors if None.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
@@ -84,15 +85,17 @@ def rollout(
     Raises:
         UsageError: An argument is not what it must be, or the module is of an older version.
     """
-    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    module = _module(robot)
     given = _given(module, whole("steps", steps))
     check_settings(given.steps, every, dt, method, precision)
+    if precision == "single" and getattr(module, "backend", "") == "jax":
+        raise UsageError("precision: with JAX it is what JAX is set to; leave it out")
     workers, told = _threads(threads), functools.partial(progress, "rolling out")
-    if isinstance(control, Scenario | str):
+    if isinstance(control, Scenario | str | os.PathLike):
         own = (wrenches, limits, thrusts, bounds)
         _check_scenario(method, precision, own)
         varied = parameters or {}, time_constants
-        return flown_rollout(given, control, (q0, v0), (dt, every), varied, workers, told)
+        return flown_rollout(given, control, (q0, v0), (dt, every), varied, workers, progress)
     motors = given.motors(limits, time_constants, thrusts)
     settings: dict[str, Any] = {"steps": given.steps, "dt": float(dt), "method": method}
     settings |= {"every": int(every), "motors": motors, "precision": precision}
@@ -207,13 +210,44 @@ def known_inputs(
     Returns:
         The states.
     """
-    if getattr(problem.module, "backend", "numpy") == "c":
-        try:
-            return compiled_rollout(problem, threads, told)
-        except (CompilerError, CacheError) as error:
-            words = printable(error, 400)
-            _log.warning("%s: NumPy rolls out instead of C: %s", problem.module.NAME, words)
+    module = problem.module
+    in_c = getattr(module, "backend", "numpy") == "c"
+    if in_c and _compiles(module, problem.precision, os.environ.get("CC")):
+        return compiled_rollout(problem, threads, told)
     return plain_rollout(problem, told)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiles(module: ModuleType, precision: Precision, chosen: str | None) -> bool:
+    """Whether a module's rollout compiles, which is tried once; a warning tells that it does not.
+
+    Args:
+        module: The module.
+        precision: Of its numbers.
+        chosen: The value of CC.
+
+    Returns:
+        Whether it does.
+
+    Raises:
+        UsageError: The module has no C source of a rollout.
+    """
+    try:
+        rollout_function(module, precision)
+    except (CompilerError, CacheError) as error:
+        _log.warning("%s: NumPy rolls out instead of C: %s", module.NAME, printable(error, 400))
+        return False
+    return True
+
+
+def _module(robot: Any) -> ModuleType:
+    """The module that is rolled out, of a module, or a name or path of one."""
+    if isinstance(robot, ModuleType):
+        return robot
+    if not isinstance(robot, str | os.PathLike):
+        words = printable(repr(robot), 60)
+        raise UsageError(f"robot: must be a module, or the name or path of one, not {words}")
+    return load(robot, "c")
 
 
 def check_settings(steps: int, every: int, dt: float, method: str, precision: str) -> None:

@@ -60,7 +60,9 @@ def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str,
     def prepare(parameters: Mapping[str, Any]) -> Any:
         defaults = module.PARAMETERS
         values = {**parameters}
-        module.prepare({name: defaults.get(name, 0.0) for name in values})
+        # What is traced has no values, of which NumPy would say what is wrong with them.
+        known = not any(isinstance(value, jax.core.Tracer) for value in values.values())
+        module.prepare(values if known else {name: defaults.get(name, 0.0) for name in values})
         given = _arrays(values, values.values())
         shapes = {name: value.shape for name, value in zip(values, given, strict=True)}
         shape = common_shape("values", shapes)
@@ -73,8 +75,8 @@ def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str,
 
     `parameters` maps names of PARAMETERS to numbers or to arrays, which broadcast; a name that is
     left out keeps its default. The constants are an array (..., size), to be passed on as it is,
-    which JAX differentiates by the parameters. Values are not checked. Raises ValueError for a name
-    that is not in PARAMETERS.
+    which JAX differentiates by the parameters. Values that are traced are not checked. Raises
+    TypeError and ValueError as the NumPy module does.
     """
     prepare.__module__ = module.__name__
     return prepare

@@ -107,6 +107,10 @@ def test_feedback_is_added_to_inputs(module: ModuleType) -> None:
         return given["control"][:, round(time / DT)] + error @ gain.T
 
     same(found, rollout(module, **given | {"control": law}))
+    alike = [Feedback(gain, *desired, u) for u in (2, 2.0, np.full(len(module.INPUTS), 2.0))]
+    ours, others, expected = (rollout(module, **given | {"control": each}) for each in alike)
+    same(ours, expected)
+    same(others, expected)
 
 
 def test_parameters_change_the_robot(module: ModuleType) -> None:
@@ -144,11 +148,14 @@ def test_c_and_numpy_do_the_same(
     given["control"] = lambda time, q, v: 2.0 + time - v[:, :inputs]
     found, expected = (rollout(m, **given) for m in (compiled, emitted_steps.module))
     np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-13)
+    rolled = rollout(compiled, **given, precision="single", time_constants=0.05)
+    assert {x.dtype for x in (rolled.q, rolled.v, rolled.thrusts)} == {np.dtype(np.float32)}
     single = rollout(compiled, **given, precision="single").q
     assert 0.0 < np.abs(single - expected.q).max() < 1e-4
     monkeypatch.setenv("CC", "no-such-compiler")
     same(rollout(compiled, **given), expected)
-    assert "NumPy rolls out instead of C: " in caplog.text
+    assert caplog.text.count("NumPy rolls out instead of C: ") == 1
+    assert rollout(compiled, **given, precision="single").v.dtype == np.float32
 
 
 def test_parameters_of_each_state_are_its_own(module: ModuleType) -> None:
@@ -178,6 +185,11 @@ WRONG = {
     "what the controller returned: value 0 of 9 must be finite": {
         "control": lambda *_: np.full(9, np.inf)
     },
+    "what the controller returned: has 3 rows; the number of states: 1": {
+        "control": lambda *_: np.zeros((3, 9))
+    },
+    "q0: must be given; only scenarios say where states begin": {"q0": None},
+    "parameters: must map names to numbers or arrays, not [1]": {"parameters": [1]},
     "control.gain: its shape must be (9, 18), not (9, 9)": {
         "control": Feedback(np.eye(9), np.zeros(9), np.zeros(9))
     },
@@ -222,3 +234,5 @@ def test_a_back_end_without_rollouts_is_told() -> None:
     other.backend = "casadi"
     with pytest.raises(UsageError, match="back ends numpy, c, jax"):
         rollout(other, **given)
+    with pytest.raises(UsageError, match="robot: must be a module, or the name or path of one"):
+        rollout(3, **given)

@@ -137,6 +137,10 @@ def test_wrong_values_are_told_where_they_are_known(traced: ModuleType) -> None:
     given = arguments(traced)
     with pytest.raises(UsageError, match=r"v0: value \[1, 0\] of \d+ must be finite, not nan"):
         rollout(traced, **given | {"v0": jnp.asarray(given["v0"]).at[1, 0].set(jnp.nan)})
+    with pytest.raises(UsageError, match="masses and inertias that are zero or negative"):
+        rollout(traced, **given | {"parameters": {"link1_mass_per_length": -5.0}})
+    with pytest.raises(UsageError, match="precision: with JAX it is what JAX is set to"):
+        rollout(traced, **given, precision="single")
     with pytest.raises(UsageError, match="3 in q0, 4 in v0"):
         jax.jit(lambda v: rollout(traced, **given | {"v0": v}).q)(
             np.zeros((4, len(traced.VELOCITIES)))

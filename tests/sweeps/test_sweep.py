@@ -108,6 +108,13 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
         sweep(robot, "hover", LATE, 4, 2, WORST, broken, tmp_path)
 
 
+def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
+    (tmp_path / "table.csv").write_text("mine")
+    with pytest.raises(UsageError, match=r"holds table.csv, and no sweep has written it"):
+        sweep(robot, "hover", SHORT, executor=here, out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
     parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
     measure = {**WORST, "fails": lambda flight: 1 / 0, "ends": lambda flight: sys.exit(3)}

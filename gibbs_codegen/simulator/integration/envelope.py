@@ -21,6 +21,9 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Flags
 # What to try instead of a law, where it is not lower gains.
 _OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
 
+# What the reason says of a state in which an entry is infinite, or no number.
+NOT_FINITE = "the state is no longer finite"
+
 
 class Envelope:
     """The tracking errors beyond which control counts as lost.
@@ -102,7 +105,7 @@ class Envelope:
         """
         lost = f"at t = {time:.6g} s control is lost: "
         if not self._finite(state):
-            return f"{lost}the state is no longer finite; {self._advice([])}"
+            return f"{lost}{NOT_FINITE}; {self._advice([])}"
         excess = self._errors(time, state) / self.bounds
         worst = int(np.argmax(excess))
         if excess[worst] > 1.0:
