@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _FUNCTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 _MOST_INNER = 2
 _MOST_SHOWN = 60
+# What stands between commas, but for those in quotation marks and square brackets.
+_PART = re.compile(r"""(?:^|,)((?:"[^"]*"|'[^']*'|\[[^\]]*\]|[^,])*)""")
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -192,13 +194,17 @@ def _values(text: str) -> list[Any]:
         found: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
         return found
     except (ValueError, RecursionError):
-        return [_value(part.strip()) for part in text.split(",")]
+        return [_value(part.strip()) for part in _PART.findall(text)]
 
 
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
+        pass
+    try:
+        return float(text)  # TOML takes no .9
+    except ValueError:
         return text
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from gibbs_codegen.figures.saving import save_figures
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, spread, style
+from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, style
 from gibbs_codegen.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.sweeps.study import Study
 
@@ -24,15 +25,17 @@ _LONGEST_LINE = 27
 # Bins of a histogram; worst flights that are numbered; flights beyond which points are not drawn
 # one by one in files of vectors.
 _MOST_BINS, _WORST, _MOST_POINTS = 60, 5, 2000
+# Distance of points that share a number's place, in points of typography.
+_NEAR = 12.0
 # How many times as great as the least the greatest value is from which an axis is logarithmic.
 _DECADES = 100.0
 
-# Flights, those that ended early, and lines from the worst to their names.
+# Flights, those that ended early, and numbers of the worst, which points do not hide.
 _DOTS: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "color": COLOURS[0]}
 _DOTS |= {"alpha": 0.5, "markeredgewidth": 0}
 _CROSSES: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 4, "color": COLOURS[1]}
 _CROSSES |= {"markeredgewidth": 0.8, "label": "ended early"}
-_LINE: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}
+_NUMBER: dict[str, Any] = {"color": DARK, "path_effects": [withStroke(linewidth=2, foreground="w")]}
 
 
 def distributions(study: Study) -> Figure:
@@ -88,10 +91,10 @@ def worst_cases(study: Study) -> Figure:
         figure, panels = _panels(study, 2.1)
         for axes, measure in zip(panels, study.measures, strict=True):
             _draw_worst(axes, study, measure)
-        _finished(figure)
-        for axes in panels:
-            spread(axes)
-        return figure
+        crosses = [line for axes in panels for line in axes.get_lines()[1:]]
+        if crosses and len(study.stopped):
+            figure.legend(handles=crosses[:1], loc="outside lower center")
+        return _finished(figure)
 
 
 def sensitivities(study: Study) -> Figure:
@@ -142,7 +145,8 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
         measure: The measure.
     """
     worst, table = study.worst(measure, _WORST), study.table
-    numbers = [key for key in study.keys if table[key].dtype.kind in "fi"]
+    # A key that some robot does not have would leave its flights out.
+    numbers = [k for k in study.keys if table[k].dtype.kind in "fi" and np.isfinite(table[k]).all()]
     explaining = [each.key for each in study.sensitivity(measure) if each.key in numbers]
     across = (explaining or numbers or ["case"])[0]
     axes.set_xlabel(across, parse_math=False)
@@ -154,25 +158,32 @@ def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
     for which, look in ((~early, _DOTS), (early, _CROSSES)):
         points = [table[name][which] for name in (across, measure)]
         axes.plot(*points, rasterized=len(table) > _MOST_POINTS, **look)
-    axes.margins(0.03)
-    if early.any():
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    axes.margins(0.05, 0.1)
     if _is_wide(np.nanmin(table[measure]), worst[0].value):
         axes.set_yscale("log")
-    right = axes.set_xlim(axes.get_xlim())[1]
-    for each in worst:
-        # Out to the right, where names stand that no points cover.
-        place = table[across][each.case]
-        axes.hlines(each.value, place, right, zorder=1, **_LINE)
-        axes.annotate(
-            f"case {each.case}",
-            xy=(right, each.value),
-            xytext=(14.0, 0.0),
-            textcoords="offset points",
-            verticalalignment="center",
-            annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), **_LINE},
-        )
+    places = [(table[across][each.case], each.value) for each in worst]
+    for ranks in _neighbours(axes, places):
+        number = " ".join(str(rank + 1) for rank in ranks)
+        place = places[ranks[0]]
+        inwards = "right" if place[0] > sum(axes.get_xlim()) / 2 else "left"
+        look = {"textcoords": "offset points", "horizontalalignment": inwards, **_NUMBER}
+        axes.annotate(number, place, (0.0, 3.0), **look)
+    named = ", ".join(f"{rank}: {each.case}" for rank, each in enumerate(worst, start=1))
+    axes.set_title(f"worst cases {named}", loc="left", weight="normal")
+
+
+def _neighbours(axes: Axes, places: Sequence[tuple[float, float]]) -> list[list[int]]:
+    """Groups of points, by number, that are drawn too near each other for a name of their own."""
+    axes.autoscale_view()  # Which waits for the drawing otherwise.
+    drawn = axes.transData.transform(places) * 72.0 / axes.figure.dpi
+    groups: list[list[int]] = []
+    for each, place in enumerate(drawn):
+        near = [g for g in groups if np.max(abs(drawn[g] - place), axis=-1).min() < _NEAR]
+        if near:
+            near[0].append(each)
+        else:
+            groups.append([each])
+    return groups
 
 
 def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) -> None:

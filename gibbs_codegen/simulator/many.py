@@ -98,11 +98,11 @@ def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> P
 
     Args:
         module: The module.
-        common: What tells the scenario from others.
-        scenario: The scenario.
+        common: What tells the scenarios of these flights from others, None if nothing does.
+        scenario: One of them.
 
     Returns:
-        What `prepared` gives.
+        What they begin with.
     """
     known = _known.pop((module, common), None)
     if known is None:

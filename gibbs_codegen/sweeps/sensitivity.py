@@ -59,7 +59,8 @@ def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sens
     """How a measure depends on keys.
 
     Args:
-        keys: Values (n) of each key: numbers, or texts that are no more than names.
+        keys: Values (n) of each key: numbers, or texts that are no more than names. NaN is a flight
+            that has no such key, which what is said of the key leaves out.
         measure: The measure (n), finite.
 
     Returns:
@@ -70,19 +71,22 @@ def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sens
         return [Sensitivity(key, *[np.nan] * 5) for key in keys]
     # Neighbours in the order of the cases are spread over the parts.
     part = np.arange(len(ranks)) % _PARTS
-    alone = [_alone(_groups(values), ranks, part) for values in keys.values()]
+    known = [values == values for values in keys.values()]  # NaN is unlike itself.
+    pairs = list(zip(keys.values(), known, strict=True))
+    alone = [_alone(_groups(values[has]), measure[has], part[has]) for values, has in pairs]
     joint = _joint([_features(values) for values in keys.values()], ranks, part)
-    ways = [_correlation(values, ranks) for values in keys.values()]
+    ways = [_correlation(values[has], measure[has]) for values, has in pairs]
     return [
         Sensitivity(key, *a, *j, way)
         for key, a, j, way in zip(keys, alone, joint, ways, strict=True)
     ]
 
 
-def _correlation(values: NDArray[Any], ranks: Array) -> float:
-    if values.dtype.kind not in "fiub" or len(np.unique(values)) == 1:
+def _correlation(values: NDArray[Any], measure: Array) -> float:
+    if values.dtype.kind not in "fiub" or len(np.unique(values)) < 2 or np.ptp(measure) == 0.0:
         return float("nan")
-    return float(np.corrcoef(scipy.stats.rankdata(values), ranks)[0, 1])
+    ranks = [scipy.stats.rankdata(each) for each in (values, measure)]
+    return float(np.corrcoef(*ranks)[0, 1])
 
 
 def _with_error(share: float, without: Array) -> tuple[float, float]:
@@ -92,19 +96,20 @@ def _with_error(share: float, without: Array) -> tuple[float, float]:
     return float(np.clip(share, 0.0, 1.0)), float(error)
 
 
-def _alone(group: NDArray[np.int_], ranks: Array, part: NDArray[np.int_]) -> tuple[float, float]:
+def _alone(group: NDArray[np.int_], measure: Array, part: NDArray[np.int_]) -> tuple[float, float]:
     """What a key explains alone, and how far off that may be.
 
     Args:
         group: Numbers (n) of the groups by the key.
-        ranks: Of the measure (n).
+        measure: The measure (n).
         part: Numbers (n) of the parts that are left out in turn.
 
     Returns:
-        Share and error; NaN of one group.
+        Share and error; NaN of one group, of few flights, and where the measure is the same in all.
     """
-    if group.max() == 0:
+    if len(group) < _LEAST_FLIGHTS or group.max() == 0 or np.ptp(measure) == 0.0:
         return float("nan"), float("nan")
+    ranks = scipy.stats.rankdata(measure)
     without = [_between(group[part != left], ranks[part != left]) for left in range(_PARTS)]
     return _with_error(_between(group, ranks), np.array(without))
 
@@ -138,8 +143,13 @@ def _features(values: NDArray[Any]) -> tuple[Array, int]:
     """What a surface has of a key (n, f), and how many of these it multiplies with others'.
 
     These are Legendre's polynomials of the ranks of numbers, of the first and second degree, and
-    for each text but one whether it is that.
+    for each text but one whether it is that; 0 where a flight has no such key.
     """
+    if not (has := values == values).all():
+        own, multiplied = _features(values[has])
+        found = np.zeros((len(values), own.shape[1]))
+        found[has] = own
+        return found, multiplied
     distinct = np.unique(values)
     if values.dtype.kind not in "fiub":
         found = (values[:, np.newaxis] == distinct[1:]).astype(float)

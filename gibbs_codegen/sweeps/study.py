@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 import shlex
@@ -26,6 +27,10 @@ StrPath = str | os.PathLike[str]
 # Columns that every table has, around those of keys and measures.
 _FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed", "unmeasured")
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
+# What `gibbs_codegen.figures.study` leaves beside them.
+_FIGURES = [
+    f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in ("png", "pdf")
+]
 
 
 class Spread(NamedTuple):
@@ -161,8 +166,10 @@ class Study:
         """
         self._column(measure)
         rows = self.whole[np.isfinite(self.whole[measure])]
-        varied = [key for key in ("robot", "scenario", *self.keys) if len(np.unique(rows[key])) > 1]
-        found = sensitivities({key: rows[key] for key in varied}, rows[measure])
+        columns = {key: rows[key] for key in ("robot", "scenario", *self.keys)}
+        # NaN, which is unlike itself: a robot that has no such parameter.
+        varied = {k: c for k, c in columns.items() if len(np.unique(c[c == c])) > 1}
+        found = sensitivities(varied, rows[measure])
         return sorted(found, key=lambda each: -np.nansum([each.alone, each.joint]))
 
     def to_parquet(self, path: StrPath) -> None:
@@ -188,7 +195,8 @@ class Study:
     def save(self) -> None:
         """Write the study into its folder, where `read_study` finds it.
 
-        The files are `table.npy`, the same table as `table.csv`, and `cases.json`.
+        The files are `table.npy`, the same table as `table.csv`, and `cases.json`, which comes last
+        and has the digest of the table that it belongs to. Figures of another table are removed.
 
         Raises:
             OutputError: If they cannot be written; what was there remains.
@@ -202,8 +210,14 @@ class Study:
                     writer.writerows(self.table.tolist())
                 cases = [json.dumps(vars(case)) for case in self.cases]
                 lines = ",\n".join(cases)
-                (new / _CASES).write_text(f"[\n{lines}\n]\n", encoding="utf-8")
-                for name in (_TABLE, _CSV, _CASES):
+                digest = json.dumps(_digest(new / _TABLE))
+                said = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
+                (new / _CASES).write_text(said, encoding="utf-8")
+                old = self.folder / _TABLE
+                if old.exists() and _digest(old) != _digest(new / _TABLE):
+                    for name in _FIGURES:
+                        (self.folder / name).unlink(missing_ok=True)
+                for name in (_CSV, _TABLE, _CASES):
                     os.replace(new / name, self.folder / name)
         except OSError as error:
             raise _cannot(self.folder, error) from None
@@ -241,13 +255,22 @@ def read_study(folder: StrPath) -> Study:
     if not place.is_dir():
         raise UsageError(f"{printable(folder)}: there is no such folder")
     try:
+        said = json.loads((place / _CASES).read_text("utf-8"))
+        digest, cases = said["table"], [Case(**case) for case in said["cases"]]
         table = np.load(place / _TABLE, allow_pickle=False)
-        cases = [Case(**case) for case in json.loads((place / _CASES).read_text("utf-8"))]
-    except (OSError, TypeError, ValueError) as error:
+        fits = _digest(place / _TABLE) == digest
+    except (OSError, TypeError, ValueError, KeyError) as error:
         raise _no_study(folder, error) from None
-    if len(cases) != len(table):
-        raise _no_study(folder, f"{len(table)} rows of {len(cases)} cases")
+    if not fits:
+        why = f"{_TABLE} and {_CASES} are of different studies; call the sweep again"
+        raise _no_study(folder, why)
     return Study(place, cases, table)
+
+
+def _digest(path: Path) -> str:
+    """The SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _no_study(folder: StrPath, why: object) -> UsageError:

@@ -85,6 +85,7 @@ def sweep(
     _check_counts(samples, seed, workers)
     check_output_folder(out)
     folder = Path(os.path.realpath(out))
+    _check_own(folder)
     found = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
     flown = [scenario_source(each) for each in _listed(scenarios)]
     given = {key: varied(value) for key, value in (parameters or {}).items()}
@@ -130,6 +131,17 @@ def _check_counts(samples: int, seed: int, workers: int | None) -> None:
             raise UsageError(f"{name}: must be a whole number of at least {least}, not {shown}")
     if samples > _MOST_SAMPLES:
         raise UsageError(f"samples: at most {_MOST_SAMPLES}, not {samples}")
+
+
+def _check_own(folder: Path) -> None:
+    """Refuse a folder that holds something else than a sweep, which might replace it."""
+    # A sweep writes modules first, and nothing else before `chunks` is there.
+    others = {path.name for path in folder.glob("[!.]*")} - {"modules"}
+    if others and not (folder / "chunks").is_dir():
+        raise UsageError(
+            f"{printable(folder)}: holds {printable(min(others))}, and no sweep has written it; "
+            "give a folder that is new or empty, or one of an earlier sweep"
+        )
 
 
 def _refuse_hopeless(cases: Cases) -> None:

@@ -56,7 +56,10 @@ def quick_compiler(fast: Callable[[str], ModuleType], monkeypatch: pytest.Monkey
         ("[0.2, 0, 0],[0, 0, 0.1]", [[0.2, 0, 0], [0, 0, 0.1]]),
         ("true,false", [True, False]),
         ("tracking, open_loop", ["tracking", "open_loop"]),
-        ('"a,b",c', ['"a', 'b"', "c"]),
+        ('"a,b",c', ["a,b", "c"]),
+        ("'a,b' ,,[0, x],c", ["a,b", "", "[0, x]", "c"]),
+        (".9,1.", [0.9, 1.0]),
+        ("scaled(.9,1.1)", scaled(0.9, 1.1)),
         ("uniform(0.8, 1.2)", uniform(0.8, 1.2)),
         ("normal(1,1e-2)", normal(1, 0.01)),
         (" log_uniform( 1 , 10 ) ", log_uniform(1, 10)),
@@ -212,4 +215,4 @@ def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
     done = run("sweep", "hexarotor_3link", *options, cwd=workplace)
     assert done.returncode == 0, done.stderr
     assert {path: os.stat(path).st_mtime_ns for path in chunks} == before
-    assert len(json.loads((workplace / "c" / "cases.json").read_text())) == 100
+    assert len(json.loads((workplace / "c" / "cases.json").read_text())["cases"]) == 100

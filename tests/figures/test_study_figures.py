@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.synthetic_study import EFFORT, MASS, TIP, synthetic_study
+from support.synthetic_study import EFFORT, LAG, MASS, TIP, synthetic_study
 
 from gibbs_codegen.figures import study as figures
 from gibbs_codegen.sweeps.store import REASONS
@@ -44,8 +44,40 @@ def test_the_worst_are_numbered_over_the_key_that_explains_most(study: Study) ->
     assert np.array_equal(crosses.get_xdata(), study.table[MASS][early])
     assert np.array_equal(dots.get_ydata(), study.table[TIP][~early], equal_nan=True)
     for axes, measure in ((tip, TIP), (effort, EFFORT)):
-        named = [text.get_text() for text in axes.texts]
-        assert named == [f"case {each.case}" for each in study.worst(measure)]
+        worst = study.worst(measure)
+        named = ", ".join(f"{rank}: {each.case}" for rank, each in enumerate(worst, start=1))
+        assert axes.get_title(loc="left") == f"worst cases {named}"
+        numbers = " ".join(text.get_text() for text in axes.texts).split()
+        assert sorted(numbers) == ["1", "2", "3", "4", "5"]
+        for text in axes.texts:
+            first = worst[int(text.get_text().split()[0]) - 1]
+            assert text.xy == (study.table[MASS][first.case], first.value)
+
+
+def test_worst_flights_that_are_alike_share_the_place_of_a_number() -> None:
+    alike = synthetic_study(Path("alike"), broken=False)
+    alike.table[TIP][7:10] = alike.table[TIP].max() + 1.0
+    alike.table[MASS][7:9] = 1.0
+    alike.table[MASS][9] = 0.8
+    axes = figures.worst_cases(alike).axes[0]
+    assert [text.get_text() for text in axes.texts][:2] == ["1 2", "3"]
+    assert not axes.collections
+
+
+def test_the_figures_are_those_that_a_new_table_removes(study: Study, tmp_path: Path) -> None:
+    kept = replace(study, folder=tmp_path)
+    kept.save()
+    paths = figures.write_study_figures(kept, tmp_path)
+    kept.save()
+    assert all(path.exists() for path in paths)
+    replace(kept, table=kept.table[::-1]).save()
+    assert not any(path.exists() for path in paths)
+
+
+def test_keys_that_a_robot_does_not_have_hide_no_flight(study: Study) -> None:
+    table = study.table.copy()
+    table[MASS][::2] = np.nan
+    assert figures.worst_cases(replace(study, table=table)).axes[0].get_xlabel() == LAG
 
 
 def test_bars_are_the_shares_with_their_intervals(study: Study) -> None:

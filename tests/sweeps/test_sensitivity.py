@@ -31,6 +31,19 @@ def test_shares_of_groups_are_those_of_kruskal_and_wallis(names: list[object]) -
         assert found.correlation == pytest.approx(stats.spearmanr(place, measure).statistic)
 
 
+def test_flights_without_a_key_are_left_out_of_it() -> None:
+    """As a robot with fewer links has it: NaN, beside a key that all flights have."""
+    random = np.random.default_rng(8)
+    key, other = random.uniform(size=(2, 400))
+    measure = key + other
+    key[::2] = np.nan
+    measure[::2] = 5.0 + other[::2]
+    found, always = sensitivities({"key": key, "other": other}, measure)
+    assert found.alone == pytest.approx(of_one(key[1::2], measure[1::2]).alone)
+    assert found.correlation == pytest.approx(stats.spearmanr(key[1::2], measure[1::2])[0])
+    assert np.isfinite([*found[1:], *always[1:]]).all()
+
+
 def test_harm_in_both_directions_is_seen() -> None:
     """A correlation sees nothing where a value is bad for being too small as for too great."""
     mass = np.random.default_rng(2).uniform(0.8, 1.2, 2000)

@@ -99,6 +99,15 @@ def test_robots_count_as_a_key_where_there_are_several(tmp_path: Path) -> None:
     assert {each.key for each in study.sensitivity(TIP)} == {"robot", *study.keys}
 
 
+def test_a_parameter_that_a_robot_does_not_have_is_a_key_of_the_others(tmp_path: Path) -> None:
+    study = synthetic_study(tmp_path, robots=2)
+    study.table[MASS][study.table["robot"] == "robot0"] = np.nan
+    assert study.sensitivity(EFFORT)[0].key == MASS
+    study.table[MASS] = np.nan
+    none = replace(study)  # It keeps rows that it looked at.
+    assert MASS not in {each.key for each in none.sensitivity(EFFORT)}
+
+
 def test_a_study_is_read_back_as_it_was(study: Study) -> None:
     study.save()
     back = read_study(study.folder)
@@ -129,8 +138,8 @@ def test_what_is_no_study_is_refused(study: Study, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="nowhere: there is no such folder"):
         read_study(tmp_path / "nowhere")
     study.save()
-    (study.folder / "cases.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(UsageError, match="600 rows of 0 cases"):
+    np.save(study.folder / "table.npy", study.table[::-1])
+    with pytest.raises(UsageError, match=r"table.npy and cases.json are of different studies"):
         read_study(study.folder)
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot be written"):

@@ -133,6 +133,13 @@ def test_the_longest_flights_decide_what_a_chunk_is(robot):
     assert sizes[0] == sizes[1] < 50
 
 
+def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
+    (tmp_path / "table.csv").write_text("mine")
+    with pytest.raises(UsageError, match=r"holds table.csv, and no sweep has written it"):
+        sweep(robot, "hover", SHORT, executor=here, out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
 def test_a_flight_that_is_refused_is_a_row_with_its_reason(robot, tmp_path, here):
     parameters = {**SHORT, "motors.time_constant": [0.01, -1.0]}
     measure = {**WORST, "fails": lambda flight: 1 / 0, "ends": lambda flight: sys.exit(3)}
