@@ -94,7 +94,16 @@ def _flown(
 
 
 def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
-    """What flights that share their desired motion begin with, which calls in a row share too."""
+    """What flights that share their desired motion begin with, which calls in a row share too.
+
+    Args:
+        module: The module.
+        common: What tells the scenarios of these flights from others, None if nothing does.
+        scenario: One of them.
+
+    Returns:
+        What they begin with.
+    """
     known = _known.pop((module, common), None)
     if known is None:
         known = prepared(module, scenario, lambda what, share: None, own=False)
