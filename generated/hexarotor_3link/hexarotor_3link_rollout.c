@@ -362,7 +362,7 @@ static INLINE void limit(const Settings *settings, Block *b)
     }
 }
 
-/* What is left of the way of thrusts to commands: at the begin, after half a step, a whole one. */
+/* What is left of the way of thrusts to commands: at the start, after half a step, a whole one. */
 static INLINE void prepare_lag(const Settings *settings, Block *b)
 {
     load_rows(settings->time_constants, b->first, b->filled, 0, ROTORS, b->left[0]);
@@ -376,7 +376,7 @@ static INLINE void prepare_lag(const Settings *settings, Block *b)
     }
 }
 
-/* Inputs at the begin, in the middle and at the end of a step, through which commands are held. */
+/* Inputs at the start, in the middle and at the end of a step, through which commands are held. */
 static INLINE void follow(Block *b)
 {
     VECTORISE

@@ -72,12 +72,12 @@ typedef struct quadrotor_2link_rollout_settings {
     /** length of a step, s */
     quadrotor_2link_real dt;
     int method;
-    /** a sample is kept after every so many steps; 0: none but that at the begin */
+    /** a sample is kept after every so many steps; 0: none but that at the start */
     size_t every;
     /** held through each step: all of INPUTS; NULL: zeros */
     quadrotor_2link_rollout_rows inputs;
     /** INPUTS x (2 VELOCITIES), row-major: times the displacement from q and v to the desired ones,
-        it is added to the inputs at the begin of each step */
+        it is added to the inputs at the start of each step */
     const quadrotor_2link_real *gain;
     /** COORDINATES; needed with a gain */
     quadrotor_2link_rollout_rows desired_q;

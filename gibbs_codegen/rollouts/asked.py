@@ -53,7 +53,7 @@ def asked_rollout(
 
 
 def _begin(problem: Problem) -> list[Array]:
-    """Coordinates, velocities and, where motors lag, thrusts at the begin."""
+    """Coordinates, velocities and, where motors lag, thrusts at the start."""
     real, motors = REALS[problem.precision], problem.motors
     state = [problem.q.astype(real), problem.v.astype(real)]
     if motors is not None and np.any(motors.time_constants):

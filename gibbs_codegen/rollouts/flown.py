@@ -170,7 +170,7 @@ def _check_steps(flown: Flown, count: int, dt: float) -> None:
 
 
 def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
-    """States (n, size) of the closed loop at the begin, with motors that have settled.
+    """States (n, size) of the closed loop at the start, with motors that have settled.
 
     Args:
         loop: The closed loop of all.
@@ -197,7 +197,7 @@ def _with_others(
     Args:
         flown: The closed loops.
         found: Histories of states; None where there is none yet.
-        starts: States (n, size) of the closed loops at the begin.
+        starts: States (n, size) of the closed loops at the start.
         duration: How long, s.
         progress: As of `flown_rollout`.
 
@@ -227,7 +227,7 @@ def _alone(
     Args:
         flown: The closed loops.
         state: Number of the state.
-        start: State (size) of its closed loop at the begin, with thrusts if any state lags.
+        start: State (size) of its closed loop at the start, with thrusts if any state lags.
         duration: How long, s.
         told: Is told the share of it that is done, 0 to 1.
 

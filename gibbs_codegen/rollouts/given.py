@@ -141,7 +141,7 @@ class Given:
         return np.stack([least, most])
 
     def start(self, q0: Any, v0: Any) -> tuple[Any, Any]:
-        """Coordinates and velocities at the begin.
+        """Coordinates and velocities at the start.
 
         Args:
             q0, v0: What was given.

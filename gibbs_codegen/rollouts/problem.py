@@ -23,7 +23,7 @@ RUNNING, DIVERGED, OUT_OF_BOUNDS = 0, 1, 2
 
 @dataclass(frozen=True)
 class Feedback:
-    """Linear feedback: what is added to the inputs at the begin of every step.
+    """Linear feedback: what is added to the inputs at the start of every step.
 
     It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
     difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
@@ -44,8 +44,8 @@ class Motors:
 
     They are brought within `least` and `most` (nu). Thrusts then follow them with the
     `time_constants` (1 or n, rotors), s, of which 0 is no lag: over a step, in which commands are
-    held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N, at the begin. Semi-
-    implicit Euler applies the thrust at the begin of a step, Runge and Kutta's method those at its
+    held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N, at the start. Semi-
+    implicit Euler applies the thrust at the start of a step, Runge and Kutta's method those at its
     stages.
     """
 
@@ -85,7 +85,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Rollout:
-    """States after every `every`-th step, and at the begin, which is sample 0.
+    """States after every `every`-th step, and at the start, which is sample 0.
 
     `q` (n, samples, nq) and `v` (n, samples, nv) at `time` (samples), s; `thrusts` (n, samples,
     rotors), N, where motors lag, else None. Samples after the end of a state repeat its last one.

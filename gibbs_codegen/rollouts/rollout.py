@@ -53,7 +53,7 @@ def rollout(
     Args:
         robot: A generated module with the back end "c", "numpy" or "jax", or the name or path of
             one, which is loaded with the C back end.
-        q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the begin; None for
+        q0, v0: Coordinates (nq) or (n, nq) and velocities (nv) or (n, nv) at the start; None for
             those with which a scenario begins.
         control: Inputs u that are held through each step, N, then N m or N of the joints: (nu),
             (steps, nu) or (1 or n, 1 or steps, nu). Or a `Feedback`. Or a callable that takes the
@@ -70,7 +70,7 @@ def rollout(
             (1 or n, 1 or steps, f, 6).
         limits: The least and the greatest inputs, each a number or an array (nu).
         time_constants: Those of the motors' lag, s, 0 for none: a number, (rotors) or (n, rotors).
-        thrusts: Thrusts of lagging motors at the begin, N, in the same shapes; those that are
+        thrusts: Thrusts of lagging motors at the start, N, in the same shapes; those that are
             commanded first, if None.
         bounds: The least and the greatest q and v, each a number or an array (nq + nv); a state
             ends where it is beyond them.

@@ -20,7 +20,7 @@ class Steps:
         self._problem, self._xp = problem, xp
 
     def begin(self) -> State:
-        """Coordinates (n, nq), velocities (n, nv) and thrusts (n, rotors), N, at the begin."""
+        """Coordinates (n, nq), velocities (n, nv) and thrusts (n, rotors), N, at the start."""
         problem, motors = self._problem, self._problem.motors
         if motors is None:
             return problem.q, problem.v
@@ -81,7 +81,7 @@ class Steps:
         return *moved, *(acting[:, : each.shape[1]] for each in thrusts)
 
     def _acting(self, commanded: Array, time: Any, *thrusts: Array) -> Array:
-        """Inputs that act some time after the begin of a step.
+        """Inputs that act some time after the start of a step.
 
         Args:
             commanded: Inputs (n, nu) that are commanded through the step, within their limits.

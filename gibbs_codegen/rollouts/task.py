@@ -20,9 +20,9 @@ _RATES = 0.1
 
 @dataclass(frozen=True)
 class Moment:
-    """Where n environments are after a decision, or at the begin of an episode.
+    """Where n environments are after a decision, or at the start of an episode.
 
-    - `time` (n): since the begin of the episode, s
+    - `time` (n): since the start of the episode, s
     - `q` (n, nq), `v` (n, nv): coordinates and velocities
     - `away` (n, nv): displacement from the coordinates that are wanted, as the module's
       `difference` tells it: m and rad, of a quaternion the rotation vector

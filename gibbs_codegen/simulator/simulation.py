@@ -111,7 +111,7 @@ def prepared(
     progress: Progress,
     own: bool,
 ) -> Prepared:
-    """Everything up to the begin of a flight.
+    """Everything up to the start of a flight.
 
     Args:
         robot, scenario, progress: As of `simulate`.

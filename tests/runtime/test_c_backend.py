@@ -335,6 +335,7 @@ def test_memory_does_not_grow(backends) -> None:
         assert grown < 2000 * 32
 
 
+@pytest.mark.filterwarnings("ignore:os.fork")  # JAX, once another test has it imported, warns.
 def test_a_forked_process_has_threads_of_its_own(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:

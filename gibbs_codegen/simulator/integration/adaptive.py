@@ -26,7 +26,7 @@ _WORK_SCALE = 100.0
 # flights take 500 a second, 2000 at the tightest tolerances.
 _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
-# How many the begin of an interval may take besides, which is with a step of its own.
+# How many the start of an interval may take besides, which is with a step of its own.
 _EVALUATIONS_AN_INTERVAL = 40
 # Least tolerances where no order helps: rates have kinks while an input is saturated, and where the
 # motors' lag is compensated they jump a little at each knot of the desired motion.

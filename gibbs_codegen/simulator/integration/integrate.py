@@ -23,7 +23,7 @@ class Integration:
 
     Args:
         loop: the closed loop.
-        start: state (size) at the begin.
+        start: state (size) at the start.
         settings: method, tolerances or step, and rate of samples.
         duration: time that errors may take to grow, s.
         begin: time at which it begins, s.

@@ -44,7 +44,7 @@ class SmoothInterval:
             rate: Samples a second, 1/s.
 
         Returns:
-            Multiples of 1 / rate (s) after the begin of the interval, up to its end.
+            Multiples of 1 / rate (s) after the start of the interval, up to its end.
         """
         first = int(np.floor(self.begin * rate + SAME_TIME)) + 1
         last = int(np.floor(self.end * rate + SAME_TIME))

@@ -174,7 +174,7 @@ static INLINE void end(Progress *progress, flags which, ptrdiff_t steps)
  * Take up to `count` steps of `step` from `state` at `time`; every `every`-th step, counted from
  * `before`, is a sample. `state` is then the last one, and `samples` has room for count / every + 1
  * states. `ranges`, if it is not NULL, has room for one more ranges of inputs, [2][2][inputs]:
- * of those commanded and those that act, the least and the greatest at the begins of the steps from
+ * of those commanded and those that act, the least and the greatest at the starts of the steps from
  * one sample to the next. A flight ends before a step that is refused, and after one from which it
  * cannot go on; samples of those that have ended repeat their last state, while others go on.
  */

@@ -62,6 +62,7 @@ class ModuleText:
     name: str
     NAME: str
     lanes: int
+    single_lanes: int
     convention_lines: Lines
     result_lines: Lines
     entry_lines: Lines
@@ -107,6 +108,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         name=robot.name,
         NAME=robot.name.upper(),
         lanes=LANES,
+        single_lanes=2 * LANES,
         convention_lines=_convention_lines(robot),
         result_lines=_result_lines(robot),
         entry_lines=entry_lines(_tables(robot)),

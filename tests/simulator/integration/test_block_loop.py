@@ -44,7 +44,7 @@ def loop_of(fast: Load, robot: str, scenario: str, changes: dict[str, Any]) -> C
 
 
 def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Array:
-    """States (count, size) about the begin of the motion, each with its own errors."""
+    """States (count, size) about the start of the motion, each with its own errors."""
     q, v, _ = closed.controller.reference(0.0)
     off = scatter * np.random.default_rng(7).standard_normal((count, closed.size))
     return closed.start(q, v) + off
