@@ -111,12 +111,10 @@ def peer_rows(machines: dict[str, Machine], python: str | None) -> list[Row]:
     rows = []
     for method, words in (("euler", "Euler"), ("rk4", "RK4")):
         peers = {each: cache(partial(MuJoCo, made, method)) for each, made in machines.items()}
-        for name, threads in ((f"MuJoCo, {words}", 1), (f"MuJoCo, {words}, two cores", 2)):
-            measures = {
-                each: partial(lambda peer, threads: peer().seconds(threads), peer, threads)
-                for each, peer in peers.items()
-            }
-            rows.append(Row(name, measures, f"MuJoCo, {words}" * (threads > 1), threads))
+        measures = {
+            each: partial(lambda peer: peer().seconds(), peer) for each, peer in peers.items()
+        }
+        rows.append(Row(f"MuJoCo, {words}", measures))
     crazyflow = Crazyflow(python) if python else None
     for method, words in (("symplectic_euler", "Euler"), ("rk4", "RK4")):
         measures = {QUADROTOR: crazyflow.steps(method)} if crazyflow else {}

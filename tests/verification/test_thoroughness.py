@@ -87,7 +87,7 @@ def test_a_sign_of_any_parameter_that_is_zero_is_found() -> None:
 def test_parameters_far_from_their_defaults(fault: str, copied: Path) -> None:
     load = 'values["gravity"]'
     plant(copied / "numpy_module.py", load, fault.format(load))
-    assert failing(copied) == OF_PARAMETERS
+    assert {"other parameters"} <= failing(copied) <= OF_PARAMETERS
 
 
 @pytest.mark.parametrize("name", ["base_arm_length", "link2_length", "link2_mass_per_length"])
