@@ -120,8 +120,8 @@ def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path
         ),
         ({"link2_d": 1.0}, ValueError, "gibbs-codegen generate --all-parameters keeps it"),
         ({"x" * 9999: 1.0}, ValueError, "x: PARAMETERS has all names"),
-        (None, TypeError, "'NoneType' object is not a mapping"),
-        ([("gravity", 9.81)], TypeError, "'list' object is not a mapping"),
+        (None, TypeError, "parameters must map names to numbers"),
+        ([("gravity", 9.81)], TypeError, "parameters must map names to numbers"),
     ],
 )
 def test_parameters_that_are_none_are_refused_alike(
