@@ -114,12 +114,11 @@ def _function(
             for name, array in zip(signature.arguments, _states(signature, given), strict=True)
         ]
         constants = given.get("constants")
-        if constants is not None:
-            operands.append(_constants(constants, size, operands))
-        names = [*signature.arguments, "constants"][: len(operands)]
-        batch = batch_shape(dict(zip(names, operands, strict=True)))
-        operands = [a.reshape((1,) * (len(batch) + 1 - a.ndim) + a.shape) for a in operands]
-        last = None if constants is None else operands.pop()
+        last = None if constants is None else _constants(constants, size, operands)
+        by_name = dict(zip(signature.arguments, operands, strict=True))
+        batch = batch_shape(by_name, () if last is None else last.shape[:-1])
+        operands = [_with_axes(array, len(batch)) for array in operands]
+        last = None if last is None else _with_axes(last, len(batch))
         shaped = [
             output.reshape(*batch, *shape)
             for output, shape in zip(body(last, *operands), signature.shapes, strict=True)
@@ -127,6 +126,11 @@ def _function(
         return shaped[0] if len(shaped) == 1 else tuple(shaped)
 
     return function
+
+
+def _with_axes(array: Any, axes: int) -> Any:
+    """An array (…, width) with so many axes before the last, those that are new of length 1."""
+    return array.reshape((1,) * (axes + 1 - array.ndim) + array.shape)
 
 
 def _constants(constants: Any, size: int, arguments: Sequence[Any]) -> Any:

@@ -184,7 +184,7 @@ def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
     """And the same command goes on: chunks that were there are not written again."""
     options = ["--scenario", "hover", "--vary", "start.offset[0]=uniform(0,0.1)", "--samples"]
     options += [
-        "100",
+        "300",
         "--vary",
         "duration=0.2",
         "--no-figures",
@@ -215,4 +215,4 @@ def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
     done = run("sweep", "hexarotor_3link", *options, cwd=workplace)
     assert done.returncode == 0, done.stderr
     assert {path: os.stat(path).st_mtime_ns for path in chunks} == before
-    assert len(json.loads((workplace / "c" / "cases.json").read_text())["cases"]) == 100
+    assert len(json.loads((workplace / "c" / "cases.json").read_text())["cases"]) == 300

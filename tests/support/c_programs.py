@@ -71,6 +71,19 @@ static size_t whole_blocks(const size_t count)
     return (count + ROBOT_LANES - 1) / ROBOT_LANES * ROBOT_LANES;
 }
 
+#ifdef SOUND
+/* Gives every state of blocks the same entries. */
+static void repeat(const double *entries, size_t width, size_t states, double *blocks)
+{
+    for (size_t k = 0; k < states; ++k) {
+        const size_t lane = k % ROBOT_LANES;
+        for (size_t i = 0; i < width; ++i) {
+            blocks[(k - lane) * width + i * ROBOT_LANES + lane] = entries[i];
+        }
+    }
+}
+#endif
+
 static void try_init_constants(const Constants *constants)
 {
     double *parameters = filled(ROBOT_PARAMETERS);
@@ -92,6 +105,9 @@ static void try_init_constants_batch(const Constants *constants)
     double *parameters = filled(ROBOT_PARAMETERS * room_for);
     double *made = room(ROBOT_CONSTANTS * room_for);
     (void)constants;
+#ifdef SOUND
+    repeat(ROBOT_default_parameters, ROBOT_PARAMETERS, room_for, parameters);
+#endif
     if (ROBOT_init_constants_batch(count, parameters, made) > count) {
         exit(2);
     }
@@ -167,6 +183,9 @@ def _try(signature: Signature, form: str) -> str:
         first, names, made = "own", ["own", *names], [f"filled(ROBOT_CONSTANTS{times})", *made]
         lines += ["    (void)constants;"]
     lines += [f"    double *{name} = {array};" for name, array in zip(names, made, strict=True)]
+    if form == "_batch_each":
+        same = "(const double *)constants, ROBOT_CONSTANTS, whole_blocks(count), own"
+        lines += ["#ifdef SOUND", f"    repeat({same});", "#endif"]
     given = [name for name in names if name != "own"]
     call = ", ".join([first, *(["count"] if form else []), *given])
     lines += [f"    ROBOT_{signature.name}{form}({call});"]
