@@ -25,7 +25,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, "CC", f"{tool('cc')} -O0")
         patch.chdir(tmp_path_factory.mktemp("page"))
-        return run_python("docs/crocoddyl.md")
+        return run_python("docs/howto/crocoddyl.md")
 
 
 @pytest.fixture(scope="module")

@@ -29,10 +29,11 @@ from gibbs_codegen.scenario.tables import ScenarioTable
 
 # Pages that need a package more, each with a test file that runs it and asserts what comes out.
 RUN_ELSEWHERE = {
-    "docs/casadi.md": "tests/runtime/test_casadi_backend.py",
-    "docs/crocoddyl.md": "tests/test_crocoddyl.py",
-    "docs/jax.md": "tests/runtime/test_jax_backend.py",
+    "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
+    "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
+    "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
 }
+MODULE_PAGE = "docs/reference/generated-module.md"
 COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
 
 
@@ -61,7 +62,7 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (step,) = (b for b in blocks("docs/generated-module.md", "python") if "runge_kutta" in b)
+    (step,) = (b for b in blocks(MODULE_PAGE, "python") if "runge_kutta" in b)
     names: dict[str, Any] = {}
     exec(step, names)  # noqa: S102
 
@@ -79,9 +80,9 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    pages = ["docs/c-and-firmware.md", "docs/derivatives.md", "docs/rollouts.md"]
-    assert pages_with("c") == pages
-    one, wrench, quaternion, other, batch, each = blocks("docs/c-and-firmware.md", "c")
+    pages = ["howto/c-and-firmware", "howto/rollouts", "reference/derivatives"]
+    assert pages_with("c") == [f"docs/{page}.md" for page in pages]
+    one, wrench, quaternion, other, batch, each = blocks("docs/howto/c-and-firmware.md", "c")
     generate("quadrotor", tmp_path)
     header, _, turning = quaternion.partition("\n\n")
     *include, body = re.split(r"(?<=\*/)\n\n", one)
@@ -111,7 +112,7 @@ def test_c_program(tmp_path: Path) -> None:
 def test_c_program_with_derivatives(tmp_path: Path) -> None:
     """Gravity turns with the base: the acceleration along x by the angle about y is g."""
     generate("quadrotor", tmp_path, derivatives="forward_dynamics_derivatives")
-    (text,) = blocks("docs/derivatives.md", "c")
+    (text,) = blocks("docs/reference/derivatives.md", "c")
     header, _, body = text.partition("\n\n")
     state = ["double q[7] = {0, 0, 0, 0, 0, 0, 1}, v[6] = {0}, u[4] = {0};"]
     checked = "return !(jacobian[QUADROTOR_V_VX][QUADROTOR_V_WY] == 9.81);"
@@ -124,18 +125,21 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 
 def test_files_in_toml_are_accepted() -> None:
-    assert pages_with("toml") == ["docs/robot-file.md", "docs/scenario-file.md"]
-    rods, placed = map(parse_robot, blocks("docs/robot-file.md", "toml"))
+    assert pages_with("toml") == ["docs/reference/robot-file.md", "docs/reference/scenario-file.md"]
+    rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
     assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (3, (0, 1), 1)
-    scenario, *others = map(parse_scenario, blocks("docs/scenario-file.md", "toml"))
+    scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]
 
 
 @pytest.mark.parametrize(
     ("page", "table"),
-    [("docs/robot-file.md", RobotTable), ("docs/scenario-file.md", ScenarioTable)],
+    [
+        ("docs/reference/robot-file.md", RobotTable),
+        ("docs/reference/scenario-file.md", ScenarioTable),
+    ],
 )
 def test_every_key_of_a_file_is_explained(page: str, table: type[Table]) -> None:
     schema = table.json_schema()
@@ -190,9 +194,10 @@ def test_every_emitted_function_is_listed() -> None:
     names = [name for name in dir(robot) if name.islower() and callable(getattr(robot, name))]
     assert len(names) > 16
     for name in names:
-        assert re.search(rf"[`.]{name}\(", PAGES["docs/generated-module.md"]), name
+        assert re.search(rf"[`.]{name}\(", PAGES[MODULE_PAGE]), name
     for row in FUNCTIONS.values():
-        assert row.on_request == (f"`{row.name}(" in PAGES["docs/derivatives.md"]), row.name
+        listed = f"`{row.name}(" in PAGES["docs/reference/derivatives.md"]
+        assert row.on_request == listed, row.name
 
 
 def test_pages_that_are_run_elsewhere_have_their_tests() -> None:

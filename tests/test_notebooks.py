@@ -16,9 +16,9 @@ NAMES = (
     "01_gibbs_function",
     "02_chains",
     "03_hybrid_system",
-    "04_from_symbols_to_code",
     "05_flight",
     "06_your_own_controller",
+    "appendix_from_symbols_to_code",
 )
 # What a notebook may take on an idle core is 60 s; the machine of a test run is not idle.
 MOST_SECONDS = 300

@@ -48,7 +48,7 @@ def rollout(
 ) -> Rollout:
     """Roll out n states of a robot, in fixed steps, each with its own inputs and parameters.
 
-    What is said of a state may be given once for all. See docs/rollouts.md.
+    What is said of a state may be given once for all. See docs/howto/rollouts.md.
 
     Args:
         robot: A generated module with the back end "c", "numpy" or "jax", or the name or path of

@@ -65,7 +65,7 @@ def simulate(
             which is loaded with the C back end.
         scenario: A scenario, or the name or path of one, which is read.
         controller: What commands the inputs instead of the scenario's law: a callable that takes an
-            `Observation` and returns inputs u (nu). See docs/controllers.md.
+            `Observation` and returns inputs u (nu). See docs/howto/controllers.md.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Time the flight of docs/crocoddyl.md: `python tests/benchmarks/crocoddyl_times.py`.
+"""Time the flight of docs/howto/crocoddyl.md: `python tests/benchmarks/crocoddyl_times.py`.
 
 Box-FDDP finds it by the module's C functions, which Crocoddyl calls through Python at every node,
 and by Crocoddyl's own dynamics, in C++ with Pinocchio, with armature and without: with armature
@@ -29,7 +29,7 @@ ROUNDS = 20
 def main() -> None:
     """Print the times of each model."""
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        page = run_python("docs/crocoddyl.md")
+        page = run_python("docs/howto/crocoddyl.md")
     flight, start, hover = page["flight"], page["start"], page["hover"]
     name = page["uav"].NAME
     rows: dict[str, list[Callable[[], Any]]] = {}

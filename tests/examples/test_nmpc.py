@@ -216,7 +216,7 @@ def test_the_flight_of_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
-    time, point, wanted, u = run_python("docs/nmpc.md")["fly"](tmp_path)
+    time, point, wanted, u = run_python("docs/howto/nmpc.md")["fly"](tmp_path)
     assert time[-1] == pytest.approx(4.0)
     assert len(u) == len(time) == 200
     assert np.ptp(wanted, axis=0).max() > 0.1
@@ -419,7 +419,7 @@ def test_a_flight_has_a_step(plant: ModuleType) -> None:
 
 
 def test_commands_of_the_page_have_options_that_exist() -> None:
-    (block,) = blocks("docs/nmpc.md", "sh")
+    (block,) = blocks("docs/howto/nmpc.md", "sh")
     commands = [
         line.removeprefix("python -m gibbs_codegen.examples.nmpc ") for line in block.splitlines()
     ]

@@ -256,7 +256,7 @@ def test_the_program_of_the_page(
     real: str, off: float, shipped: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
     """Level quadrotors rise and fall as 4 F / m - g says."""
-    (text,) = blocks("docs/rollouts.md", "c")
+    (text,) = blocks("docs/howto/rollouts.md", "c")
     (tmp_path / "program.c").write_text(text, encoding="utf-8")
     module = shipped("quadrotor")
     folder = Path(str(module.__file__)).parent

@@ -376,7 +376,7 @@ def test_what_xla_cannot_call_is_traced(
 def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
-    page = run_python("docs/jax.md")
+    page = run_python("docs/howto/jax.md")
     assert page["loss"](page["learned"]) < 1e-6
 
 

@@ -10,8 +10,8 @@ from typing import Any
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-    for folder in (ROOT, ROOT / "docs")
-    for path in sorted(folder.glob("*.md"))
+    for pages in (ROOT.glob("*.md"), (ROOT / "docs").rglob("*.md"))
+    for path in sorted(pages)
 }
 
 
