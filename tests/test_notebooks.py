@@ -40,7 +40,7 @@ def test_stored_clean_with_ids_that_say_what_a_cell_is(name: str) -> None:
     ids = [cell.id for cell in stored.cells]
     assert len(set(ids)) == len(ids)
     for cell in stored.cells:
-        assert not cell.metadata
+        assert set(cell.metadata) <= {"tags", "jupyter", "mystnb"}, cell.id
         # Words, and not the random digits that an editor gives a cell.
         assert all(part.isalpha() or part.isdigit() for part in cell.id.split("-")), cell.id
         if cell.cell_type == "code":
