@@ -3,8 +3,8 @@
 What forward dynamics costs, alone and with its Jacobian by q, v and u, for one state and for one of
 a thousand, in each of the ways that docs/reference/interfaces.md compares. The program generates
 the module that it times. All ways agree to 1e-9 with the NumPy module before they are timed. It
-needs the extras `casadi` and `jax`, and gcc; MATLAB's functions are timed under GNU Octave, where that is
-installed. A time is the least of several means.
+needs the extras `casadi` and `jax`, and gcc; MATLAB's functions are timed under GNU Octave,
+where that is installed. A time is the least of several means.
 
 `--robot ROBOT` takes another robot.
 """

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 from playwright.sync_api import Page, Route, sync_playwright
+
 from support.tools import tool
 
 # Software rendering draws WebGL where there is no graphics card.
