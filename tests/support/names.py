@@ -30,8 +30,8 @@ def assert_names_are_apart(figure: Figure, smallest: float) -> None:
     assert boxes
     page = figure.bbox
     for text, box in boxes.items():
-        assert box.x0 >= page.x0 - slack and box.x1 <= page.x1 + slack, text
-        assert box.y0 >= page.y0 - slack and box.y1 <= page.y1 + slack, text
+        assert page.x0 - slack <= box.x0 < box.x1 <= page.x1 + slack, text
+        assert page.y0 - slack <= box.y0 < box.y1 <= page.y1 + slack, text
     for (one, a), (other, b) in combinations(boxes.items(), 2):
         across = min(a.x1, b.x1) - max(a.x0, b.x0)
         up = min(a.y1, b.y1) - max(a.y0, b.y0)
