@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from os.path import relpath
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -226,9 +227,11 @@ def test_files_that_are_named_exist(page: str) -> None:
         assert (ROOT / path).exists(), path
 
 
-def test_every_page_can_be_reached_from_the_readme() -> None:
-    for page in PAGES:
-        assert page in ("README.md", "CHANGELOG.md") or f"({page})" in PAGES["README.md"], page
+@pytest.mark.parametrize("page", sorted({p for p in PAGES if "docs/" in p} - {"docs/index.md"}))
+def test_every_page_is_listed_in_the_index_of_its_room(page: str) -> None:
+    index = page.rpartition("/")[0] + "/index.md"
+    above = index if index in PAGES and index != page else "docs/index.md"
+    assert f"({relpath(page, Path(above).parent)})" in PAGES[above]
 
 
 def test_the_readme_is_short() -> None:

@@ -1,4 +1,4 @@
-"""The README and the pages in `docs/`, and what their blocks do."""
+"""The README and the pages in `docs/`, and what their blocks do; without the copies in the site."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for pages in (ROOT.glob("*.md"), (ROOT / "docs").rglob("*.md"))
     for path in sorted(pages)
+    if path.parent != ROOT / "docs" / "project"
 }
 
 
