@@ -29,7 +29,7 @@ def printed(commands: str, folder: Path) -> str:
         if not line.startswith("./"):
             tool(line.split()[0])
     script = "\n".join([f"cd '{folder}'", *lines])
-    flags = {name: "-O0 -Wall -Wextra -Werror" for name in ("CFLAGS", "CXXFLAGS")}
+    flags = dict.fromkeys(("CFLAGS", "CXXFLAGS"), "-O0 -Wall -Wextra -Werror")
     return run(["sh", "-ec", script], CMAKE_BUILD_TYPE="Debug", **flags)
 
 
