@@ -192,8 +192,7 @@ def test_the_wheel_with_the_extension_needs_no_headers(built: Path, tmp_path: Pa
     (name,) = wheels
     (extension,) = held(built / name) - held(built / WHEEL)
     assert extension.startswith("gibbs_codegen/runtime/_caller.")
-    with zipfile.ZipFile(built / name) as files:
-        files.extractall(tmp_path)
+    shutil.unpack_archive(built / name, tmp_path, "zip")
     program = [sys.executable, "-c", CALLS, str(ROOT / "generated" / "hexarotor_3link")]
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True)
