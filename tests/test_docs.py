@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from os.path import relpath
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -17,6 +18,7 @@ from support.command import run as run_command
 from support.pages import PAGES, blocks, run_python
 from support.tools import run, tool
 
+import gibbs_codegen
 from gibbs_codegen import generate
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import Table
@@ -33,6 +35,8 @@ RUN_ELSEWHERE = {
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
 }
+# Pages of whole projects, which tests/test_project_pages.py builds and runs.
+PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md")
 MODULE_PAGE = "docs/reference/generated-module.md"
 COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
 
@@ -81,7 +85,7 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
     pages = ["howto/c-and-firmware", "howto/rollouts", "reference/derivatives"]
-    assert pages_with("c") == [f"docs/{page}.md" for page in pages]
+    assert [p for p in pages_with("c") if p not in PROJECTS] == [f"docs/{p}.md" for p in pages]
     one, wrench, quaternion, other, batch, each = blocks("docs/howto/c-and-firmware.md", "c")
     generate("quadrotor", tmp_path)
     header, _, turning = quaternion.partition("\n\n")
@@ -200,6 +204,11 @@ def test_every_emitted_function_is_listed() -> None:
         assert row.on_request == listed, row.name
 
 
+def test_every_name_that_is_imported_is_on_the_page_of_the_python_functions() -> None:
+    described = re.findall(r"^\.\. auto\w+:: (\w+)", PAGES["docs/reference/python-api.md"], re.M)
+    assert sorted([*described, "__version__"]) == sorted(gibbs_codegen.__all__)
+
+
 def test_pages_that_are_run_elsewhere_have_their_tests() -> None:
     for page, tests in RUN_ELSEWHERE.items():
         assert f'run_python("{page}")' in (ROOT / tests).read_text(encoding="utf-8")
@@ -224,9 +233,11 @@ def test_files_that_are_named_exist(page: str) -> None:
         assert (ROOT / path).exists(), path
 
 
-def test_every_page_can_be_reached_from_the_readme() -> None:
-    for page in PAGES:
-        assert page in ("README.md", "CHANGELOG.md") or f"({page})" in PAGES["README.md"], page
+@pytest.mark.parametrize("page", sorted({p for p in PAGES if "docs/" in p} - {"docs/index.md"}))
+def test_every_page_is_listed_in_the_index_of_its_room(page: str) -> None:
+    index = page.rpartition("/")[0] + "/index.md"
+    above = index if index in PAGES and index != page else "docs/index.md"
+    assert f"({relpath(page, Path(above).parent)})" in PAGES[above]
 
 
 def test_the_readme_is_short() -> None:

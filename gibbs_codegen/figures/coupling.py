@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate
+from math import ceil, sqrt
 
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from matplotlib.path import Path
 
 from gibbs_codegen.derivation.filling import Filling, filled_entries
@@ -35,8 +36,12 @@ _LEFT_WIDTH, _RIGHT_WIDTH, _BETWEEN = 6.5, 8.0, 22.0
 _LONGEST_NAME = 10
 
 # Figs. 7–9: inches of a cell, and cells that labels and gaps between the arrays take.
-_CELL = 0.22
-_LABELS, _GAP, _HEAD, _FOOT = 2.6, 2.0, 2.4, 1.9
+_CELL = 0.24
+_LABELS, _GAP, _HEAD, _FOOT = 2.6, 1.4, 3.4, 2.7
+# As many chains fill a cell side by side; of more, the colours stand in rows.
+_MOST_STRIPES = 3
+# Points of headings and small symbols, and of Fig. 6's given names.
+_SMALL, _GIVEN = 10.0, 8.0
 
 
 def chain_colour(number: int) -> str:
@@ -71,7 +76,7 @@ def coupling_figure(robot: Robot) -> Figure:
             (-1.6, _LEFT_WIDTH + _BETWEEN + _RIGHT_WIDTH + 0.2), (-2.2, height + 0.6), _ROW
         )
         step = _draw_hybrid_unknowns(axes, robot, height)
-        _symbol(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains", size=8)
+        _symbol(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains", size=_SMALL)
         for chain, top in zip(chains, tops, strict=False):
             _draw_chain(axes, robot, chain, top, (step, len(chains)))
     return figure
@@ -91,7 +96,7 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
     left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
     names, given = hybrid_names(robot), _given_names(robot)
     step = height / len(unknowns)
-    _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=8)
+    _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=_SMALL)
     for place, unknown in enumerate(unknowns):
         y = (place + 0.5) * step
         _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
@@ -100,7 +105,7 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
         at = 0.45 if unknown.name in given else 0.62
         _symbol(axes, left + at * _RIGHT_WIDTH, y, symbol, size=min(11.0, 7.5 * step))
         if unknown.name in given:
-            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[unknown.name], "0.45", 7)
+            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[unknown.name], "0.45", _GIVEN)
     return step
 
 
@@ -143,8 +148,10 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
     """Draw Figs. 7–9: I_H, R_H and B_H of F_H = B_H u, each entry in the colours of its chains.
 
     An entry to which several chains add is split among their colours. Rows and columns are labelled
-    with the unknowns and the inputs, rows also with their numbers from −1. The constraint rows and
-    columns of eq. 15 hold 1 and −1. Blank entries are zero in every posture.
+    with the unknowns and the inputs, rows also with their numbers from −1. Thick frames are the
+    blocks of the equations of motion I θ̈ + Γ τ′ = R + Ψ F + Φ τ; below them are the constraints.
+    The constraint rows and columns of eq. 15 hold 1 and −1. Blank entries are zero in every
+    posture.
 
     Args:
         robot: The robot.
@@ -157,29 +164,53 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
     names = [accelerated(found[c.name]) for c in hybrid_coordinates(robot)]
     acting = [found[c.name] for c in inputs(robot)]
     size, width = len(names), len(acting)
+    held = range(size)[layout_of(robot).constrained]
+    motions = size - len(held)
     residual_left = size + _GAP
     input_left = residual_left + 1 + _GAP
+    parts: tuple[tuple[Filling, float, str, list[Name], list[tuple[str, int]]], ...] = (
+        (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names, [("I", motions), (r"\Gamma", len(held))]),
+        (filled.residual, residual_left, "$R_H$ (Fig. 8)", [], [("R", 1)]),
+        (
+            *(filled.inputs, input_left, "$B_H$ (Fig. 9)", acting),
+            [(r"\Psi", robot.rotors), (r"\Phi", width - robot.rotors)],
+        ),
+    )
     with style():
         figure, axes = _canvas((-_LABELS, input_left + width + 0.3), (-_HEAD, size + _FOOT), _CELL)
-        parts: tuple[tuple[Filling, float, str, list[Name]], ...] = (
-            (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names),
-            (filled.residual, residual_left, "$R_H$ (Fig. 8)", []),
-            (filled.inputs, input_left, "$B_H$ (Fig. 9)", acting),
-        )
-        for entries, left, title, columns in parts:
+        for entries, left, title, columns, blocks in parts:
             _draw_filling(axes, entries, left)
-            _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=8)
+            _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=_SMALL)
             for column, name in enumerate(columns):
-                _symbol(axes, left + column + 0.5, -0.7, _math(name), size=8)
+                _symbol(axes, left + column + 0.5, -0.6, _math(name), size=_SMALL)
+            _draw_blocks(axes, blocks, left, motions)
         for row, name in enumerate(names):
-            _symbol(axes, -2.0, row + 0.5, _row_number(row), "0.45", 7)
-            _symbol(axes, -0.8, row + 0.5, _math(name), size=8)
-        held = range(size)[layout_of(robot).constrained]
-        for joint, row in zip(held, range(size - len(held), size), strict=True):
-            _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 7)
-            _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 7)
+            _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)
+            _symbol(axes, -0.8, row + 0.5, _math(name), size=_SMALL)
+        for joint, row in zip(held, range(motions, size), strict=True):
+            _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 9)
+            _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 9)
         _legend(axes, decompose(robot), size + 0.7, input_left + width)
     return figure
+
+
+def _draw_blocks(axes: Axes, blocks: Sequence[tuple[str, int]], left: float, height: float) -> None:
+    """Frame the blocks of an array, and name each above the heads of its columns.
+
+    Args:
+        axes: The axes.
+        blocks: The symbol and the columns of each, from the left; one of no columns is not drawn.
+        left: x of the array's left edge.
+        height: Rows of all of them.
+    """
+    for symbol, columns in blocks:
+        if columns:
+            frame = Rectangle((left, 0.0), columns, height, fill=False, edgecolor=DARK)
+            frame.set(linewidth=1.4, zorder=3)
+            axes.add_patch(frame)
+            axes.hlines(-1.3, left + 0.15, left + columns - 0.15, colors=DARK, linewidth=0.8)
+            _symbol(axes, left + columns / 2, -1.9, f"${symbol}$", size=11)
+        left += columns
 
 
 def _row_number(place: int) -> str:
@@ -268,7 +299,7 @@ def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], col
 
 
 def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
-    """Draw the cells of one array on a grid, split into stripes, one for each chain.
+    """Draw the cells of one array on a grid, split into tiles, one for each chain.
 
     Args:
         axes: The axes.
@@ -278,15 +309,36 @@ def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
     cells, colours = [], []
     for y, row in enumerate(entries):
         for x, chains in enumerate(row):
-            for place, number in enumerate(chains):
-                from_x, to_x = (left + x + (place + i) / len(chains) for i in (0, 1))
-                cells.append([(from_x, y), (to_x, y), (to_x, y + 1), (from_x, y + 1)])
+            for number, (from_x, to_x, from_y, to_y) in zip(
+                chains, _tiles(len(chains)), strict=True
+            ):
+                near, far = left + x + from_x, left + x + to_x
+                top, low = y + from_y, y + to_y
+                cells.append([(near, top), (far, top), (far, low), (near, low)])
                 colours.append(chain_colour(number))
     axes.add_collection(PolyCollection(cells, facecolors=colours, edgecolors="none"))
     height, width = len(entries), len(entries[0])
     axes.hlines(range(height + 1), left, left + width, colors="0.75", linewidth=0.4)
     columns = [left + x for x in range(width + 1)]
     axes.vlines(columns, 0, height, colors="0.75", linewidth=0.4)
+
+
+def _tiles(count: int) -> list[tuple[float, float, float, float]]:
+    """Parts of a cell, side by side or, where they would be too thin, in rows.
+
+    Args:
+        count: How many.
+
+    Returns:
+        Left, right, upper and lower edge of each, as shares of the cell.
+    """
+    in_row = count if count <= _MOST_STRIPES else ceil(sqrt(count))
+    rows = [range(first, min(first + in_row, count)) for first in range(0, count, in_row or 1)]
+    return [
+        (i / len(row), (i + 1) / len(row), y / len(rows), (y + 1) / len(rows))
+        for y, row in enumerate(rows)
+        for i in range(len(row))
+    ]
 
 
 def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
@@ -298,9 +350,9 @@ def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> No
         top: y of the first row.
         width: Width of the rows.
     """
-    in_row = max(int(width // 4), 1)
+    in_row = max(int(width // 4.5), 1)
     for place, chain in enumerate(chains):
-        x, y = 4 * (place % in_row), top + 1.2 * (place // in_row)
+        x, y = 4.5 * (place % in_row), top + 1.2 * (place // in_row)
         colour = chain_colour(chain.number)
         _box(axes, x, y, 0.7, 0.7, colour, colour)
-        axes.text(x + 1.0, y + 0.35, _title(chain), va="center", fontsize=8, color=DARK)
+        axes.text(x + 1.0, y + 0.35, _title(chain), va="center", fontsize=_SMALL, color=DARK)

@@ -6,6 +6,7 @@ Places are in the plane of the axes that are drawn on.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,9 +18,12 @@ from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
 from gibbs_codegen.robot.placement import Array
 
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
+Y_AXIS = COLOURS[7]
 TORQUE = X_AXIS
+# Of what is there to help, and of lines without a body.
+QUIET, DASHED = "0.5", (0, (4, 3))
 # Larger than the style's, since subscripts must be read on a screen; points.
-_FONT_SIZE = 9
+_FONT_SIZE = 10
 # Names and numbers lie above all that they name.
 ABOVE_ALL = 1000
 
@@ -82,7 +86,7 @@ def draw_number(axes: Axes, text: str, place: Array) -> None:
     axes.annotate(
         text,
         xy=(float(place[0]), float(place[1])),
-        fontsize=7.5,
+        fontsize=9,
         horizontalalignment="center",
         verticalalignment="center",
         bbox={"boxstyle": shape, "facecolor": "white", "edgecolor": DARK, "lw": 0.5},
@@ -99,10 +103,8 @@ def draw_link(axes: Axes, start: Array, end: Array, number: str, has_mass: bool)
         number: The number of the link.
         has_mass: Whether the chain counts mass of the link, for which the bar is solid.
     """
-    ends = np.array([start, end]).T
-    axes.plot(*ends, color=DARK, lw=5.0, solid_capstyle="round", zorder=3)
     solid = GOLD if number == "2" else DARK
-    axes.plot(*ends, color=solid if has_mass else "white", lw=3.6, solid_capstyle="round", zorder=3)
+    draw_bar(axes, start, end, solid if has_mass else "white", 3.6)
     draw_number(axes, number, (start + end) / 2.0)
 
 
@@ -158,6 +160,69 @@ def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
         arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 2, "shrinkB": 0},
         zorder=6,
     )
+
+
+def draw_arrow(axes: Axes, start: Array, end: Array, colour: str, dashes: Any = "solid") -> None:
+    """Draw a vector as an arrow with a slender head.
+
+    Args:
+        axes: The axes.
+        start, end: Its ends (2) in data units.
+        colour: Its colour.
+        dashes: Matplotlib's style of its line.
+    """
+    axes.annotate(
+        "",
+        xy=(float(end[0]), float(end[1])),
+        xytext=(float(start[0]), float(start[1])),
+        arrowprops={
+            "arrowstyle": "-|>,head_width=0.2,head_length=0.45",
+            "color": colour,
+            "lw": 1.3,
+            "linestyle": dashes,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+        zorder=7,
+    )
+
+
+def draw_curved_arrow(axes: Axes, points: Array, colour: str) -> None:
+    """Draw an arrow along a curve.
+
+    Args:
+        axes: The axes.
+        points: The curve (k, 2) in data units.
+        colour: Its colour.
+    """
+    axes.plot(*points[:-3].T, color=colour, lw=1.3, zorder=6)
+    draw_arrow(axes, points[-4], points[-1], colour)
+
+
+def draw_bar(axes: Axes, start: Array, end: Array, filling: str, width: float) -> None:
+    """Draw a link as a bar with an outline.
+
+    Args:
+        axes: The axes.
+        start, end: Ends (2) of the link in data units.
+        filling: Colour of its inside.
+        width: Its width, points.
+    """
+    ends = np.array([start, end]).T
+    axes.plot(*ends, color=DARK, lw=width + 1.4, solid_capstyle="round", zorder=3)
+    axes.plot(*ends, color=filling, lw=width, solid_capstyle="round", zorder=3)
+
+
+def draw_out_of_page(axes: Axes, place: Array, colour: str) -> None:
+    """Draw an axis that points at the reader.
+
+    Args:
+        axes: The axes.
+        place: Where (2) it starts, in data units.
+        colour: Its colour.
+    """
+    axes.plot(*place, "o", ms=9, mfc="white", mec=colour, mew=1.3, zorder=8)
+    axes.plot(*place, ".", ms=5, color=colour, zorder=9)
 
 
 def draw_thrust(

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import FancyArrowPatch, Rectangle
 from support.emitted import emitted_module
 from support.random_robots import robots
 
@@ -128,23 +128,44 @@ def test_unknowns_are_written_as_in_the_paper() -> None:
 
 
 @pytest.mark.parametrize("robot", MACHINES, ids=named)
-def test_every_share_of_every_entry_is_drawn_in_its_chains_colour(robot: Robot) -> None:
+def test_every_entry_is_covered_by_equal_shares_in_its_chains_colours(robot: Robot) -> None:
     filled = filled_entries(robot)
     axes: Any = hybrid_pattern_figure(robot).axes[0]
     cells = [c for c in axes.collections if c.get_facecolors().size]
     for part, drawn in zip((filled.matrix, filled.residual, filled.inputs), cells, strict=True):
-        shares = [
-            (y, x + (place + 0.5) / len(chains), chain_colour(number))
+        boxes = [path.get_extents() for path in drawn.get_paths()]
+        colours = [to_hex(colour) for colour in drawn.get_facecolors()]
+        first = min(x for row in part for x, chains in enumerate(row) if chains)
+        left = min(box.x0 for box in boxes) - first
+        covered: dict[tuple[int, int], float] = {}
+        seen: dict[tuple[int, int], list[str]] = {}
+        for box, colour in zip(boxes, colours, strict=True):
+            entry = int((box.y0 + box.y1) / 2), int((box.x0 + box.x1) / 2 - left)
+            covered[entry] = covered.get(entry, 0.0) + box.width * box.height
+            seen.setdefault(entry, []).append(colour)
+        wanted = {
+            (y, x): [chain_colour(number) for number in chains]
             for y, row in enumerate(part)
             for x, chains in enumerate(row)
-            for place, number in enumerate(chains)
-        ]
-        boxes = [path.get_extents() for path in drawn.get_paths()]
-        left = min(box.x0 for box in boxes) - min(x for _, x, _ in shares)
-        for box, colour, (y, x, wanted) in zip(boxes, drawn.get_facecolors(), shares, strict=True):
-            assert box.y0 == y
-            assert abs(box.x0 - x - left) < 0.5
-            assert to_hex(colour) == wanted
+            if chains
+        }
+        assert seen == wanted
+        np.testing.assert_allclose(list(covered.values()), 1.0)
+
+
+def test_blocks_are_those_of_the_equations_of_motion() -> None:
+    """I and Γ, R, Ψ and Φ: rows −1 … 12 of the paper's robot, and their columns."""
+    axes: Any = hybrid_pattern_figure(PAPER).axes[0]
+    frames = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert [(frame.get_width(), frame.get_height()) for frame in frames] == [
+        *((14, 14), (5, 14)),
+        (1, 14),
+        *((6, 14), (3, 14)),
+    ]
+    shown = texts(hybrid_pattern_figure(PAPER))
+    assert {"$I$", r"$\Gamma$", "$R$", r"$\Psi$", r"$\Phi$"} <= set(shown)
+    # A robot without arms has no columns Φ.
+    assert r"$\Phi$" not in texts(hybrid_pattern_figure(paper_family(2, 0)))
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
@@ -154,7 +175,7 @@ def test_texts_are_large_enough_inside_and_apart(robot: Robot, draw: Any) -> Non
     renderer = FigureCanvasAgg(figure).get_renderer()
     boxes = []
     for text in figure.axes[0].texts:
-        assert text.get_fontsize() >= 6
+        assert text.get_fontsize() >= 7
         boxes.append(text.get_window_extent(renderer).padded(-1))
     width, height = figure.get_size_inches() * figure.dpi
     assert all(b.x0 > 0 and b.y0 > 0 and b.x1 < width and b.y1 < height for b in boxes)

@@ -1,4 +1,4 @@
-"""The README and the pages in `docs/`, and what their blocks do."""
+"""The README and the pages in `docs/`, and what their blocks do; without the copies in the site."""
 
 from __future__ import annotations
 
@@ -12,12 +12,32 @@ PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for pages in (ROOT.glob("*.md"), (ROOT / "docs").rglob("*.md"))
     for path in sorted(pages)
+    if path.parent != ROOT / "docs" / "project"
 }
 
 
 def blocks(page: str, language: str) -> list[str]:
     """Fenced blocks of a language."""
     return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+
+
+def write_files(page: str, folder: Path) -> list[str]:
+    """Write the blocks of a page that name a file in a comment on their first line.
+
+    Args:
+        page: Path of the page.
+        folder: Where the files go. Blocks that name one file follow each other in it.
+
+    Returns:
+        The names of the files, in the order of the page.
+    """
+    found: dict[str, str] = {}
+    for block in re.findall(r"^```\w+\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE):
+        if name := re.match(r"(?:#|//|/\*) ([\w-]+\.\w+)", block):
+            found[name[1]] = found.get(name[1], "") + block
+    for name, text in found.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return list(found)
 
 
 def run_python(page: str) -> dict[str, Any]:

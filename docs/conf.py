@@ -1,0 +1,76 @@
+"""The site: `python -m sphinx -q -W --keep-going docs site`.
+
+With `GIBBS_CODEGEN_PAGES="notebooks/01_gibbs_function howto/import"` only these pages are built,
+and links to others are not followed: what one looks at while one writes a page.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "_ext")]
+
+from gibbs_codegen import __version__  # noqa: E402 - the package of this checkout
+
+
+def execution_cache() -> Path:
+    """Where the outputs of notebooks are kept, which are those of one state of the package.
+
+    Returns:
+        A folder in `site/.cache`, with another name after every change of the code.
+    """
+    digest = hashlib.sha256()
+    for folder in ("gibbs_codegen", "templates"):
+        for path in sorted((ROOT / folder).rglob("*.*")):
+            if path.suffix not in (".pyc", ".so"):
+                digest.update(path.read_bytes())
+    return ROOT / "site" / ".cache" / digest.hexdigest()[:16]
+
+
+project = "gibbs_codegen"
+author = "The gibbs_codegen authors"
+version = release = __version__
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "generated",
+    "repository",
+    "signatures",
+]
+exclude_patterns = ["_*"]
+suppress_warnings = ["mystnb.unknown_mime_type"]
+
+if pages := os.environ.get("GIBBS_CODEGEN_PAGES", "").split():
+    include_patterns = ["index.md", *(f"{page}.*" for page in pages)]
+    suppress_warnings += ["toc", "myst.xref_missing", "ref"]
+
+# Docstrings are Google's, with names in single backticks.
+default_role = "code"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"
+python_use_unqualified_type_names = True
+maximum_signature_line_length = 80
+add_module_names = False
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 4
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(execution_cache())
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_output_stderr = "error"
+nb_merge_streams = True
+
+html_theme = "furo"
+html_title = f"gibbs_codegen {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+mathjax_path = "mathjax/tex-svg-full.js"

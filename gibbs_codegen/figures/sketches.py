@@ -1,0 +1,268 @@
+"""Drawings for teaching: a link, why eq. 4 holds, a pendulum.
+
+They are of no robot in particular, and say what the letters of the notebooks stand for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gibbs_codegen.figures.marks import (
+    DASHED,
+    QUIET,
+    THRUST,
+    X_AXIS,
+    Y_AXIS,
+    Z_AXIS,
+    draw_arrow,
+    draw_bar,
+    draw_curved_arrow,
+    draw_joint,
+    draw_name,
+    draw_out_of_page,
+)
+from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
+from gibbs_codegen.robot.placement import Array
+
+PLACE, _MOTION = COLOURS[1], COLOURS[6]
+
+
+def link_sketch() -> Figure:
+    """Draw one link with its joint, its frame and one of its particles: r, ρ and p = r + ρ.
+
+    Returns:
+        The figure.
+    """
+    with style():
+        figure = Figure(figsize=(FULL, 2.9))
+        axes = sheet(figure, (1, 1, 1), (-0.45, 6.75), (-0.4, 2.5))
+        origin, joint = np.zeros(2), np.array([2.7, 0.35])
+        along, across = directions(26.0)
+        particle = joint + 2.5 * along + 0.2 * across
+        world(axes, origin, 0.95, ("$X_0$", "$Z_0$"))
+        draw_bar(axes, joint - 0.12 * along, joint + 3.6 * along, "0.93", 26.0)
+        for step, colour, name in ((along, X_AXIS, "$x$"), (across, Y_AXIS, "$y$")):
+            draw_arrow(axes, joint, joint + 1.05 * step, colour)
+            draw_name(axes, name, joint + 1.22 * step, colour)
+        draw_out_of_page(axes, joint, Z_AXIS)
+        draw_name(axes, "$z$", joint - 0.24 * across, Z_AXIS)
+        draw_name(axes, "joint $o$", joint + spot(0.12, -0.5))
+        draw_arrow(axes, origin, joint, DARK)
+        draw_name(axes, r"$\mathbf{r}$", 0.55 * joint + spot(0.07, -0.2))
+        draw_arrow(axes, joint, particle, PLACE)
+        draw_name(axes, r"$\mathbf{\rho}$", 0.3 * joint + 0.7 * particle + 0.17 * across, PLACE)
+        draw_arrow(axes, origin, particle, THRUST, DASHED)
+        middle = 0.36 * particle
+        draw_name(axes, r"$\mathbf{p} = \mathbf{r} + \mathbf{\rho}$", middle + spot(-0.3, 0.3))
+        axes.plot(*particle, "s", ms=6, color=DARK, zorder=8)
+        draw_name(axes, r"particle, $\mathrm{d}m$", particle + spot(0.1, 0.3))
+        turning = joint + 3.1 * along
+        draw_curved_arrow(axes, arc(turning, 0.62, -40.0, 62.0), _MOTION)
+        draw_name(axes, r"$\mathbf{\omega},\ \dot{\mathbf{\omega}}$", turning + spot(0.92, 0.3))
+        return figure
+
+
+def tangent_sketch() -> Figure:
+    """Draw why ∂p̈/∂θ̈ = ∂p/∂θ: a particle on a rod that turns, and its accelerations.
+
+    Returns:
+        The figure: left the particle and its path, right its accelerations for three values of θ̈.
+    """
+    with style():
+        figure = Figure(figsize=(FULL, 3.0))
+        left = sheet(figure, (1, 2, 1), (-0.5, 3.0), (-0.55, 2.45))
+        angle, reach = 32.0, 2.0
+        along, across = directions(angle)
+        pivot, particle = np.zeros(2), reach * along
+        left.plot(*arc(pivot, reach, -8.0, 78.0).T, color=QUIET, lw=1.0, ls=DASHED)
+        left.plot([0.0, 1.5], [0.0, 0.0], color=QUIET, lw=0.8, ls=DASHED)
+        draw_bar(left, pivot, particle, "0.85", 5.0)
+        draw_curved_arrow(left, arc(pivot, 0.9, 0.0, angle), X_AXIS)
+        draw_name(left, r"$\theta$", 1.08 * directions(angle / 2.0)[0], X_AXIS)
+        draw_arrow(left, particle, particle + 1.15 * across, Y_AXIS)
+        place = particle + 1.15 * across + spot(-0.02, 0.27)
+        draw_name(left, r"$\partial\mathbf{p}/\partial\theta$", place, Y_AXIS)
+        draw_joint(left, pivot)
+        draw_name(left, "pivot", spot(-0.05, -0.25))
+        draw_name(left, "path", spot(2.1, -0.42), QUIET)
+        left.plot(*particle, "s", ms=6, color=DARK, zorder=8)
+        draw_name(left, r"$\mathbf{p}(\theta)$", particle + spot(0.38, -0.05))
+        right = sheet(figure, (1, 2, 2), (-2.55, 1.9), (-1.65, 1.85))
+        _accelerations(right, along, across)
+        return figure
+
+
+def _accelerations(axes: Axes, along: Array, across: Array) -> None:
+    """Draw p̈ of one particle for three values of θ̈.
+
+    Args:
+        axes: The axes, with the particle at their origin.
+        along, across: Unit vectors (2) of the rod and of the tangent.
+    """
+    at, inward = np.zeros(2), -1.1 * along
+    ends = [inward + 0.8 * k * across for k in (0, 1, 2)]
+    line = np.array([ends[0] - 0.35 * across, ends[-1] + 0.45 * across])
+    axes.plot(*line.T, color=Y_AXIS, lw=1.0, ls=DASHED, zorder=1)
+    for k, end in enumerate(ends):
+        draw_arrow(axes, at, end, THRUST if k else DARK)
+        draw_name(axes, rf"$\ddot\theta = {k}$", end + spot(-0.42, -0.12))
+    axes.plot(0.0, 0.0, "s", ms=6, color=DARK, zorder=8)
+    draw_name(axes, r"$\ddot{\mathbf{p}}$ of the particle, one $\dot\theta$", spot(0.95, 0.3))
+    draw_name(axes, r"one unit of $\ddot\theta$ moves the tip", spot(0.6, -1.0), Y_AXIS)
+    draw_name(
+        axes,
+        r"by $\partial\mathbf{p}/\partial\theta$, for every $\dot\theta$",
+        spot(0.6, -1.3),
+        Y_AXIS,
+    )
+
+
+def pendulum_sketch() -> Figure:
+    """Draw one rod with the accelerations of its particle, and a double pendulum with its angles.
+
+    Returns:
+        The figure.
+    """
+    with style():
+        figure = Figure(figsize=(FULL, 2.75))
+        _draw_rod(sheet(figure, (1, 2, 1), (-0.8, 3.3), (-2.4, 0.62)))
+        _draw_double(sheet(figure, (1, 2, 2), (-0.8, 3.3), (-2.4, 0.62)))
+        return figure
+
+
+def _draw_rod(axes: Axes) -> None:
+    angle = -38.0
+    along, across = directions(angle)
+    particle, tip = 2.05 * along, 2.9 * along
+    _pivot(axes)
+    draw_bar(axes, np.zeros(2), tip, "0.85", 6.0)
+    draw_curved_arrow(axes, arc(np.zeros(2), 0.95, 0.0, angle), X_AXIS)
+    draw_name(axes, r"$\theta$", 1.15 * directions(angle / 2.0)[0], X_AXIS)
+    for step, name, colour, aside in (
+        (0.85 * across, r"$s\ddot\theta$", THRUST, spot(-0.05, 0.2)),
+        (-0.8 * along, r"$s\dot\theta^2$", THRUST, spot(-0.2, -0.22)),
+        (spot(0.0, 0.78), "$g$", Z_AXIS, spot(-0.16, 0.0)),
+    ):
+        draw_arrow(axes, particle, particle + step, colour)
+        draw_name(axes, name, particle + step + aside, colour)
+    axes.plot(*particle, "s", ms=6, color=DARK, zorder=8)
+    draw_name(axes, r"$\mu\,\mathrm{d}s$ at $s$", particle + spot(-0.6, -0.25))
+    draw_name(axes, "$l$", tip + spot(0.12, -0.14))
+    draw_name(axes, "here θ = −38°", spot(0.3, -2.1), QUIET)
+    _pivot_joint(axes)
+
+
+def _draw_double(axes: Axes) -> None:
+    first, second = -62.0, 40.0
+    along = directions(first)[0]
+    outer = directions(first + second)[0]
+    elbow = 1.45 * along
+    _pivot(axes)
+    end = elbow + 1.0 * along
+    axes.plot(*np.array([elbow, end]).T, color=QUIET, lw=0.9, ls=DASHED)
+    draw_bar(axes, np.zeros(2), elbow, "0.85", 6.0)
+    draw_bar(axes, elbow, elbow + 1.45 * outer, "0.85", 6.0)
+    draw_curved_arrow(axes, arc(np.zeros(2), 0.75, 0.0, first), X_AXIS)
+    draw_name(axes, r"$\theta_1$", 0.98 * directions(first / 2.0)[0], X_AXIS)
+    draw_curved_arrow(axes, arc(elbow, 0.75, first, first + second), X_AXIS)
+    draw_name(axes, r"$\theta_2$", elbow + 0.98 * directions(first + second / 2.0)[0], X_AXIS)
+    draw_name(axes, "rod 1", 0.5 * elbow + spot(-0.42, -0.05))
+    draw_name(axes, "rod 2", elbow + 0.9 * outer + spot(0.3, 0.25))
+    draw_name(axes, "here θ₁ = −62°, θ₂ = +40°", spot(-0.05, -2.1), QUIET)
+    draw_joint(axes, elbow)
+    _pivot_joint(axes)
+
+
+def _pivot(axes: Axes) -> None:
+    """Draw the horizontal from which angles count, through the pivot at the origin."""
+    axes.plot([0.0, 2.2], [0.0, 0.0], color=QUIET, lw=0.9, ls=DASHED)
+    draw_name(axes, "horizontal", spot(2.65, 0.0), QUIET)
+    axes.plot([-0.4, 0.4], [0.32, 0.32], color=DARK, lw=1.4)
+    axes.plot([-0.2, 0.0, 0.2], [0.32, 0.0, 0.32], color=DARK, lw=1.0)
+
+
+def _pivot_joint(axes: Axes) -> None:
+    draw_joint(axes, np.zeros(2))
+    draw_name(axes, "pivot", spot(-0.45, -0.05))
+
+
+def sheet(
+    figure: Figure,
+    place: tuple[int, int, int],
+    across: tuple[float, float],
+    up: tuple[float, float],
+) -> Axes:
+    """Add axes without any frame, in which one unit is as long upwards as to the side.
+
+    Args:
+        figure: The figure.
+        place: Rows and columns of its axes, and the number of these.
+        across, up: Lowest and highest coordinate each way.
+
+    Returns:
+        The axes.
+    """
+    rows, columns, number = place
+    row, column = divmod(number - 1, columns)
+    size = (1.0 / columns, 1.0 / rows)
+    axes = figure.add_axes((column * size[0], 1.0 - (row + 1) * size[1], *size))
+    axes.set_axis_off()
+    axes.set(xlim=across, ylim=up, aspect="equal")
+    return axes
+
+
+def spot(x: float, y: float) -> Array:
+    """A place or a step in the plane of a drawing.
+
+    Args:
+        x, y: Its coordinates.
+
+    Returns:
+        The two as an array (2).
+    """
+    return np.array([x, y])
+
+
+def directions(angle: float) -> tuple[Array, Array]:
+    """Unit vectors along a link in the plane and across it, to the left.
+
+    Args:
+        angle: The angle of the link from the horizontal, degrees.
+
+    Returns:
+        The two vectors (2).
+    """
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    return np.array([c, s]), np.array([-s, c])
+
+
+def arc(centre: Array, radius: float, start: float, stop: float) -> Array:
+    """Points of an arc.
+
+    Args:
+        centre: Its centre (2).
+        radius: Its radius.
+        start, stop: The angles of its ends from the horizontal, degrees.
+
+    Returns:
+        The points (k, 2).
+    """
+    angles = np.deg2rad(np.linspace(start, stop, 40))
+    points: Array = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return points
+
+
+def world(axes: Axes, origin: Array, size: float, names: tuple[str, str]) -> None:
+    """Draw two axes of the world.
+
+    Args:
+        axes: The axes of the drawing.
+        origin: Where (2) they start.
+        size: Their length.
+        names: Of the one to the right and of the one upwards.
+    """
+    for step, name in zip(np.eye(2), names, strict=True):
+        draw_arrow(axes, origin, origin + size * step, QUIET)
+        draw_name(axes, name, origin + (size + 0.2) * step, QUIET)
