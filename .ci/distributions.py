@@ -1,11 +1,15 @@
-"""Write the sdist and the wheel of the last commit: the same bytes wherever and whenever.
+"""Write the sdist and two wheels of the last commit: the same bytes wherever and whenever.
 
     python3 .ci/distributions.py FOLDER
 
+One wheel is for every platform. The other has the extension, and is for this platform: for Python
+3.12 and all later ones, unless the Python that builds it is older, which makes one for itself.
+Where the extension cannot be built, there is no such wheel, and that is said.
+
 What is built is the commit's tree as git exports it, so that nothing else that lies in a checkout
 gets in, and everything has the date of the commit. The sdist is packed again, since setuptools puts
-the time and the user into it. Other versions of setuptools, which the wheel names, and of zlib may
-make other bytes.
+the time and the user into it. Other versions of setuptools, which the wheels name, of zlib, and of
+the compiler and NumPy, may make other bytes.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ import sys
 import tarfile
 import tempfile
 import tomllib
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -44,10 +49,8 @@ def build_environment(folder: Path, requirements: Sequence[str]) -> Path:
 
 def build(python: Path, backend: str, kind: str, tree: Path, folder: Path) -> Path:
     """The distribution that the hook `build_<kind>` of the build back end leaves in `folder`."""
-    hook = f"import sys; from {backend} import build_{kind}; build_{kind}(sys.argv[1])"
-    run(python, "-c", hook, folder, cwd=tree)
-    (made,) = folder.glob("*.whl" if kind == "wheel" else "*.tar.gz")
-    return made
+    hook = f"import sys; from {backend} import build_{kind}; print(build_{kind}(sys.argv[1]))"
+    return folder / run(python, "-c", hook, folder, cwd=tree).decode().splitlines()[-1]
 
 
 def unpack(archive: io.BytesIO, folder: Path) -> None:
@@ -86,10 +89,17 @@ def main(out: Path) -> None:
         raw = build(python, backend, "sdist", work / "tree", work)
         sdist = out / raw.name
         repack(raw, sdist, date)
-        unpack(io.BytesIO(sdist.read_bytes()), work / "unpacked")
-        (unpacked,) = (work / "unpacked").iterdir()
-        wheel = build(python, backend, "wheel", unpacked, work)
-        shutil.copyfile(wheel, out / wheel.name)
+        for pure in ("1", "0"):
+            os.environ["GIBBS_CODEGEN_PURE"] = pure
+            unpack(io.BytesIO(sdist.read_bytes()), work / pure)
+            (unpacked,) = (work / pure).iterdir()
+            wheel = build(python, backend, "wheel", unpacked, work)
+            with zipfile.ZipFile(wheel) as files:
+                has_extension = any("/_caller." in name for name in files.namelist())
+            if pure == "1" or has_extension:
+                shutil.copyfile(wheel, out / wheel.name)
+            else:
+                print("no wheel with the extension: it could not be built here", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The sdist and the wheel of the last commit: what is in them, and the same bytes every time."""
+"""The sdist and the wheels of the last commit: what is in them, and the same bytes every time."""
 
 from __future__ import annotations
 
@@ -23,6 +23,16 @@ STEM = f"gibbs_codegen-{__version__}"
 WHEEL = f"{STEM}-py3-none-any.whl"
 SDIST = f"{STEM}.tar.gz"
 
+# Where Python has no headers: the file that the type of a compiled function comes from.
+CALLS = """
+import sys, sysconfig
+sysconfig.get_path = lambda _: "/nowhere"
+import numpy, gibbs_codegen
+function = gibbs_codegen.load(sys.argv[1], backend="c").mass_matrix
+q = numpy.linspace(-1, 1, 9)
+assert (function(q) == function.__wrapped__(q)).all()
+print(sys.modules[type(function).__module__].__file__)
+"""
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
@@ -143,7 +153,10 @@ def test_whoever_builds_again_elsewhere_gets_the_same_bytes(built: Path, tmp_pat
         (other.folder / junk).parent.mkdir(parents=True, exist_ok=True)
         (other.folder / junk).write_text("")
     other.build(tmp_path / "dist", tmp_path)
-    for name in (WHEEL, SDIST):
+    names = sorted(path.name for path in built.iterdir())
+    assert {WHEEL, SDIST} <= set(names)
+    assert names == sorted(path.name for path in (tmp_path / "dist").iterdir())
+    for name in names:
         assert (tmp_path / "dist" / name).read_bytes() == (built / name).read_bytes(), name
 
 
@@ -152,9 +165,16 @@ def test_a_wheel_from_the_checkout_is_the_wheel_from_the_sdist(
 ) -> None:
     date = run(["git", "-C", ROOT, "log", "-1", "--format=%ct"]).strip()
     wheel = [python_with_pip(), "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path, "."]
-    dated = Checkout(plain.folder, plain.umask, plain.variables | {"SOURCE_DATE_EPOCH": date})
+    variables = {"SOURCE_DATE_EPOCH": date, "GIBBS_CODEGEN_PURE": "1"}
+    dated = Checkout(plain.folder, plain.umask, plain.variables | variables)
     dated.run(*wheel, cwd=plain.folder)
     assert (tmp_path / WHEEL).read_bytes() == (built / WHEEL).read_bytes()
+
+
+def held(wheel: Path) -> set[str]:
+    """Names of what is in a wheel."""
+    with zipfile.ZipFile(wheel) as files:
+        return set(files.namelist())
 
 
 def test_a_wheel_holds_the_modules_and_their_data_and_nothing_else(built: Path) -> None:
@@ -162,8 +182,22 @@ def test_a_wheel_holds_the_modules_and_their_data_and_nothing_else(built: Path) 
     modules = set(tracked)
     data = {f"gibbs_codegen/{name}" for name in DATA.split()}
     about = {f"{STEM}.dist-info/{name}" for name in ABOUT.split()}
-    with zipfile.ZipFile(built / WHEEL) as wheel:
-        assert set(wheel.namelist()) == modules | data | about
+    assert held(built / WHEEL) == modules | data | about
+
+
+def test_the_wheel_with_the_extension_needs_no_headers(built: Path, tmp_path: Path) -> None:
+    wheels = {path.name for path in built.glob("*.whl")} - {WHEEL}
+    if not wheels:
+        missing("a compiler and Python's headers, with which the extension is built")
+    (name,) = wheels
+    (extension,) = held(built / name) - held(built / WHEEL)
+    assert extension.startswith("gibbs_codegen/runtime/_caller.")
+    shutil.unpack_archive(built / name, tmp_path, "zip")
+    program = [sys.executable, "-c", CALLS, str(ROOT / "generated" / "hexarotor_3link")]
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(tmp_path / extension)
 
 
 def test_an_sdist_holds_what_git_does_but_hidden_files(built: Path) -> None:

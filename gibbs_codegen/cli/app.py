@@ -34,7 +34,8 @@ from gibbs_codegen.version import __version__
 def console() -> int:
     """Entry point of the `gibbs-codegen` command: `main`, and what becomes of its output."""
     # A stream that was closed before the start is None: what is written there goes nowhere.
-    nowhere = open(os.devnull, "w")  # noqa: SIM115 - it lives as long as the process
+    # It lives as long as the process.
+    nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A terminal that lacks a letter shows its code.

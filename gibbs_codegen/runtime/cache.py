@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -83,18 +84,25 @@ def _private_folder() -> Path:
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode):
         raise CacheError(f"{folder}: not a folder of its own")
-    if status.st_uid != os.getuid():
+    if not _is_ours(status):
         raise CacheError(f"{folder}: belongs to another user")
     if status.st_mode & 0o077:
         raise CacheError(f"{folder}: open to others; make it private with chmod 700")
     return folder
 
 
+def _is_ours(status: os.stat_result) -> bool:
+    """Whether something is this user's. Raises `CacheError` where files have no such owner."""
+    if sys.platform == "win32":
+        raise CacheError("on Windows no compiled libraries are kept")
+    return status.st_uid == os.getuid()
+
+
 def _is_whole(entry: Path) -> bool:
     """Whether an entry is there, ours, and holds what was put there."""
     try:
         paths = [entry, entry / _LIBRARY, entry / _DIGEST]
-        if any(p.is_symlink() or os.lstat(p).st_uid != os.getuid() for p in paths):
+        if any(p.is_symlink() or not _is_ours(os.lstat(p)) for p in paths):
             return False
         return _digest(entry / _LIBRARY) == (entry / _DIGEST).read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError):

@@ -1,11 +1,13 @@
 """The extension type that calls compiled functions for one state with little overhead.
 
-`native/caller.c` is compiled once and kept in the cache, as the libraries of modules are.
+It is built when the package is installed. Where it was not, `native/caller.c` is compiled once and
+kept in the cache, as the libraries of modules are, if Python's headers are there.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib
 import importlib.machinery
 import importlib.util
 import logging
@@ -23,7 +25,7 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 
 _log = logging.getLogger("gibbs_codegen")
-_NAME = "gibbs_codegen_caller"
+_NAME = "gibbs_codegen.runtime._caller"
 
 
 @functools.cache
@@ -31,12 +33,18 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     """The extension type `Caller`.
 
     Args:
-        compiler: What makes it where the cache has none.
+        compiler: What makes it where it was not built and the cache has none.
 
     Returns:
         Caller(address, shapes of inputs, shapes of outputs, default constants, general function),
-        or None where Python's headers are not installed or it cannot be made, which the log says.
+        or None where it was not built, and Python's headers are not installed or it cannot be made,
+        which the log says.
     """
+    try:
+        caller: Callable[..., Any] = importlib.import_module(_NAME).Caller
+        return caller
+    except ImportError:
+        _log.debug("the extension was not built when the package was installed")
     include = sysconfig.get_path("include")
     if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":
         _log.info("calls for one state take the long way: Python's headers are not installed")

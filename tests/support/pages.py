@@ -21,6 +21,25 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
 
 
+def write_files(page: str, folder: Path) -> list[str]:
+    """Write the blocks of a page that name a file in a comment on their first line.
+
+    Args:
+        page: Path of the page.
+        folder: Where the files go. Blocks that name one file follow each other in it.
+
+    Returns:
+        The names of the files, in the order of the page.
+    """
+    found: dict[str, str] = {}
+    for block in re.findall(r"^```\w+\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE):
+        if name := re.match(r"(?:#|//|/\*) ([\w-]+\.\w+)", block):
+            found[name[1]] = found.get(name[1], "") + block
+    for name, text in found.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return list(found)
+
+
 def run_python(page: str) -> dict[str, Any]:
     """The names that a page defines, whose blocks with prompts give what is shown."""
     names: dict[str, Any] = {}

@@ -5,6 +5,8 @@
  * outputs. Called with plain arrays of one state it calls the function and returns
  * new arrays; anything else goes to `general`, a Python function with the same arguments. So does
  * what comes out not finite, once more, to be reported.
+ *
+ * From Python 3.12 on the stable ABI has all that stands here: one extension serves every Python.
  */
 
 #define PY_SSIZE_T_CLEAN
@@ -37,6 +39,8 @@ typedef struct {
     Shape taken[MAX_INPUTS];
     Shape made[MAX_OUTPUTS];
     PyObject *constants;
+    const char *constants_data;
+    Py_ssize_t constants_size;
     PyObject *general;
     PyObject *name;
     PyObject *doc;
@@ -89,7 +93,7 @@ static void call(void *function, const void *k, int number, double **p)
 static double *plain_data(PyObject *object, const Shape *shape, double *number)
 {
     if (shape->dimensions == 0 && PyFloat_CheckExact(object)) {
-        *number = PyFloat_AS_DOUBLE(object);
+        *number = PyFloat_AsDouble(object);
         return number;
     }
     if (!PyArray_CheckExact(object)) {
@@ -112,25 +116,24 @@ static double *plain_data(PyObject *object, const Shape *shape, double *number)
 static const void *constants_data(const Caller *self, PyObject *const *args, Py_ssize_t given,
                                   PyObject *names)
 {
-    PyObject *constants = Py_None;
-    const Py_ssize_t named = names ? PyTuple_GET_SIZE(names) : 0;
-    if (given - self->inputs + named > 1 || given < self->inputs) {
+    const Py_ssize_t named = names ? PyTuple_Size(names) : 0;
+    if (given == self->inputs && !named) {
+        return self->constants_data;
+    }
+    if (given - self->inputs + named != 1 || given < self->inputs) {
         return NULL;
     }
-    if (named && PyUnicode_CompareWithASCIIString(PyTuple_GET_ITEM(names, 0), "constants") != 0) {
+    if (named && PyUnicode_CompareWithASCIIString(PyTuple_GetItem(names, 0), "constants") != 0) {
         return NULL;
     }
-    if (given + named > self->inputs) {
-        constants = args[self->inputs];
-    }
+    PyObject *constants = args[self->inputs];
     if (constants == Py_None) {
-        constants = self->constants;
+        return self->constants_data;
     }
-    if (!PyBytes_CheckExact(constants) ||
-        PyBytes_GET_SIZE(constants) != PyBytes_GET_SIZE(self->constants)) {
+    if (!PyBytes_CheckExact(constants) || PyBytes_Size(constants) != self->constants_size) {
         return NULL;
     }
-    return PyBytes_AS_STRING(constants);
+    return PyBytes_AsString(constants);
 }
 
 /*
@@ -213,7 +216,7 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
     PyObject *all = PyTuple_New(self->outputs);
     for (i = 0; i < self->outputs; ++i) {
         if (all) {
-            PyTuple_SET_ITEM(all, i, results[i]);
+            PyTuple_SetItem(all, i, results[i]);
         } else {
             Py_DECREF(results[i]);
         }
@@ -224,20 +227,20 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
 /* The number of shapes, of which there are `least` to `most`; or -1 with an error set. */
 static int read_shapes(PyObject *shapes, int least, int most, Shape *read)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(shapes);
+    const Py_ssize_t count = PyTuple_Size(shapes);
     if (count < least || count > most) {
         PyErr_Format(PyExc_ValueError, "%d to %d arrays", least, most);
         return -1;
     }
     for (int i = 0; i < (int)count; ++i) {
-        PyObject *shape = PyTuple_GET_ITEM(shapes, i);
-        if (!PyTuple_Check(shape) || PyTuple_GET_SIZE(shape) > MAX_DIMENSIONS) {
+        PyObject *shape = PyTuple_GetItem(shapes, i);
+        if (!PyTuple_Check(shape) || PyTuple_Size(shape) > MAX_DIMENSIONS) {
             PyErr_Format(PyExc_ValueError, "arrays have at most %d dimensions", MAX_DIMENSIONS);
             return -1;
         }
-        read[i].dimensions = (int)PyTuple_GET_SIZE(shape);
+        read[i].dimensions = (int)PyTuple_Size(shape);
         for (int j = 0; j < read[i].dimensions; ++j) {
-            read[i].shape[j] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, j));
+            read[i].shape[j] = PyLong_AsSsize_t(PyTuple_GetItem(shape, j));
         }
     }
     return PyErr_Occurred() ? -1 : (int)count;
@@ -247,7 +250,7 @@ static int read_shapes(PyObject *shapes, int least, int most, Shape *read)
 static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
     PyObject *address, *taken, *made, *constants, *general;
-    if (keywords && PyDict_GET_SIZE(keywords)) {
+    if (keywords && PyDict_Size(keywords)) {
         PyErr_SetString(PyExc_TypeError, "Caller takes no keywords");
         return NULL;
     }
@@ -255,12 +258,14 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
                           &PyTuple_Type, &made, &constants, &general)) {
         return NULL;
     }
-    Caller *self = (Caller *)type->tp_alloc(type, 0);
+    Caller *self = (Caller *)PyType_GenericAlloc(type, 0);
     if (!self) {
         return NULL;
     }
     self->vectorcall = Caller_vectorcall;
     self->constants = Py_NewRef(constants);
+    self->constants_data = PyBytes_AsString(constants);
+    self->constants_size = PyBytes_Size(constants);
     self->general = Py_NewRef(general);
     self->function = PyLong_AsVoidPtr(address);
     if (PyErr_Occurred()) {
@@ -308,7 +313,7 @@ static void Caller_dealloc(PyObject *object)
     PyObject_GC_UnTrack(object);
     PyObject_ClearWeakRefs(object);
     (void)Caller_clear(object);
-    type->tp_free(object);
+    PyObject_GC_Del(object);
     Py_DECREF(type);
 }
 
@@ -360,7 +365,7 @@ static PyType_Slot slots[] = {
 };
 
 static PyType_Spec spec = {
-    .name = "gibbs_codegen_caller.Caller",
+    .name = "gibbs_codegen.runtime._caller.Caller",
     .basicsize = sizeof(Caller),
     .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_HAVE_VECTORCALL |
              Py_TPFLAGS_IMMUTABLETYPE,
@@ -369,11 +374,11 @@ static PyType_Spec spec = {
 
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT,
-    .m_name = "gibbs_codegen_caller",
+    .m_name = "gibbs_codegen.runtime._caller",
     .m_size = -1,
 };
 
-PyMODINIT_FUNC PyInit_gibbs_codegen_caller(void)
+PyMODINIT_FUNC PyInit__caller(void)
 {
     import_array();
     PyObject *made = PyModule_Create(&module);

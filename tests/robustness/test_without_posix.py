@@ -1,0 +1,59 @@
+"""The path of pure NumPy needs nothing that only POSIX systems have."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from support.command import ENVIRONMENT
+
+# The quadrotor commands too few directions for a law.
+OPEN_LOOP = 'control.law="open_loop"'
+FLY = ("simulate", "--scenario", "hover", "--set", "duration=0.1", "--set", OPEN_LOOP)
+MODULE = ROOT / "generated" / "quadrotor_2link"
+HIDDEN = ROOT / "tests" / "support" / "without_posix.py"
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run `gibbs-codegen` where Python has nothing of POSIX."""
+    command = [sys.executable, "-X", "warn_default_encoding", str(HIDDEN), *arguments]
+    return subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True)
+
+
+def succeeds(*arguments: str, cwd: Path) -> str:
+    """What a command that ends well says on the side."""
+    done = run(*arguments, cwd=cwd)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stderr
+
+
+def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
+    generate = ("generate", "quadrotor_2link", "--target", "numpy", "--no-verify")
+    fly = (*FLY, "quadrotor_2link", "--backend", "numpy", "--no-figures")
+    # Twice, so that the second replaces what the first has left.
+    for command in (generate, generate, fly, fly):
+        succeeds(*command, cwd=tmp_path)
+    assert (tmp_path / "flight" / "flight.csv").stat().st_size
+
+
+@pytest.mark.slow
+def test_figures_without_posix(tmp_path: Path) -> None:
+    succeeds(*FLY, str(MODULE), "--backend", "numpy", cwd=tmp_path)
+    assert (tmp_path / "flight" / "snapshots.pdf").stat().st_size
+
+
+def test_numpy_serves_where_nothing_compiles(tmp_path: Path) -> None:
+    said = succeeds(*FLY, str(MODULE), "--no-figures", cwd=tmp_path)
+    assert "NumPy serves instead of C" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["darwin", "win32"])
+def test_types_know_nothing_that_a_platform_lacks(platform: str, tmp_path: Path) -> None:
+    """What typeshed says a platform does not have is refused, unless a test of it comes first."""
+    command = [sys.executable, "-m", "mypy", "--platform", platform, "--cache-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout

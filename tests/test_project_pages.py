@@ -1,0 +1,72 @@
+"""The projects that pages show are made from nothing, built and run, command by command."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+from conftest import ROOT
+from support.pages import PAGES, blocks, write_files
+from support.tools import run, tool
+
+CMAKE = "docs/howto/cmake.md"
+MODULE = "hexarotor_3link"
+
+
+def project(page: str, folder: Path) -> list[str]:
+    """The files of a page in a folder, with the module that is generated there."""
+    copytree(ROOT / "generated" / MODULE, folder / "generated" / MODULE)
+    return write_files(page, folder)
+
+
+def printed(commands: str, folder: Path) -> str:
+    """What the commands of a block print, but for those of this package."""
+    lines = [line for line in commands.splitlines() if not line.startswith("gibbs-codegen ")]
+    for line in lines:
+        if not line.startswith("./"):
+            tool(line.split()[0])
+    script = "\n".join([f"cd '{folder}'", *lines])
+    flags = dict.fromkeys(("CFLAGS", "CXXFLAGS"), "-O0 -Wall -Wextra -Werror")
+    return run(["sh", "-ec", script], CMAKE_BUILD_TYPE="Debug", **flags)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A project of the page on CMake."""
+    files = ["CMakeLists.txt", "main.c", "generated.cmake", "cortex-m4f.cmake"]
+    assert project(CMAKE, tmp_path) == [*files, "startup.c", "link.ld"]
+    return tmp_path
+
+
+def test_the_program_runs_on_a_pc(folder: Path) -> None:
+    _, commands, _ = blocks(CMAKE, "sh")
+    said = printed(commands, folder).splitlines()[-1]
+    assert said == "upward acceleration: 0.190 m/s^2"
+    assert PAGES[CMAKE].count(f"`{said}`") == 2
+
+
+def test_the_same_program_runs_on_an_emulated_cortex_m(folder: Path) -> None:
+    _, _, commands = blocks(CMAKE, "sh")
+    said = printed(commands, folder).splitlines()[-1]
+    assert said == "upward acceleration: 0.190 m/s^2"
+
+
+@pytest.mark.slow
+def test_the_build_generates_the_module_anew_when_the_robot_file_changes(folder: Path) -> None:
+    listed = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
+    start, end = listed.index("set(MODULE"), listed.index("target_link_libraries(robot")
+    made = listed[:start] + (folder / "generated.cmake").read_text("utf-8") + listed[end:]
+    (folder / "CMakeLists.txt").write_text(made, encoding="utf-8")
+    robot = folder / f"{MODULE}.toml"
+    text = (ROOT / "gibbs_codegen" / "robots" / robot.name).read_text(encoding="utf-8")
+    commands = blocks(CMAKE, "sh")[1]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", path)
+        for gravity, acceleration in (("9.81", "0.190"), ("1.62", "8.380")):
+            robot.write_text(text.replace("9.81", gravity), encoding="utf-8")
+            said = printed(commands, folder).splitlines()[-1]
+            assert said == f"upward acceleration: {acceleration} m/s^2"
