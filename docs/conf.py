@@ -38,7 +38,9 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "generated",
     "repository",
+    "signatures",
 ]
 exclude_patterns = ["_*"]
 suppress_warnings = ["mystnb.unknown_mime_type"]
@@ -46,6 +48,16 @@ suppress_warnings = ["mystnb.unknown_mime_type"]
 if pages := os.environ.get("GIBBS_CODEGEN_PAGES", "").split():
     include_patterns = ["index.md", *(f"{page}.*" for page in pages)]
     suppress_warnings += ["toc", "myst.xref_missing", "ref"]
+
+# Docstrings are Google's, with names in single backticks.
+default_role = "code"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"
+python_use_unqualified_type_names = True
+maximum_signature_line_length = 80
+add_module_names = False
 
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 4

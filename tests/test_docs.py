@@ -18,6 +18,7 @@ from support.command import run as run_command
 from support.pages import PAGES, blocks, run_python
 from support.tools import run, tool
 
+import gibbs_codegen
 from gibbs_codegen import generate
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import Table
@@ -201,6 +202,11 @@ def test_every_emitted_function_is_listed() -> None:
     for row in FUNCTIONS.values():
         listed = f"`{row.name}(" in PAGES["docs/reference/derivatives.md"]
         assert row.on_request == listed, row.name
+
+
+def test_every_name_that_is_imported_is_on_the_page_of_the_python_functions() -> None:
+    described = re.findall(r"^\.\. auto\w+:: (\w+)", PAGES["docs/reference/python-api.md"], re.M)
+    assert sorted([*described, "__version__"]) == sorted(gibbs_codegen.__all__)
 
 
 def test_pages_that_are_run_elsewhere_have_their_tests() -> None:

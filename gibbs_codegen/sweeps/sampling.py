@@ -150,7 +150,7 @@ def scaled(low: float | Varied | Sequence[float], high: float | None = None) -> 
 
 
 def together(values: Varied | Sequence[Any]) -> Varied:
-    """One draw, or one value of a list, for all keys that match a key with *.
+    """One draw, or one value of a list, for all keys that match a key with `*`.
 
     Args:
         values: A distribution or a list.
