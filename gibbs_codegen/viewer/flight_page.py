@@ -1,0 +1,56 @@
+"""A flight as one page that plays without a server."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.robot_drawing import samples_at
+from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.viewer.flight_scene import FlightScene
+from gibbs_codegen.viewer.page import ViewPage, view_page
+from gibbs_codegen.viewer.server import empty_server
+
+# Frames per second, and frames at most, while there is room; and the room, in bytes.
+_RATE, _MOST = 25.0, 1000
+_ROOM = 1_900_000
+
+
+def flight_page(flight: Flight) -> ViewPage:
+    """Record a flight, with as many frames as there is room for.
+
+    Args:
+        flight: The flight.
+
+    Returns:
+        The page, of less than 2 MB.
+
+    Raises:
+        UsageError: viser is not installed, or the robot is nowhere at any time.
+    """
+    known = np.all(np.isfinite(flight.positions), axis=(1, 2))
+    if not known.any():
+        raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
+    start, end = flight.time[known][[0, -1]]
+    count = min(int((end - start) * _RATE) + 1, _MOST)
+    while True:
+        samples = sorted({*samples_at(flight, np.linspace(start, end, count))})
+        page = _recorded(flight, [sample for sample in samples if known[sample]])
+        if len(page.text) <= _ROOM or count == 1:
+            return page
+        count = max(3 * count // 4, 1)
+
+
+def _recorded(flight: Flight, samples: list[int]) -> ViewPage:
+    """The page that shows some samples."""
+    with empty_server() as server:
+        scene = FlightScene(server, flight)
+        scene.show(samples[0])
+        recording = server.get_scene_serializer()
+        for before, sample in pairwise(samples):
+            recording.insert_sleep(float(flight.time[sample] - flight.time[before]))
+            scene.show(sample)
+        client = recording.as_html()
+    return view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())

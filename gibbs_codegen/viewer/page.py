@@ -1,0 +1,87 @@
+"""A scene as one page that needs nothing else."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gibbs_codegen.errors import OutputError, printable
+from gibbs_codegen.files.staging import staging_folder
+
+# What a page in a notebook or on a site is high, px.
+_HEIGHT = 520
+# viser tells at length, and until it is clicked away, that a browser draws without a graphics card.
+_STYLE = """<style>
+.mantine-Notification-root[style*="orange"] { display: none; }
+#key { position: fixed; left: 12px; top: 10px; z-index: 2; pointer-events: none;
+  font: 14px/1.5 system-ui, sans-serif; color: #222; background: rgba(255, 255, 255, 0.75);
+  padding: 4px 10px; border-radius: 4px; max-width: 60%; }
+#key ul { list-style: none; margin: 0; padding: 0; }
+#key i { display: inline-block; width: 18px; height: 10px; margin-right: 8px; border-radius: 2px; }
+@media (max-width: 500px) { #key { font-size: 12px; } }
+</style>
+"""
+
+
+@dataclass(frozen=True)
+class ViewPage:
+    """A page of HTML that a browser shows without asking any machine for anything.
+
+    In a notebook it shows itself.
+
+    Attributes:
+        title: What it shows, in words.
+        text: The page.
+    """
+
+    title: str
+    text: str = field(repr=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to a file, whole or not at all.
+
+        Args:
+            path: The file; what was there is replaced.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        place = Path(path)
+        try:
+            with staging_folder(place.parent) as new:
+                (new / place.name).write_text(self.text, encoding="utf-8")
+                os.replace(new / place.name, place)
+        except OSError as error:
+            raise OutputError(f"{printable(place)}: cannot be written: {error.strerror}") from None
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe title="{html.escape(self.title)}" srcdoc="{html.escape(self.text)}" '
+            f'width="100%" height="{_HEIGHT}" loading="lazy" '
+            'style="border: 1px solid #ddd; box-sizing: border-box"></iframe>'
+        )
+
+
+def view_page(client: str, title: str, key: Sequence[tuple[str, str]]) -> ViewPage:
+    """Put title and key on a page of viser's.
+
+    Args:
+        client: The page, as viser makes it.
+        title: What it shows.
+        key: Colours, as CSS has them, and what they stand for.
+
+    Returns:
+        The page.
+    """
+    entries = "".join(
+        f'<li><i style="background: {colour}"></i>{html.escape(words)}</li>'
+        for colour, words in key
+    )
+    box = f'<div id="key"><b>{html.escape(title)}</b><ul>{entries}</ul></div>\n'
+    head, _, rest = client.partition("</head>")
+    head = head.replace("<title>Viser</title>", f"<title>{html.escape(title)}</title>")
+    body, end, tail = rest.rpartition("</body>")
+    return ViewPage(title, f"{head}{_STYLE}</head>{body}{box}{end}{tail}")
