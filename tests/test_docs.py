@@ -15,7 +15,7 @@ from conftest import ROOT
 from numpy.typing import NDArray
 from support.command import ENVIRONMENT
 from support.command import run as run_command
-from support.pages import PAGES, blocks, run_python
+from support.pages import PAGES, blocks, run_python, write_files
 from support.tools import run, tool
 
 import gibbs_codegen
@@ -39,7 +39,7 @@ RUN_ELSEWHERE = {
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
 PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md")
 MODULE_PAGE = "docs/reference/generated-module.md"
-COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
+COMMAND = re.compile(r"gibbs-codegen ([^#&>\n]*)")
 
 
 def pages_with(language: str) -> list[str]:
@@ -60,6 +60,7 @@ def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     """The blocks of a page one after the other; those with prompts give what is shown."""
     (tmp_path / "generated").symlink_to(ROOT / "generated")
     monkeypatch.chdir(tmp_path)
+    write_files(page, tmp_path)
     run_python(page)
 
 
@@ -130,7 +131,8 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 
 def test_files_in_toml_are_accepted() -> None:
-    pages = ["reference/robot-file", "reference/scenario-file", "start/first-robot"]
+    files = ["reference/robot-file", "reference/scenario-file"]
+    pages = ["howto/several-arms", *files, "start/first-robot"]
     assert pages_with("toml") == [f"docs/{page}.md" for page in pages]
     rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)

@@ -33,9 +33,10 @@ def write_files(page: str, folder: Path) -> list[str]:
     """
     found: dict[str, str] = {}
     for block in re.findall(r"^```\w+\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE):
-        if name := re.match(r"(?:#|//|/\*) ([\w-]+\.\w+)", block):
+        if name := re.match(r"(?:\{?#|//|/\*) ([\w/-]+(?:\.\w+)+)", block):
             found[name[1]] = found.get(name[1], "") + block
     for name, text in found.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
     return list(found)
 
