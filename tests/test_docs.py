@@ -34,6 +34,7 @@ RUN_ELSEWHERE = {
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
+    "docs/start/first-robot.md": "tests/test_first_robot.py",
 }
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
 PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md")
@@ -130,7 +131,8 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 
 def test_files_in_toml_are_accepted() -> None:
-    pages = ["howto/several-arms", "reference/robot-file", "reference/scenario-file"]
+    files = ["reference/robot-file", "reference/scenario-file"]
+    pages = ["howto/several-arms", *files, "start/first-robot"]
     assert pages_with("toml") == [f"docs/{page}.md" for page in pages]
     rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
