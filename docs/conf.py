@@ -67,6 +67,8 @@ nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_output_stderr = "error"
 nb_merge_streams = True
+# Outputs have formulas and tables too.
+nb_render_markdown_format = "myst"
 
 html_theme = "furo"
 html_title = f"gibbs_codegen {release}"
