@@ -67,7 +67,7 @@ nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_output_stderr = "error"
 nb_merge_streams = True
-# Outputs have formulas and tables too.
+# Outputs of notebooks have formulas and tables, as their cells of text do.
 nb_render_markdown_format = "myst"
 
 html_theme = "furo"

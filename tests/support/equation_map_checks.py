@@ -13,7 +13,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
 from gibbs_codegen.derivation.frames import mounted_frames
 from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA_DOT
@@ -83,18 +87,30 @@ def state_of(robot: Any, **vectors: Any) -> Names:
     return found
 
 
-def pixels(figure: Any) -> Any:
-    """A figure as it looks."""
+def content(figure: Any) -> list[Any]:
+    """What is drawn in a figure, wherever its layout puts it."""
     assert isinstance(figure, Figure)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())
+    found: list[Any] = []
+    for artist in figure.findobj():
+        if isinstance(artist, Text):
+            found.append(artist.get_text())
+        elif isinstance(artist, Line3D):
+            found.extend(artist.get_data_3d())
+        elif isinstance(artist, Line2D):
+            found.append(artist.get_xydata())
+        elif isinstance(artist, PolyCollection) and not isinstance(artist, Poly3DCollection):
+            found.extend([artist.get_facecolors(), *(p.vertices for p in artist.get_paths())])
+    return found
 
 
 def same_picture(drawn: Any, shown: Any) -> None:
-    ours, theirs = pixels(drawn), pixels(shown)
-    assert ours.shape == theirs.shape
-    assert (ours == theirs).all()
+    FigureCanvasAgg(drawn).draw()
+    FigureCanvasAgg(shown).draw()
+    for ours, theirs in zip(content(drawn), content(shown), strict=True):
+        if isinstance(ours, str):
+            assert ours == theirs
+        else:
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
 
 
 @row("Eq. 1")
