@@ -46,7 +46,10 @@ class Row:
             notebook,
             anchor,
             cell,
-            tuple(f"gibbs_codegen.{name}" for name in re.findall("`([^`]+)`", names)),
+            tuple(
+                ".".join(filter(None, ("gibbs_codegen", module, name)))
+                for name, module in re.findall(r"`(\w+)`(?: in `([\w.]+)`)?", names)
+            ),
         )
 
     @property
