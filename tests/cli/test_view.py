@@ -29,7 +29,10 @@ def workplace(shipped: Shipped, tmp_path: Path) -> Path:
 
 
 def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
-    for what, title in (("flight", "hexarotor_3link, synthetic"), ("hexarotor_3link",) * 2):
+    for what, title in (
+        ("flight", "hexarotor_3link, synthetic"),
+        ("hexarotor_3link", "hexarotor_3link, one coordinate at a time"),
+    ):
         done = run("view", what, "--html", "out/page.html", cwd=workplace)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith(f"out/page.html: {title}, 0.")
