@@ -15,8 +15,10 @@ from hypothesis import given, settings
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from support.emitted import emitted_module
+from support.names import assert_names_are_apart
 from support.random_robots import robots
 
 from gibbs_codegen.errors import UsageError
@@ -203,7 +205,7 @@ def test_every_chain_shows_what_the_decomposition_says(name: str) -> None:
             assert f"$\\theta_{{{j},{item}}}$" in shown
         assert (f"$F_{{{j},3}}$" in shown) == (1 in chain.motors)
         assert (f"$F_{{{j},5}}$" in shown) == chain.is_constrained
-        assert (f"$\\tau\\prime_{{{j},4}}$" in shown) == chain.is_constrained
+        assert (f"$\\tau'_{{{j},4}}$" in shown) == chain.is_constrained
         assert arrows(axes, CONSTRAINT) == chain.is_constrained
         assert arrows(axes, TORQUE) == (0 if chain.is_constrained else min(len(robot.links), 4))
 
@@ -219,6 +221,19 @@ def test_mass_is_solid_once() -> None:
 def bars(axes: Axes) -> list[str]:
     """Fillings of the links, in order."""
     return [line.get_color() for line in axes.lines if line.get_linewidth() == 3.6]
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_2link", "decarotor_3link"])
+def test_names_in_chains_can_be_read(name: str) -> None:
+    assert_names_are_apart(chains_figure(read_robot(name)[0]), smallest=9.0)
+
+
+def test_arm_in_gold_is_explained() -> None:
+    (legend,) = chains_figure(PAPER).legends
+    keys = dict(zip((t.get_text() for t in legend.texts), legend.legend_handles, strict=True))
+    gold = keys["base arm 2"]
+    assert isinstance(gold, Line2D)
+    assert to_hex(gold.get_color()) == GOLD
 
 
 def test_angles_are_the_true_ones_even_where_arms_are_drawn_apart() -> None:
