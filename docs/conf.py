@@ -38,7 +38,9 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "front_page",
     "generated",
+    "llms",
     "repository",
     "signatures",
 ]
@@ -75,4 +77,5 @@ html_title = f"gibbs_codegen {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 mathjax_path = "mathjax/tex-svg-full.js"
