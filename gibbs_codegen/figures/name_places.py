@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.text import Annotation, Text
 
-from gibbs_codegen.figures.marks import draw_name
+from gibbs_codegen.figures.marks import ABOVE_ALL, QUIET, draw_name
 from gibbs_codegen.figures.scene import project
 from gibbs_codegen.figures.style import DARK
 from gibbs_codegen.robot.placement import Array
@@ -17,8 +17,8 @@ from gibbs_codegen.robot.placement import Array
 # direction that is wanted, degrees.
 _DISTANCES = (3.0, 8.0, 15.0, 24.0, 36.0)
 _ANGLES = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
-# What it costs to lie on another name, or on a sixteenth of a line, beside angles and distances.
-_ON_NAME, _ON_LINE, _PER_DEGREE = 1000.0, 5.0, 0.1
+# What it costs to lie on another name or on a sixteenth of a line, and to be turned and far away.
+_ON_NAME, _ON_LINE, _PER_DEGREE, _PER_POINT = 1000.0, 5.0, 0.1, 1.5
 _POINTS_OF_A_LINE = 16
 _ROOM = 1.5
 
@@ -72,19 +72,34 @@ class Names:
             length = float(np.hypot(*away))
             first = np.arctan2(away[1], away[0]) if length > 1e-6 else np.pi / 2.0
             options = [
-                (
-                    self._cost(at, step, extent, points)
-                    + _PER_DEGREE * abs(angle)
-                    + 2.5 * distance,
-                    step,
-                )
+                (self._cost(at, step, extent, points) + aside, distance, step)
                 for distance in _DISTANCES
                 for angle in _ANGLES
                 for step in [_step(first + np.deg2rad(angle), distance, extent)]
+                for aside in [_PER_DEGREE * abs(angle) + _PER_POINT * distance]
             ]
-            _, best = min(options, key=lambda option: option[0])
+            _, distance, best = min(options, key=lambda option: option[0])
             mark.set_position((float(best[0]), float(best[1])))
+            if distance > _DISTANCES[1]:
+                self._lead(mark, best)
             self._boxes.append(np.array([at + best - extent / 2.0, at + best + extent / 2.0]))
+
+    def _lead(self, mark: Annotation, step: Array) -> None:
+        """Draw a thin line from a place to its name, which is not beside it.
+
+        Args:
+            mark: The name.
+            step: From the place to the middle of the name (2), points.
+        """
+        line = {"arrowstyle": "-", "color": QUIET, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        self.axes.annotate(
+            "",
+            xy=mark.xy,
+            xytext=(float(step[0]), float(step[1])),
+            textcoords="offset points",
+            arrowprops=line,
+            zorder=ABOVE_ALL - 1,
+        )
 
     def _cost(self, at: Array, step: Array, extent: Array, points: Array) -> float:
         """What a name would hide.
