@@ -40,7 +40,17 @@ class Row:
         assert match, place
         number, notebook, anchor, cell = match.groups()
         assert notebook.startswith(f"{number}_")
-        return cls(label, notebook, anchor, cell, tuple(re.findall("`([^`]+)`", names)))
+        return cls(
+            # Labels have a space at which lines do not break.
+            label.replace("\N{NO-BREAK SPACE}", " "),
+            notebook,
+            anchor,
+            cell,
+            tuple(
+                ".".join(filter(None, ("gibbs_codegen", module, name)))
+                for name, module in re.findall(r"`(\w+)`(?: in `([\w.]+)`)?", names)
+            ),
+        )
 
     @property
     def functions(self) -> list[Callable[..., Any]]:
