@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import contextmanager, nullcontext
 from typing import Any
+
+import rich
 
 from gibbs_codegen.runtime.load import require
 
@@ -31,15 +32,26 @@ def empty_server(port: int = PORT, told: bool = False) -> Iterator[Any]:
     import viser
 
     # It says so however quiet it is told to be.
-    with nullcontext() if told else redirect_stdout(io.StringIO()):
+    with nullcontext() if told else _silence():
         server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     # A button that would ask another machine.
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     try:
         yield server
     finally:
-        with redirect_stdout(io.StringIO()):
+        with _silence():
             server.stop()
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Let nothing be written to Rich's console, which in a notebook is no stream."""
+    console = rich.get_console()
+    quiet, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = quiet
 
 
 def address(server: Any) -> str:
