@@ -42,7 +42,7 @@ def robot_page(machine: Machine) -> ViewPage:
             name.text = label
             scene.show(state)
         client = recording.as_html()
-    return view_page(client, machine.vehicle.name, scene.key())
+    return view_page(client, f"{machine.vehicle.name}, one coordinate at a time", scene.key())
 
 
 def _swings(machine: Machine, start: Array, room: float) -> list[tuple[str, State]]:
