@@ -16,6 +16,7 @@ NAMES = (
     "01_gibbs_function",
     "02_chains",
     "03_hybrid_system",
+    "04_quasi_velocities",
     "05_flight",
     "06_your_own_controller",
     "07_derivatives",
