@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -208,3 +209,11 @@ def test_an_sdist_holds_what_git_does_but_hidden_files(built: Path) -> None:
     assert {(m.uid, m.gid, m.uname, m.gname) for m in members} == {(0, 0, "", "")}
     files = {member.name.removeprefix(f"{STEM}/") for member in members if member.isfile()}
     assert files == shown | set(MADE_BY_SETUPTOOLS.split())
+
+
+def test_citation_and_changelog_name_this_version() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in citation
+    (date,) = re.findall(r"^date-released: (.+)$", citation, re.MULTILINE)
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\n## [{__version__}] - {date}\n" in changes

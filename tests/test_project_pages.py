@@ -13,6 +13,7 @@ from support.pages import PAGES, blocks, write_files
 from support.tools import run, tool
 
 CMAKE = "docs/howto/cmake.md"
+EIGEN = "docs/howto/eigen.md"
 MODULE = "hexarotor_3link"
 
 
@@ -70,3 +71,11 @@ def test_the_build_generates_the_module_anew_when_the_robot_file_changes(folder:
             robot.write_text(text.replace("9.81", gravity), encoding="utf-8")
             said = printed(commands, folder).splitlines()[-1]
             assert said == f"upward acceleration: {acceleration} m/s^2"
+
+
+@pytest.mark.slow
+def test_the_controller_in_cpp_flies(tmp_path: Path) -> None:
+    assert project(EIGEN, tmp_path) == ["robot.hpp", "main.cpp", "CMakeLists.txt"]
+    said = printed(blocks(EIGEN, "sh")[1], tmp_path).splitlines()[-1]
+    assert said.startswith("after 5 s")
+    assert f"`{said}`" in PAGES[EIGEN]

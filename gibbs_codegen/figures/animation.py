@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 from collections.abc import Callable
@@ -10,27 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from PIL import Image
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
-from gibbs_codegen.figures.robot_drawing import (
-    PathDrawing,
-    RobotDrawing,
-    bounds,
-    rotor_radius,
-    samples_at,
-)
-from gibbs_codegen.figures.scene import VIEW, extent, fit, set_scene
-from gibbs_codegen.figures.style import add_legend, style
-from gibbs_codegen.figures.thrust_arrows import ThrustArrows
-from gibbs_codegen.simulator.record.flight import Array, Flight
+from gibbs_codegen.figures.film import Film
+from gibbs_codegen.figures.robot_drawing import samples_at
+from gibbs_codegen.figures.style import COLOURS, DARK, GOLD, style
+from gibbs_codegen.simulator.record.flight import Flight
 
-# Height of frames, their narrowest and widest width, and what labels take of both, in.
-_HEIGHT, _WIDTHS, _AROUND, _FRAME_DPI = 4.8, (3.6, 6.4), np.array([0.9, 1.3]), 100
-# Radii of rotors that there is room for around a robot; and the share of the whole flight's size
-# below which a robot is followed.
-_ROOM, _SMALL = 2.5, 0.7
+_FRAME_DPI = 100
+# Of every colour of a gif, from white to full.
+_SHADES = 8
 
 
 def write_animation(
@@ -78,7 +72,7 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
         raise UsageError(f"{fps} frames per second: give 1 or more")
     suffix = path.suffix.lower()
     if suffix == ".gif":
-        return PillowWriter(fps=fps)
+        return _GifWriter(fps=fps)
     if suffix != ".mp4":
         raise UsageError(f"{printable(path)}: an animation is a .gif or .mp4 file")
     if not FFMpegWriter.isAvailable():
@@ -89,37 +83,42 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
     return FFMpegWriter(fps=fps)
 
 
-class _Camera:
-    """Shows the whole flight, or goes with the robot if that would be small in it."""
+class _GifWriter(AbstractMovieWriter):
+    """Writes frames of one palette and without dithering, which makes files far smaller."""
 
-    def __init__(self, flight: Flight) -> None:
-        whole = bounds(flight)
-        self._places = flight.point(flight.centre)
-        around = flight.positions - self._places[:, np.newaxis]
-        around = around[np.isfinite(around).all(axis=(1, 2))].reshape(-1, 3)
-        room = _ROOM * rotor_radius(flight)
-        near = around.min(axis=0) - room, around.max(axis=0) + room
-        self.follows = float(np.max(near[1] - near[0])) < _SMALL * np.max(whole[1] - whole[0])
-        self._box = near if self.follows else whole
+    def setup(self, fig: Figure, outfile: Any, dpi: float | None = None) -> None:
+        """Begin a film.
 
-    @property
-    def frame_size(self) -> tuple[float, float]:
-        """Width and height of frames, in, which the scene fills; even in pixels, for mp4."""
-        wide, high = extent(self._box, VIEW)
-        width = (_HEIGHT - _AROUND[1]) * wide / high + _AROUND[0]
-        return 0.02 * round(50.0 * float(np.clip(width, *_WIDTHS))), _HEIGHT
+        Args:
+            fig: The figure that shows its frames.
+            outfile: The file to write.
+            dpi: Dots of a frame per inch of the figure.
+        """
+        super().setup(fig, outfile, dpi)
+        self._pictures: list[Image.Image] = []
+        inks = np.array([to_rgb(colour) for colour in (*COLOURS, GOLD, DARK)])
+        shares = np.linspace(0.0, 1.0, _SHADES)[:, np.newaxis, np.newaxis]
+        shades = np.round(255.0 * (shares * inks + 1.0 - shares)).astype(np.uint8)
+        self._palette = Image.new("P", (1, 1))
+        self._palette.putpalette(shades.tobytes())
 
-    def box(self, sample: int) -> tuple[Array, Array]:
-        """Lowest and highest coordinates (3) each that are shown at a sample, m."""
-        low, high = self._box
-        place = self._places[sample] if self.follows else np.zeros(3)
-        return low + place, high + place
+    def grab_frame(self, **savefig_kwargs: Any) -> None:
+        """Add the figure as it is as a frame.
 
-    def point(self, axes: Any, sample: int) -> None:
-        """Show what is to be seen at a sample, unless the robot is nowhere."""
-        box = self.box(sample)
-        if self.follows and np.all(np.isfinite(box)):
-            axes.set(**{f"{name}lim": ends for name, *ends in zip("xyz", *box, strict=True)})
+        Args:
+            **savefig_kwargs: As for Matplotlib's writers.
+        """
+        drawn = io.BytesIO()
+        self.fig.savefig(drawn, **{**savefig_kwargs, "format": "rgba", "dpi": self.dpi})
+        picture = Image.frombytes("RGBA", self.frame_size, drawn.getvalue()).convert("RGB")
+        picture = picture.quantize(palette=self._palette, dither=Image.Dither.NONE)
+        self._pictures.append(picture)
+
+    def finish(self) -> None:
+        """Write the file."""
+        first, *others = self._pictures
+        duration = int(1000 / self.fps)
+        first.save(self.outfile, save_all=True, append_images=others, duration=duration, loop=0)
 
 
 def _film(
@@ -138,23 +137,11 @@ def _film(
         samples: Numbers of the samples to draw, a frame each.
         progress: As for `write_animation`.
     """
-    camera = _Camera(flight)
-    figure = Figure(figsize=camera.frame_size)
-    axes: Any = figure.add_subplot(projection="3d")
-    set_scene(axes, camera.box(0))
-    paths = PathDrawing(axes, flight, desired="0.65")
-    robot = RobotDrawing(axes, flight)
-    arrows = ThrustArrows(axes, flight)
-    fit(axes, *add_legend(axes, flight))
-    clock = figure.text(0.98, 0.02, "", fontsize=11, horizontalalignment="right")
-    writer.setup(figure, str(path), _FRAME_DPI)
+    film = Film(flight)
+    writer.setup(film.figure, str(path), _FRAME_DPI)
     try:
         for done, sample in enumerate(samples, start=1):
-            paths.show(sample)
-            robot.show(sample)
-            arrows.show(sample)
-            camera.point(axes, sample)
-            clock.set_text(f"{flight.time[sample]:.2f} s")
+            film.show(sample)
             writer.grab_frame()
             progress(done, len(samples))
     except BaseException:

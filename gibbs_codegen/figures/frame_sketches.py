@@ -35,32 +35,41 @@ def frames_sketch() -> Figure:
     with style():
         figure = Figure(figsize=(FULL, 2.97))
         axes = sheet(figure, (1, 1, 1), (-1.3, 5.5), (-0.75, 2.05))
-        flat = seen_from((20.0, -68.0))[:2]
-        twist, angle, step, slide = 38.0, 42.0, 2.6, 1.3
-        tilted = turn(0, np.deg2rad(twist))
-        final = tilted @ turn(2, np.deg2rad(angle))
-        foot = np.array([step, 0.0, 0.0])
-        origin = foot + slide * tilted[:, 2]
-        draw_bar(axes, flat @ np.zeros(3), flat @ foot, "0.88", 9.0)
-        draw_bar(axes, flat @ origin, flat @ (origin + 2.3 * final[:, 0]), "0.88", 9.0)
-        _frame(axes, flat, np.zeros(3), np.eye(3), "i-1")
-        _frame(axes, flat, origin, final, "i")
-        axis = np.array([foot - 0.35 * tilted[:, 2], origin])
-        axes.plot(*(axis @ flat.T).T, color=Z_AXIS, lw=1.0, ls=DASHED, zorder=4)
-        for before, after, at, size, normal, name in (
-            (np.eye(3)[2], tilted[:, 2], foot, 0.62, np.eye(3)[0], r"$\alpha_i$"),
-            (tilted[:, 0], final[:, 0], origin, 0.95, tilted[:, 2], r"$\theta_i$"),
-        ):
-            _angle(axes, flat, (at, before, after, normal), size, name)
-        middle = flat @ ((foot + origin) / 2.0)
-        draw_name(axes, "$a_i$", flat @ (0.62 * foot) + spot(0.0, -0.26), PLACE)
-        draw_name(axes, "$d_i$", middle + spot(-0.22, -0.08), PLACE)
-        draw_name(axes, "link $i-1$", flat @ (0.3 * foot) + spot(0.0, -0.3))
-        draw_name(axes, "link $i$", flat @ (origin + 1.9 * final[:, 0]) + spot(0.05, -0.33))
+        draw_frames(axes)
         return figure
 
 
-def _frame(axes: Axes, flat: Array, origin: Array, turned: Array, index: str) -> None:
+def draw_frames(axes: Axes) -> None:
+    """Draw the frames of two links on axes from (-1, -0.7) to (5.3, 2).
+
+    Args:
+        axes: The axes.
+    """
+    flat = seen_from((20.0, -68.0))[:2]
+    twist, angle, step, slide = 38.0, 42.0, 2.6, 1.3
+    tilted = turn(0, np.deg2rad(twist))
+    final = tilted @ turn(2, np.deg2rad(angle))
+    foot = np.array([step, 0.0, 0.0])
+    origin = foot + slide * tilted[:, 2]
+    draw_bar(axes, flat @ np.zeros(3), flat @ foot, "0.88", 9.0)
+    draw_bar(axes, flat @ origin, flat @ (origin + 2.3 * final[:, 0]), "0.88", 9.0)
+    draw_frame(axes, flat, np.zeros(3), np.eye(3), "i-1")
+    draw_frame(axes, flat, origin, final, "i")
+    axis = np.array([foot - 0.35 * tilted[:, 2], origin])
+    axes.plot(*(axis @ flat.T).T, color=Z_AXIS, lw=1.0, ls=DASHED, zorder=4)
+    for before, after, at, size, normal, name in (
+        (np.eye(3)[2], tilted[:, 2], foot, 0.62, np.eye(3)[0], r"$\alpha_i$"),
+        (tilted[:, 0], final[:, 0], origin, 0.95, tilted[:, 2], r"$\theta_i$"),
+    ):
+        _angle(axes, flat, (at, before, after, normal), size, name)
+    middle = flat @ ((foot + origin) / 2.0)
+    draw_name(axes, "$a_i$", flat @ (0.62 * foot) + spot(0.0, -0.26), PLACE)
+    draw_name(axes, "$d_i$", middle + spot(-0.22, -0.08), PLACE)
+    draw_name(axes, "link $i-1$", flat @ (0.3 * foot) + spot(0.0, -0.3))
+    draw_name(axes, "link $i$", flat @ (origin + 1.9 * final[:, 0]) + spot(0.05, -0.33))
+
+
+def draw_frame(axes: Axes, flat: Array, origin: Array, turned: Array, index: str) -> None:
     """Draw three axes of a frame with their names.
 
     Args:

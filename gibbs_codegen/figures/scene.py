@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator, MultipleLocator, NullFormatter
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from gibbs_codegen.robot.placement import Array
@@ -24,8 +25,9 @@ def set_scene(
     view: tuple[float, float] = VIEW,
     ticks: int = 8,
     labels: Sequence[str] = _METRES,
-) -> None:
-    """Give 3-D axes equal units, limits and a view.
+    numbers: bool = True,
+) -> float:
+    """Give 3-D axes equal units, limits, a view and a grid of equal steps.
 
     Args:
         axes: The 3-D axes.
@@ -33,21 +35,31 @@ def set_scene(
         view: Elevation above the horizon and azimuth, degrees.
         ticks: About how many ticks the longest axis has at most.
         labels: Of the three axes; of positions in m unless given.
+        numbers: Whether the axes have labels and numbers; without them, all that they say is the
+            step of the grid.
+
+    Returns:
+        The step of the grid, in the unit of the axes.
     """
     low, high = bounds
     extent = high - low
     axes.computed_zorder = False
     # Neighbours would be hidden behind it.
     axes.patch.set_visible(False)
+    steps = MaxNLocator(ticks, steps=[1, 2, 5, 10]).tick_values(0.0, extent.max())
+    step = float(steps[1] - steps[0])
     for name, begin, end, label in zip("xyz", low, high, labels, strict=True):
-        axes.set(**{f"{name}lim": (begin, end), f"{name}label": label})
-        bins = max(2, round(ticks * (end - begin) / extent.max()))
-        axes.locator_params(name, nbins=bins, steps=[1, 2, 5, 10])
-        getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else 3.0
+        axes.set(**{f"{name}lim": (begin, end), f"{name}label": label if numbers else ""})
+        axis = getattr(axes, f"{name}axis")
+        axis.set_major_locator(MultipleLocator(step))
+        if not numbers:
+            axis.set_major_formatter(NullFormatter())
+        axis.labelpad = 0.0 if name == "z" else 3.0
     axes.tick_params(pad=0.5)
     axes.set_proj_type("ortho")
     axes.set_box_aspect(extent)
     axes.view_init(*view)
+    return step
 
 
 def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> None:
@@ -64,7 +76,8 @@ def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> N
     # Labels do not grow with the box, so that one step is not enough.
     for _ in range(4):
         axes.figure.draw_without_rendering()
-        labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        axis_boxes = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        labels = [box for box in axis_boxes if box is not None]
         pixels = np.concatenate([axes.transData.transform(project(axes, corners)), *labels])
         drawn = axes.figure.transFigure.inverted().transform(pixels)
         low, high = drawn.min(axis=0), drawn.max(axis=0)

@@ -31,26 +31,26 @@ DARK = "0.15"
 GOLD = "#f2c200"
 
 # Points that a name at the end of a curve takes of the height, and that it stands off.
-_NAME_HEIGHT, _NAME_DISTANCE = 9.5, 14.0
+_NAME_HEIGHT, _NAME_DISTANCE = 10.5, 14.0
 
 _STYLE: dict[str, Any] = {
     # The second family has what the first lacks, such as subscripts in a message.
     "font.family": ["STIXGeneral", "DejaVu Sans"],
     "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.titlesize": 8,
+    "font.size": 9,
+    "axes.titlesize": 9,
     "axes.titleweight": "bold",
-    "axes.labelsize": 8,
+    "axes.labelsize": 9,
     "axes.linewidth": 0.6,
     "axes.xmargin": 0,
     "axes.grid": True,
     "grid.color": "0.9",
     "grid.linewidth": 0.4,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
+    "xtick.labelsize": 8.7,
+    "ytick.labelsize": 8.7,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
-    "legend.fontsize": 7.5,
+    "legend.fontsize": 8.7,
     "legend.frameon": False,
     "legend.handlelength": 1.8,
     "legend.columnspacing": 1.2,
@@ -59,7 +59,7 @@ _STYLE: dict[str, Any] = {
     "axes3d.xaxis.panecolor": "white",
     "axes3d.yaxis.panecolor": "white",
     "axes3d.zaxis.panecolor": "white",
-    "figure.titlesize": 7.5,
+    "figure.titlesize": 8.7,
     "savefig.dpi": 200,
     # TrueType: publishers refuse the Type 3 fonts that are the default.
     "pdf.fonttype": 42,

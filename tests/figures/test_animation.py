@@ -6,16 +6,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
 from PIL import Image
 from support.synthetic_flight import synthetic_flight
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.figures.animation import _Camera, write_animation
+from gibbs_codegen.figures.animation import _GifWriter, write_animation
+from gibbs_codegen.figures.film import Film
+from gibbs_codegen.figures.scene import project
 from gibbs_codegen.figures.thrust_arrows import ThrustArrows
 from gibbs_codegen.simulator.record.flight import Flight
 
@@ -34,8 +37,8 @@ def test_gif_runs_in_real_time(flight: Flight, tmp_path: Path) -> None:
         assert getattr(film, "n_frames", 1) == 5
         assert film.info["duration"] == 100
         # As wide as the scene, and even for mp4.
-        assert film.size[1] == 480
-        assert 360 <= film.size[0] <= 640
+        assert film.size[1] == 420
+        assert 500 <= film.size[0] <= 920
         assert film.size[0] % 2 == 0
         first = np.asarray(film.convert("RGB"))
         film.seek(4)
@@ -44,8 +47,12 @@ def test_gif_runs_in_real_time(flight: Flight, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_robot_that_is_small_in_its_flight_is_followed(flight: Flight) -> None:
-    assert not _Camera(flight).follows
+def near_view(film: Film) -> Any:
+    _, near = film.figure.axes
+    return near
+
+
+def test_the_near_view_goes_with_the_rotors(flight: Flight) -> None:
     shift = np.linspace(0.0, 40.0, len(flight.time))[:, np.newaxis] * [1.0, 0.0, 0.0]
     far = replace(
         flight,
@@ -53,12 +60,39 @@ def test_a_robot_that_is_small_in_its_flight_is_followed(flight: Flight) -> None
         centre_desired=flight.centre_desired + shift,
         tip_desired=flight.tip_desired + shift,
     )
-    camera = _Camera(far)
-    assert camera.follows
+    film = Film(far)
+    film.figure.draw_without_rendering()
+    near = near_view(film)
+    (window,) = film.figure.artists
+    frame = window.get_window_extent()
+    rotors = [far.points.index(name) for name in far.rotor_points]
     for sample in (0, len(far.time) - 1):
-        low, high = camera.box(sample)
-        assert np.all((low < far.positions[sample]) & (far.positions[sample] < high))
-        assert np.max(high - low) < 20.0
+        film.show(sample)
+        film.figure.draw_without_rendering()
+        pixels = near.transData.transform(project(near, far.positions[sample][rotors]))
+        assert np.all((frame.min < pixels) & (pixels < frame.max))
+        # They take a good part of it.
+        assert np.ptp(pixels[:, 0]) > 0.3 * frame.width
+    assert all(artist.get_clip_box() is not None for artist in near.lines)
+
+
+def test_no_near_view_where_all_is_near(flight: Flight) -> None:
+    """Of the synthetic machine in one place, without its arm."""
+    kept = [
+        place
+        for place, name in enumerate(flight.points)
+        if name == "O2" or name in flight.rotor_points
+    ]
+    still = np.zeros(len(flight.time), dtype=int)
+    bare = replace(
+        flight,
+        points=tuple(flight.points[place] for place in kept),
+        positions=flight.positions[still][:, kept],
+        parents=np.array([-1] + [0] * (len(kept) - 1)),
+        centre_desired=flight.centre_desired[still],
+    )
+    assert not Film(bare).near
+    assert len(Film(bare).figure.axes) == 1
 
 
 def test_arrows_are_as_long_as_thrusts(flight: Flight) -> None:
@@ -75,6 +109,17 @@ def test_arrows_are_as_long_as_thrusts(flight: Flight) -> None:
         usual = np.quantile(np.abs(flight.applied[:, :6]), 0.95)
         lengths = arrows.reach * np.clip(thrusts / usual, -1.0, 1.0)
         assert np.allclose(tips - starts, lengths[:, np.newaxis] * along)
+
+
+def test_an_arrow_of_no_thrust_has_no_head(flight: Flight) -> None:
+    axes = Figure().add_subplot(projection="3d")
+    applied = flight.applied.copy()
+    applied[:, 1] = 0.0
+    ThrustArrows(axes, replace(flight, applied=applied)).show(0)
+    points = np.transpose(axes.get_lines()[0].get_data_3d()).reshape(6, 6, 3)
+    sizes = np.linalg.norm(points[:, [2, 4]] - points[:, [3]], axis=2).max(axis=1)
+    assert sizes[1] == 0.0
+    assert np.all(np.delete(sizes, 1) > 0.0)
 
 
 def test_single_sample(flight: Flight, tmp_path: Path) -> None:
@@ -133,11 +178,11 @@ def test_nothing_is_left_of_a_broken_film(
 
 
 def test_full_disk(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: PillowWriter) -> None:
+    def full(self: _GifWriter) -> None:
         Path(self.outfile).write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(PillowWriter, "finish", full)
+    monkeypatch.setattr(_GifWriter, "finish", full)
     with pytest.raises(OutputError, match="No space left on device"):
         write_animation(flight, tmp_path / "flight.gif", fps=3)
     assert not list(tmp_path.iterdir())

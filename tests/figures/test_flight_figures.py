@@ -411,4 +411,4 @@ def test_users_style_is_left_alone_and_not_used(paper: Flight) -> None:
     with mpl.rc_context({"font.size": 30, "axes.grid": False}):
         figure = figures.energy(paper)
         assert mpl.rcParams["font.size"] == 30
-    assert figure.axes[0].yaxis.label.get_fontsize() == 8
+    assert figure.axes[0].yaxis.label.get_fontsize() == 9
