@@ -1,12 +1,13 @@
-"""Install a wheel with the oldest and the newest Python and dependencies, and compare.
+"""Install the wheels with every Python, and with the oldest and newest dependencies, and compare.
 
-    python3 .ci/matrix.py WHEEL
+    python3 .ci/matrix.py FOLDER
 
-There are two environments, of Pythons that are on the path or among pyenv's: the oldest that
-pyproject.toml allows, with the oldest dependencies, and the newest with the newest dependencies and
-the packages for numbers that SymPy computes with where it finds them. In each, modules in
-generated/ must be up to date, a user's commands and some tests must pass, and what is emitted must
-be the same bytes in all.
+FOLDER is what distributions.py wrote; pip takes the wheel that fits best. There is an environment
+for each Python that pyproject.toml allows and that is on the path or among pyenv's: the oldest has
+the oldest dependencies, the others have the newest, and the newest also the packages for numbers
+that SymPy computes with where it finds them. In each, the dependencies of all extras must be found,
+modules in generated/ must be up to date, a user's commands and some tests must pass, and what is
+emitted must be the same bytes in all.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OLDEST_MINOR = int(PROJECT["requires-python"].removeprefix(">=3."))
+EXTRAS = f"{PROJECT['name']}[{','.join(PROJECT['optional-dependencies'])}]"
 OLDEST = [re.sub(" *>= *", "==", requirement) for requirement in PROJECT["dependencies"]]
 
 # SymPy computes with these where it finds them.
@@ -100,10 +102,13 @@ class Environment:
             raise FailedError(f"{self.label}: {' '.join(map(str, command))}\n{said}")
         return done.stdout
 
-    def install(self, *others: str | Path) -> str:
-        """Make the environment with its packages and others; which versions came."""
+    def install(self, *others: str, wheels: Path | None = None) -> str:
+        """Make the environment with its packages, wheels and others; which versions came."""
         subprocess.run([self.interpreter, "-m", "venv", self.folder], check=True)
-        self.run("pip", "install", "--quiet", "--only-binary=:all:", *self.packages, *others)
+        pip = ("pip", "install", "--quiet", "--only-binary=:all:")
+        if wheels:
+            self.run(*pip, "--no-deps", "--no-index", "--find-links", wheels, PROJECT["name"])
+        self.run(*pip, *self.packages, *others)
         listed = self.run("pip", "list", "--format=freeze").lower().split()
         return ", ".join(line for line in listed if line.partition("==")[0] in TOLD)
 
@@ -116,7 +121,8 @@ class Environment:
             raise FailedError(f"{self.label}: simulate leaves an empty figure")
 
     def check(self) -> None:
-        """Compare generated/ with what would be written, walk, and test."""
+        """Find what the extras need, compare generated/ with what would be written, walk, test."""
+        self.run("pip", "install", "--quiet", "--only-binary=:all:", "--dry-run", EXTRAS)
         for module in sorted(path.name for path in (ROOT / "generated").iterdir()):
             self.run("gibbs-codegen", "generate", module, "--check", cwd=ROOT)
         self.walk()
@@ -146,20 +152,22 @@ def interpreters() -> Iterator[tuple[str, Path]]:
 
 
 def environments(work: Path) -> list[Environment]:
-    """Environments to make: the oldest Python with the oldest packages first."""
+    """Environments to make, one for each Python: the oldest first."""
     found = list(interpreters())
     if not found:
         sys.exit(f"no Python from 3.{OLDEST_MINOR} on with venv and pip (Debian: python3-venv)")
-    (version, oldest), (newer, newest) = found[0], found[-1]
-    return [
-        Environment(f"Python {version}, oldest packages", oldest, work / "oldest", OLDEST),
-        Environment(f"Python {newer}, number packages", newest, work / newer, NUMBER_PACKAGES),
-    ]
+    (version, oldest), newest = found[0], found[-1][1]
+    made = [Environment(f"Python {version}, oldest packages", oldest, work / "oldest", OLDEST)]
+    for version, interpreter in found[1:] or found:
+        numbers = NUMBER_PACKAGES if interpreter == newest else ()
+        label = f"Python {version}, newest packages"
+        made.append(Environment(label, interpreter, work / version, numbers))
+    return made
 
 
-def installed(environment: Environment, wheel: Path) -> None:
+def installed(environment: Environment, wheels: Path) -> None:
     """Make an environment, and say what is in it."""
-    packages = environment.install(wheel, "pytest", "hypothesis")
+    packages = environment.install(PROJECT["name"], "pytest", "hypothesis", wheels=wheels)
     print(f"{environment.label}: {packages}", flush=True)
 
 
@@ -171,12 +179,12 @@ def numpy_alone(interpreter: Path, generated: Path, folder: Path) -> None:
     environment.run("python", "-c", NUMPY_ALONE, cwd=generated)
 
 
-def main(wheel: Path) -> None:
+def main(wheels: Path) -> None:
     """Make the environments, check each, and compare what they emit."""
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(2) as pool:
         work = Path(name)
         made = environments(work)
-        for _ in pool.map(lambda environment: installed(environment, wheel), made):
+        for _ in pool.map(lambda environment: installed(environment, wheels), made):
             pass
         first = made[0]
         tests = str(ROOT / "tests")

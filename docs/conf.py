@@ -38,7 +38,9 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "front_page",
     "generated",
+    "llms",
     "repository",
     "signatures",
 ]
@@ -67,10 +69,13 @@ nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_output_stderr = "error"
 nb_merge_streams = True
+# Outputs of notebooks have formulas and tables, as their cells of text do.
+nb_render_markdown_format = "myst"
 
 html_theme = "furo"
 html_title = f"gibbs_codegen {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 mathjax_path = "mathjax/tex-svg-full.js"

@@ -15,7 +15,7 @@ from conftest import ROOT
 from numpy.typing import NDArray
 from support.command import ENVIRONMENT
 from support.command import run as run_command
-from support.pages import PAGES, blocks, run_python
+from support.pages import PAGES, blocks, files_of, run_python, write_files
 from support.tools import run, tool
 
 import gibbs_codegen
@@ -34,11 +34,12 @@ RUN_ELSEWHERE = {
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
+    "docs/start/first-robot.md": "tests/test_first_robot.py",
 }
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
 PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md")
 MODULE_PAGE = "docs/reference/generated-module.md"
-COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
+COMMAND = re.compile(r"gibbs-codegen ([^#&>\n]*)")
 
 
 def pages_with(language: str) -> list[str]:
@@ -59,8 +60,7 @@ def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     """The blocks of a page one after the other; those with prompts give what is shown."""
     copytree(ROOT / "generated", tmp_path / "generated")
     monkeypatch.chdir(tmp_path)
-    if page == "README.md":
-        (tmp_path / "my_uav.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
+    write_files(page, tmp_path)
     run_python(page)
 
 
@@ -131,8 +131,9 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 
 def test_files_in_toml_are_accepted() -> None:
-    names = ["README", "docs/reference/robot-file", "docs/reference/scenario-file"]
-    assert pages_with("toml") == [f"{name}.md" for name in names]
+    files = ["reference/robot-file", "reference/scenario-file"]
+    pages = ["howto/several-arms", *files, "start/first-robot"]
+    assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
     assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (3, (0, 1), 1)
@@ -166,7 +167,7 @@ def test_commands_have_options_that_exist(page: str) -> None:
 @pytest.mark.usefixtures("quick_compiler")
 def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
     """The commands of its last block, after the robot file is written; `view` into a file."""
-    (tmp_path / "my_uav.toml").write_text(blocks("README.md", "toml")[0], encoding="utf-8")
+    write_files("README.md", tmp_path)
     *_, block = blocks("README.md", "sh")
     commands = [command.split() for command in COMMAND.findall(block)]
     assert [words[0] for words in commands] == ["generate", "verify", "simulate", "view"]
@@ -236,7 +237,7 @@ def test_links_lead_somewhere(page: str) -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_files_that_are_named_exist(page: str) -> None:
     for path in re.findall(r"\b((?:tests|gibbs_codegen|templates|\.ci)/[\w./]*\w/?)", PAGES[page]):
-        assert (ROOT / path).exists(), path
+        assert (ROOT / path).exists() or path in files_of(page), path
 
 
 @pytest.mark.parametrize("page", sorted({p for p in PAGES if "docs/" in p} - {"docs/index.md"}))

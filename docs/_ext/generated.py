@@ -8,14 +8,15 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable, Iterator
-from typing import Any
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LISTS, Row
 from gibbs_codegen.robot.tables import RobotTable
 from gibbs_codegen.scenario.tables import ScenarioTable
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 # How the C functions' lengths are written, by the letters of `gibbs_codegen.interface.table`.
 LENGTHS = {letter: f"n{letter}" for letter in LISTS}

@@ -66,7 +66,8 @@ def name(
     """Compose a name.
 
     Args:
-        letter: Such as theta or l; one with a digit, such as B_0, keeps it apart from the index.
+        letter: Such as theta or l; one with a digit, such as B_0, stands in parentheses if it has
+            an index, which would look like part of the digit.
         index: The subscript, or "".
         kind: What the symbol stands for.
         meaning: For the legend, with the unit.
@@ -84,7 +85,7 @@ def name(
     if mark:
         latex = f"\\{mark}{{{latex}}}"
     if "_" in letter:
-        latex = f"{{{latex}}}"
+        latex = f"({latex})" if index else latex
     if prime:
         text, latex = f"{text}'", f"{latex}'"
     text = unicodedata.normalize("NFC", f"{text}{text_index(index)}")

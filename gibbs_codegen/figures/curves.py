@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, add_heading, spread
+from gibbs_codegen.figures.style import COLOURS, DARK, add_heading, spread
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
 # Curves on a logarithmic axis end here, in m, rad or J: what is below is roundoff. Axes reach at
@@ -26,7 +26,7 @@ ROUND_OFF, _ROUND_OFF_DEGREES = 1e-3, 0.1
 # What the range of linear axes is at least, as a share of the sum of their ends.
 _LEAST_RANGE = 0.1
 # Of names beside curves.
-_LONGEST_NAME = 11
+_LONGEST_NAME = 14
 # Of a figure's width: a legend, beside names at the ends of curves and numbers at the axis.
 _KEY_WIDTH = 0.65
 _MOST_COLUMNS = 4
@@ -176,8 +176,8 @@ def explain(axes: Axes, solid: str, dashed: str) -> None:
 def symbol(name: str) -> str:
     """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
 
-    Other names lose what says thrust or torque, as the axis does, and their beginnings where they
-    are long.
+    Other names lose what says thrust or torque, as the axis does, and the ends of their words where
+    they are long.
 
     Args:
         name: Its name in the generated module.
@@ -187,25 +187,34 @@ def symbol(name: str) -> str:
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
     if found is None:
-        name = re.sub(r"^(F|tau|tau_prime)_", "", name)
-        return name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
+        return _short(re.sub(r"^(F|tau|tau_prime)_", "", name).split("_"))
     letter, index, *_ = (part for part in (*found.groups(), "") if part is not None)
     letters = {"theta": r"\theta", "tau": r"\tau", "tau_prime": r"\tau\prime"}
     letter = letters.get(letter, letter)
     return f"${letter}_{{{index.replace('m', '-')}}}$" if index else f"${letter}$"
 
 
-def stack(flight: Flight, panels: Sequence[Curves]) -> Figure:
-    """Draw panels of one column's width, one above the other.
+def _short(words: Sequence[str]) -> str:
+    """A name made of beginnings of its words that are as long as there is room for."""
+    for letters in range(max(map(len, words)), 0, -1):
+        name = "_".join(word[:letters] for word in words)
+        if len(name) <= _LONGEST_NAME:
+            return name
+    return f"{name[: _LONGEST_NAME - 1]}…"
+
+
+def stack(flight: Flight, panels: Sequence[Curves], width: float) -> Figure:
+    """Draw panels one above the other.
 
     Args:
         flight: The flight, for its times.
         panels: What each panel shows.
+        width: Of the figure, in.
 
     Returns:
         The figure, not yet finished.
     """
-    figure = Figure(figsize=(COLUMN, 0.4 + 1.7 * len(panels)), layout="constrained")
+    figure = Figure(figsize=(width, 0.4 + 1.7 * len(panels)), layout="constrained")
     column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, curves in zip(column, panels, strict=True):
         plot(axes, flight, curves)

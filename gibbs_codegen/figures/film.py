@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, rotor_radius
-from gibbs_codegen.figures.scene import VIEW, extent, fit, set_scene
+from gibbs_codegen.figures.scene import VIEW, extent, fit, hide_numbers, set_scene
 from gibbs_codegen.figures.style import add_legend
 from gibbs_codegen.figures.thrust_arrows import LONGEST, ThrustArrows
 from gibbs_codegen.simulator.record.flight import Array, Flight
@@ -43,7 +43,8 @@ class Film:
         # Even in pixels, for mp4.
         self.figure = Figure(figsize=(0.02 * round(50.0 * width), _HEIGHT))
         axes: Any = self.figure.add_subplot(projection="3d")
-        step = set_scene(axes, whole, numbers=False)
+        step = set_scene(axes, whole)
+        hide_numbers(axes)
         self._moving = _artists(axes, flight)
         _, bottom, _, top = add_legend(axes, flight)
         fit(axes, 0.01, bottom, left / width - 0.02, top)

@@ -33,11 +33,12 @@ from gibbs_codegen.figures.style import COLOURS, COLUMN, style
 from gibbs_codegen.simulator.record.flight import Flight
 
 
-def constraint_torques(flight: Flight) -> Figure:
+def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links.
 
     Args:
         flight: The flight.
+        width: Of the figure, in; a column of a paper unless given.
 
     Returns:
         The figure.
@@ -45,10 +46,10 @@ def constraint_torques(flight: Flight) -> Figure:
     names = [symbol(name) for name in flight.constraint_names]
     with style():
         panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
-        return finished(stack(flight, [panel]), flight)
+        return finished(stack(flight, [panel], width), flight)
 
 
-def tracking_error(flight: Flight) -> Figure:
+def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw how far the flight is from what is desired, on logarithmic axes, over time in s.
 
     Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
@@ -57,6 +58,7 @@ def tracking_error(flight: Flight) -> Figure:
 
     Args:
         flight: The flight.
+        width: Of the figure, in; a column of a paper unless given.
 
     Returns:
         The figure.
@@ -73,20 +75,21 @@ def tracking_error(flight: Flight) -> Figure:
     if flight.tangent_arm:
         angles[f"arm {flight.tangent_arm} to tangent"] = flight.heading_error
     with style():
-        figure = Figure(figsize=(COLUMN, 3.6), layout="constrained")
+        figure = Figure(figsize=(width, 3.6), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
         plot_logarithms(above, flight, "error (m)", distances)
         plot_logarithms(below, flight, "error (rad)", angles)
         return finished(figure, flight)
 
 
-def energy(flight: Flight) -> Figure:
+def energy(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw changes of energy since the start and the work done, J; below the error |ΔE − W|, J.
 
     Errors below `LOG_FLOOR`, which are roundoff, are drawn there.
 
     Args:
         flight: The flight.
+        width: Of the figure, in; a column of a paper unless given.
 
     Returns:
         The figure.
@@ -94,7 +97,7 @@ def energy(flight: Flight) -> Figure:
     kinetic, potential = (e - e[0] for e in (flight.kinetic_energy, flight.potential_energy))
     changes = {"kinetic": kinetic, "potential": potential, r"total $\Delta E$": kinetic + potential}
     with style():
-        figure = Figure(figsize=(COLUMN, 3.6), layout="constrained")
+        figure = Figure(figsize=(width, 3.6), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for (name, change), colour in zip(changes.items(), COLOURS, strict=False):
             plot_line(above, flight, change, label=name, color=colour, **SOLID)

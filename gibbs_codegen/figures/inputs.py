@@ -21,7 +21,7 @@ from gibbs_codegen.figures.curves import (
     stack,
     symbol,
 )
-from gibbs_codegen.figures.style import COLOURS, style
+from gibbs_codegen.figures.style import COLOURS, COLUMN, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
 # Shares of a thrust along the base normal: of rotors that are called vertical at least this.
@@ -32,7 +32,7 @@ _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1
 _LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
 
 
-def inputs(flight: Flight) -> Figure:
+def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw thrusts F₁ … F_N in N, and the joints' torques in N m and forces in N, over time in s.
 
     Thrusts of rotors that lift and of rotors that push sideways have panels of their own. Lines are
@@ -42,6 +42,7 @@ def inputs(flight: Flight) -> Figure:
 
     Args:
         flight: The flight.
+        width: Of the figure, in; a column of a paper unless given.
 
     Returns:
         The figure.
@@ -59,7 +60,7 @@ def inputs(flight: Flight) -> Figure:
     }
     shown = {label: np.flatnonzero(which) for label, which in groups.items() if which.any()}
     with style():
-        figure = stack(flight, [_curves(flight, *each) for each in shown.items()])
+        figure = stack(flight, [_curves(flight, *each) for each in shown.items()], width)
         keys: dict[str, Any] = {}
         for axes, group in zip(figure.axes, shown.values(), strict=True):
             _draw_bands(axes, flight, group)

@@ -25,7 +25,6 @@ def set_scene(
     view: tuple[float, float] = VIEW,
     ticks: int = 8,
     labels: Sequence[str] = _METRES,
-    numbers: bool = True,
 ) -> float:
     """Give 3-D axes equal units, limits, a view and a grid of equal steps.
 
@@ -35,8 +34,6 @@ def set_scene(
         view: Elevation above the horizon and azimuth, degrees.
         ticks: About how many ticks the longest axis has at most.
         labels: Of the three axes; of positions in m unless given.
-        numbers: Whether the axes have labels and numbers; without them, all that they say is the
-            step of the grid.
 
     Returns:
         The step of the grid, in the unit of the axes.
@@ -49,17 +46,26 @@ def set_scene(
     steps = MaxNLocator(ticks, steps=[1, 2, 5, 10]).tick_values(0.0, extent.max())
     step = float(steps[1] - steps[0])
     for name, begin, end, label in zip("xyz", low, high, labels, strict=True):
-        axes.set(**{f"{name}lim": (begin, end), f"{name}label": label if numbers else ""})
+        axes.set(**{f"{name}lim": (begin, end), f"{name}label": label})
         axis = getattr(axes, f"{name}axis")
         axis.set_major_locator(MultipleLocator(step))
-        if not numbers:
-            axis.set_major_formatter(NullFormatter())
         axis.labelpad = 0.0 if name == "z" else 3.0
     axes.tick_params(pad=0.5)
     axes.set_proj_type("ortho")
     axes.set_box_aspect(extent)
     axes.view_init(*view)
     return step
+
+
+def hide_numbers(axes: Any) -> None:
+    """Leave of the axes of a scene only its grid.
+
+    Args:
+        axes: The 3-D axes.
+    """
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_formatter(NullFormatter())
+        axis.set_label_text("")
 
 
 def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> None:

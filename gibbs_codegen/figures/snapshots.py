@@ -12,15 +12,26 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
-from gibbs_codegen.figures.scene import VIEW, draw_plane, extent, fit, project, seen_from, set_scene
+from gibbs_codegen.figures.scene import (
+    VIEW,
+    draw_plane,
+    extent,
+    fit,
+    hide_numbers,
+    project,
+    seen_from,
+    set_scene,
+)
 from gibbs_codegen.figures.style import FULL, add_legend, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
 INSTANTS = 12
 # Width and height of the largest box that is drawn, and what labels around it take, in.
 _LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
-# Of panels: columns; heights of heading and legend, of a label of time, and at most of a row, in.
-_COLUMNS, _HEAD, _TIME, _ROW = 4, 0.55, 0.35, 1.75
+# Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
+# one of them take on one side and below, in.
+_COLUMNS, _TALLEST = (3, 4, 6), 6.0
+_HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
 # Not along an axis, which would hide what it measures.
 _AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
 _VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
@@ -76,6 +87,8 @@ def snapshots(flight: Flight) -> Figure:
 def snapshots_panels(flight: Flight) -> Figure:
     """Draw the twelve instants of Fig. 11 one by one, m, as one picture may be too crowded.
 
+    The panels have the same axes, whose numbers stand at one of them.
+
     Args:
         flight: The flight.
 
@@ -85,32 +98,59 @@ def snapshots_panels(flight: Flight) -> Figure:
     samples = _instants(flight)
     box = bounds(flight, samples)
     view = _clearest_view(flight.point(flight.centre)[samples], box)
-    wide, high = extent(box, view)
-    row_height = min(_ROW, FULL / _COLUMNS * high / wide + _TIME)
-    rows = -(-INSTANTS // _COLUMNS)
+    columns, cell = _division(len(samples), extent(box, view))
+    rows = -(-len(samples) // columns)
     with style():
-        figure = Figure(figsize=(FULL, _HEAD + rows * row_height))
-        colours = _colours(samples)
-        first = _panel(figure, flight, (box, view), samples[0], colours[0])
-        left, bottom, width, height = add_legend(first, flight)
-        width, height = width / _COLUMNS, height / rows
-        # Scene and view are the same in all, so that what fits one fits all.
-        below = 1.0 - 0.5 * _TIME / row_height
-        fit(first, left, bottom, 0.94 * width, below * height)
-        fitting = first.get_position(original=True)
-        others = [
+        figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
+        size = figure.get_size_inches()
+        panels = [
             _panel(figure, flight, (box, view), sample, colour)
-            for sample, colour in zip(samples[1:], colours[1:], strict=True)
+            for sample, colour in zip(samples, _colours(samples), strict=True)
         ]
-        for place, (axes, sample) in enumerate(zip([first, *others], samples, strict=True)):
-            row, column = divmod(place, _COLUMNS)
-            x, y = column * width, (rows - 1 - row) * height
-            axes.set_position(fitting.translated(x, y))
-            top = bottom + y + below * height
-            figure.text(left + x + 0.02, top, f"{flight.time[sample]:.1f} s")
+        add_legend(panels[0], flight)
+        on_left = _has_height_on_left(panels[0])
+        numbered = panels[columns * (rows - 1) if on_left else -1]
+        others = [axes for axes in panels if axes is not numbered]
+        for axes in others:
+            hide_numbers(axes)
+        corner = np.array([_NUMBERS[0] * on_left, _NUMBERS[1]])
+        # Scene and view are the same in all, so that what fits one fits all.
+        fit(*(others or panels)[:1], *(corner / size), *((cell - (_GAP, _TIME)) / size))
+        fitting = (others or panels)[0].get_position(original=True)
+        for place, (axes, sample) in enumerate(zip(panels, samples, strict=True)):
+            row, column = divmod(place, columns)
+            shift = np.array([column, rows - 1 - row]) * cell
+            axes.set_position(fitting.translated(*(shift / size)))
+            x, y = (corner + shift + (_GAP, cell[1] - 0.5 * _TIME)) / size
+            figure.text(x, y, f"{flight.time[sample]:.1f} s", verticalalignment="center")
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
         return figure
+
+
+def _division(panels: int, scene: Array) -> tuple[int, Array]:
+    """Divide a page into as many panels as are wanted, so that the scene in them is largest.
+
+    Args:
+        panels: Their number.
+        scene: Width and height (2) of the scene, m.
+
+    Returns:
+        The number of columns, and width and height (2) of a panel with its time, in.
+    """
+    rooms = {}
+    for columns in _COLUMNS:
+        room = np.array([(FULL - _NUMBERS[0]) / columns, _TALLEST / -(-panels // columns)])
+        scale = float(np.min((room - (_GAP, _TIME)) / scene))
+        rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
+    return rooms[max(rooms)]
+
+
+def _has_height_on_left(axes: Any) -> bool:
+    """Whether the numbers of the z axis are on the left of a scene."""
+    axes.figure.draw_without_rendering()
+    heights, lengths = axes.zaxis.get_tightbbox(), axes.xaxis.get_tightbbox()
+    return bool(heights.x1 < lengths.x1)
 
 
 def _panel(
@@ -137,10 +177,9 @@ def _panel(
     _draw_walls(axes, flight, scene[0])
     PathDrawing(axes, flight, scale=0.6).show(sample)
     RobotDrawing(axes, flight, colour=colour, scale=0.6).show(sample)
-    axes.tick_params(labelsize=6, pad=-3)
+    axes.tick_params(pad=-2)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.labelpad = -7.5 if axis is axes.zaxis else -6.0
-        axis.label.set_fontsize(6.5)
+        axis.labelpad = -5.0 if axis is axes.zaxis else -1.5
     return axes
 
 

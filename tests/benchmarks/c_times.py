@@ -6,7 +6,8 @@ contenders in turn, so that a slow moment of the machine hits all alike; what is
 median over the rounds, of times and of ratios, the latter with their 10th and 90th percentiles.
 `--links 3 7` limits the family's machines; `--robots` takes others instead: `two_arms` and
 `two_benchmark_arms` of `family.py`, robots that ship, or robot files. `--picture FILE` draws the
-times; `--folder DIR` keeps what is built, since Pinocchio takes minutes to compile.
+times; `--summary FILE` draws those of the first machine for readers who do not know it, such as
+those of README; `--folder DIR` keeps what is built, since Pinocchio takes minutes to compile.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
@@ -33,6 +35,7 @@ from peers.contender import TASKS, Contender, States, packed  # noqa: E402
 from peers.peers import STATES, check, contenders, random_states  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 
+from gibbs_codegen.figures.style import COLOURS, style  # noqa: E402
 from gibbs_codegen.robot.model import Robot  # noqa: E402
 
 ROUNDS = 60
@@ -150,6 +153,37 @@ def draw(measured: dict[str, Times], file: str, tasks: Sequence[str] = TASKS) ->
     figure.savefig(file, dpi=150)
 
 
+# Those of the summary, as bars from top to bottom, in words for readers.
+SUMMARY = {
+    "Pinocchio, free-flyer": "Pinocchio (C++)",
+    "MuJoCo": "MuJoCo (C)",
+    "CasADi C": "CasADi, generated C",
+    ONE: "gibbs_codegen, one state",
+    BATCH: "gibbs_codegen, many states",
+}
+
+
+def draw_summary(measured: dict[str, Times], file: str) -> None:
+    """Bars of nanoseconds per state of the first machine, those of ours in a colour of its own."""
+    name, found = next(iter(measured.items()))
+    links = name.replace("n = ", "an arm of ") + " joints" if name.startswith("n = ") else name
+    with style():
+        figure = Figure(figsize=(5.4, 4.3), layout="constrained")
+        figure.suptitle(f"Nanoseconds per state: six rotors, {links}", fontsize=11)
+        for panel, task in zip(figure.subplots(2, 1, sharex=True), TASKS, strict=True):
+            heights = [np.median(found[task, who]) for who in SUMMARY]
+            colours = [COLOURS[1] if who in (ONE, BATCH) else "0.7" for who in SUMMARY]
+            bars = panel.barh(list(SUMMARY.values()), heights, color=colours)
+            panel.bar_label(bars, [f"{height:.0f}" for height in heights], padding=4, fontsize=10)
+            panel.set_title(task, fontsize=10, loc="left")
+            panel.invert_yaxis()
+            panel.tick_params(labelsize=10, length=0)
+            panel.grid(visible=False)
+            panel.spines[:].set_visible(False)
+            panel.set(xticks=[], xlim=(0.0, 1.12 * max(heights)))
+        figure.savefig(file, metadata={"Date": None})
+
+
 def machine() -> str:
     """Processor and compiler, as far as the system tells."""
     cpu = platform.processor() or platform.machine()
@@ -168,6 +202,7 @@ def main() -> None:
     parser.add_argument("--links", type=int, nargs="+", default=[3, 7, 30])
     parser.add_argument("--robots", nargs="+", metavar="ROBOT")
     parser.add_argument("--picture", metavar="FILE")
+    parser.add_argument("--summary", metavar="FILE")
     parser.add_argument("--folder", metavar="DIR")
     options = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
@@ -187,6 +222,8 @@ def main() -> None:
         print_tables(measured, console)
         if options.picture:
             draw(measured, options.picture)
+        if options.summary:
+            draw_summary(measured, options.summary)
 
 
 if __name__ == "__main__":

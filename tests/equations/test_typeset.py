@@ -22,16 +22,16 @@ S, C = sp.sin(Q), sp.cos(Q + R + sp.pi / 6)
 @pytest.mark.parametrize(
     ("expression", "text", "latex"),
     [
-        (V * M * S, "B0_{2,4}·s_{2,3}·θ̇_{2,3}", r"{B_0}_{2,4} s_{2,3} \dot{\theta}_{2,3}"),
+        (V * M * S, "B0_{2,4}·s_{2,3}·θ̇_{2,3}", r"(B_0)_{2,4} s_{2,3} \dot{\theta}_{2,3}"),
         (-V / 2, "-1/2·θ̇_{2,3}", r"-\tfrac{1}{2} \dot{\theta}_{2,3}"),
         (
             V**2 + A * M,
             "B0_{2,4}·θ̈_{2,3} + θ̇_{2,3}²",
-            r"{B_0}_{2,4} \ddot{\theta}_{2,3} + \dot{\theta}_{2,3}^{2}",
+            r"(B_0)_{2,4} \ddot{\theta}_{2,3} + \dot{\theta}_{2,3}^{2}",
         ),
         (C**2, "c_{2,3+4+30°}²", r"c_{2,3+4+30^{\circ}}^{2}"),
         (M * (S - V) * A, "B0_{2,4}·(-θ̇_{2,3} + s_{2,3})·θ̈_{2,3}", None),
-        (sp.sqrt(3) * M / 2, "1/2·√3·B0_{2,4}", r"\tfrac{1}{2} \sqrt{3} {B_0}_{2,4}"),
+        (sp.sqrt(3) * M / 2, "1/2·√3·B0_{2,4}", r"\tfrac{1}{2} \sqrt{3} (B_0)_{2,4}"),
         (sp.Integer(0), "0", "0"),
     ],
 )
@@ -52,7 +52,7 @@ def test_floats_are_written_with_six_digits() -> None:
     number = sp.Float("0.363970234266202361", 40)
     shown = {d: Writer(NAMES, d).line(number * M - sp.Float("1.5e-7") * V) for d in (TEXT, LATEX)}
     assert shown[TEXT] == "-1.5e-7·θ̇_{2,3} + 0.36397·B0_{2,4}"
-    assert shown[LATEX] == r"-1.5 \cdot 10^{-7} \dot{\theta}_{2,3} + 0.36397 {B_0}_{2,4}"
+    assert shown[LATEX] == r"-1.5 \cdot 10^{-7} \dot{\theta}_{2,3} + 0.36397 (B_0)_{2,4}"
 
 
 @pytest.mark.parametrize("unknown", [1 / M, sp.exp(V)])
@@ -79,7 +79,7 @@ def test_long_terms_begin_lines_of_their_own() -> None:
         ("base_arm_length", "l_{1}"),
         ("base_arm3_length", "l_{3}"),
         ("link2_mass_per_length", r"\mu_{8}"),
-        ("link2_section_inertia_xx", "{B_3}_{8,xx}"),
+        ("link2_section_inertia_xx", "(B_3)_{8,xx}"),
         ("link1_com_z", r"\rho_{7,z}"),
         ("link1_inertia_xy", r"\bar{J}_{7,xy}"),
         ("link3_a", "a_{9}"),

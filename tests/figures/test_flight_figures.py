@@ -20,7 +20,7 @@ from support.synthetic_flight import names, synthetic_flight
 
 from gibbs_codegen.errors import OutputError
 from gibbs_codegen.figures import flight as figures
-from gibbs_codegen.figures.curves import LOG_FLOOR
+from gibbs_codegen.figures.curves import LOG_FLOOR, symbol
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.simulator.record.flight import Flight
@@ -234,6 +234,18 @@ def test_names_do_not_meet(drawn: Drawn, draw: Callable[[Flight], Figure]) -> No
             for text in axes.texts
         )
         assert np.all(np.diff(heights) > 9.0)
+
+
+def test_long_names_keep_the_beginnings_of_their_words() -> None:
+    assert symbol("F_rear") == "rear"
+    assert symbol("tau_left_upper_arm") == "left_upper_arm"
+    assert symbol("tau_right_upper_arm") == "righ_uppe_arm"
+    assert symbol("F_a_b_c_d_e_f_g_h_i") == "a_b_c_d_e_f_g…"
+
+
+def test_figures_are_as_wide_as_wanted(paper: Flight) -> None:
+    for draw in (figures.inputs, figures.constraint_torques, figures.tracking_error):
+        assert draw(paper, width=6.5).get_figwidth() == 6.5
 
 
 def test_too_many_names_are_thinned(paper: Flight) -> None:

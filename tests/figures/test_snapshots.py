@@ -14,6 +14,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
@@ -79,7 +80,8 @@ def gold_arm(axes: Any) -> Array:
 )
 def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight], Figure]) -> None:
     axes: Any
-    for axes in drawn(draw, kind).axes:
+    figure: Any = drawn(draw, kind)
+    for axes in figure.axes:
         limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
         shape = np.ptp(limits, axis=1) / axes._box_aspect  # what set_box_aspect was given
         assert np.allclose(shape, shape[0], rtol=1e-12)
@@ -87,8 +89,33 @@ def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight
         shown = np.concatenate([np.transpose(line.get_data_3d()) for line in axes.get_lines()])
         shown = shown[np.isfinite(shown).all(axis=1)]  # what is not, separates lines
         assert np.all((limits[:, 0] < shown) & (shown < limits[:, 1]))
-        labels = [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()]
-        assert labels == ["$x$ (m)", "$y$ (m)", "$z$ (m)"]
+    named = [[axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] for axes in figure.axes]
+    # Panels are alike, so that one of them says it for all.
+    assert named.count(["$x$ (m)", "$y$ (m)", "$z$ (m)"]) == 1
+    assert named.count(["", "", ""]) == len(named) - 1
+
+
+def test_panels_stay_on_the_page_and_off_each_other(drawn: Drawn) -> None:
+    figure: Any = drawn(snapshots_panels, "paper")
+    boxes = []
+    for axes in figure.axes:
+        texts = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        outlines = [axes.transData.transform(project(axes, corners(axes)))]
+        outlines += [box.get_points() for box in texts if box is not None]
+        points = np.concatenate(outlines)
+        boxes.append(Bbox([points.min(axis=0), points.max(axis=0)]))
+    for box in boxes:
+        assert figure.bbox.x0 <= box.x0
+        assert box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0
+        assert box.y1 <= figure.bbox.y1
+    for one, other in itertools.combinations(boxes, 2):
+        assert not one.overlaps(other)
+
+
+def corners(axes: Any) -> Array:
+    limits = (axes.get_xlim(), axes.get_ylim(), axes.get_zlim())
+    return np.array(list(itertools.product(*limits)))
 
 
 def test_heading_says_why_it_stopped(drawn: Drawn) -> None:

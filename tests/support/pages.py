@@ -21,23 +21,25 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
 
 
-def write_files(page: str, folder: Path) -> list[str]:
-    """Write the blocks of a page that name a file in a comment on their first line.
+def files_of(page: str) -> dict[str, str]:
+    """Texts of the files of a page, by name, in the order of the page.
 
-    Args:
-        page: Path of the page.
-        folder: Where the files go. Blocks that name one file follow each other in it.
-
-    Returns:
-        The names of the files, in the order of the page.
+    They are blocks that name a file in a comment on their first line. Blocks that name the same
+    file follow each other in it.
     """
     found: dict[str, str] = {}
     for block in re.findall(r"^```\w+\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE):
-        if name := re.match(r"(?:#|//|/\*) ([\w-]+\.\w+)", block):
+        if name := re.match(r"(?:\{?#|//|/\*) ([\w/-]+(?:\.\w+)+)", block):
             found[name[1]] = found.get(name[1], "") + block
-    for name, text in found.items():
+    return found
+
+
+def write_files(page: str, folder: Path) -> list[str]:
+    """Write the files of a page into a folder, and return their names."""
+    for name, text in files_of(page).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
-    return list(found)
+    return list(files_of(page))
 
 
 def run_python(page: str) -> dict[str, Any]:

@@ -1,0 +1,26 @@
+"""The flight on the front page: the paper's scenario, flown when the site is built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+from gibbs_codegen import load, read_scenario, simulate, view_html
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def write_flight(app: Sphinx) -> None:
+    """Write the page that `index.md` embeds; delete `site` to have it flown again."""
+    place = Path(app.outdir, "flight.html")
+    if app.builder.format == "html" and not place.exists():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        robot = load(ROOT / "generated" / "hexarotor_3link")
+        view_html(simulate(robot, read_scenario("paper"))).save(place)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", write_flight)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

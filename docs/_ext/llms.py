@@ -1,0 +1,36 @@
+"""`llms.txt`: the pages of the site with what each is about, for programs that read text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from docutils import nodes
+from sphinx.application import Sphinx
+
+
+def write_list(app: Sphinx, exception: Exception | None) -> None:
+    """Write the list beside the pages, in the order of the navigation."""
+    if exception or app.builder.format != "html":
+        return
+    tree, titles = app.env.toctree_includes, app.env.titles
+
+    def begins(page: str) -> str:
+        """The first paragraph of a page on one line."""
+        first = next(iter(app.env.get_doctree(page).findall(nodes.paragraph)), None)
+        return " ".join(first.astext().split()) if first else ""
+
+    def line(page: str) -> str:
+        return f"- [{titles[page].astext()}]({page}.html): {begins(page)}"
+
+    root = app.config.root_doc
+    lines = [f"# {titles[root].astext()}", "", f"> {begins(root)}", "", "## Start and project", ""]
+    lines += [line(page) for page in tree[root] if page not in tree]
+    for room in (page for page in tree[root] if page in tree):
+        lines += ["", f"## {titles[room].astext()}", "", *map(line, tree[room])]
+    Path(app.outdir, "llms.txt").write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("build-finished", write_list)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,56 @@
+"""Parts of the reference that the site makes from the package."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from types import ModuleType
+
+import pytest
+from conftest import ROOT
+
+from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.robot.tables import RobotTable
+
+HEADER = ROOT / "generated" / "hexarotor_3link" / "hexarotor_3link.h"
+
+
+@pytest.fixture(scope="module")
+def generated() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("generated", ROOT / "docs/_ext/generated.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_c_functions_are_declared_as_in_a_header(generated: ModuleType) -> None:
+    header = HEADER.read_text(encoding="utf-8")
+    for row in FUNCTIONS.values():
+        if not row.on_request:
+            (declared,) = re.findall(rf"hexarotor_3link_{row.name}\((.*?)\);", header, re.DOTALL)
+            shown = generated.prototype(row).partition("(")[2]
+            assert re.findall(r"(\w+)(?:,|$)", declared) == re.findall(r"(\w+)(?:\[|,)", shown)
+
+
+def test_every_option_of_every_command_is_told(generated: ModuleType) -> None:
+    told = generated.commands()
+    (chosen,) = (a for a in argument_parser()._actions if isinstance(a.choices, dict))
+    for name, parser in chosen.choices.items():
+        section = told.partition(f"## {name}\n")[2].partition("\n## ")[0]
+        options = {option for action in parser._actions for option in action.option_strings}
+        for option in options - {"-h", "--help"}:
+            assert f"\n`{option}" in section, (name, option)
+
+
+def test_keys_are_told_with_their_bounds_and_defaults(generated: ModuleType) -> None:
+    told = generated.robot_keys()
+    assert "| `name` | string, required | " in told
+    assert "| `gravity` | number ≥ 0; default `9.81` | " in told
+    assert "| `com` | 3 numbers | " in told
+    assert "| `arm` | [arm](#arm) or list of [arm](#arm) | " in told
+    schema = RobotTable.json_schema()
+    for described in (schema, *schema["$defs"].values()):
+        assert all(f"| `{key}` |" in told for key in described["properties"])
