@@ -1,17 +1,25 @@
-"""The table at the end of notebook 03: from every equation and figure to a cell and to code."""
+"""The table at the end of notebook 03: from every equation and figure to a cell and to code.
+
+What a row says is put to the test: its cell is run, its functions are called, and what they give is
+compared with what the cell has. With the functions of another row the comparison has to fail.
+"""
 
 from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import nbformat
 import pytest
 from conftest import ROOT
+from support.equation_map_checks import CHECKS
+from support.notebook_cells import run_cells
 
 FOLDER = ROOT / "notebooks"
-CELL = re.compile(r"(\d\d) \[`([a-z0-9-]+)`\]\((\w+)\.ipynb#cell-id=([a-z0-9-]+)\)")
+PLACE = re.compile(r"(\d\d) \[[^]]+\]\((\w+)\.ipynb#([\w-]+)\), `([a-z0-9-]+)`")
 
 
 @dataclass(frozen=True)
@@ -19,18 +27,50 @@ class Row:
     """One line of the table: what of the paper, where it is shown, and what computes it."""
 
     label: str
-    meaning: str
-    place: str
+    notebook: str
+    anchor: str
+    cell: str
     names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, line: str) -> Row:
+        """The row that a line of Markdown holds."""
+        label, _, place, names = (entry.strip() for entry in line.strip("|").split(" | "))
+        match = PLACE.fullmatch(place)
+        assert match, place
+        number, notebook, anchor, cell = match.groups()
+        assert notebook.startswith(f"{number}_")
+        return cls(
+            # Labels have a space at which lines do not break.
+            label.replace("\N{NO-BREAK SPACE}", " "),
+            notebook,
+            anchor,
+            cell,
+            tuple(
+                ".".join(filter(None, ("gibbs_codegen", module, name)))
+                for name, module in re.findall(r"`(\w+)`(?: in `([\w.]+)`)?", names)
+            ),
+        )
+
+    @property
+    def functions(self) -> list[Callable[..., Any]]:
+        """What the row names in the package."""
+        parts = (dotted.rpartition(".") for dotted in self.names)
+        return [getattr(importlib.import_module(path), name) for path, _, name in parts]
 
 
 def table() -> list[Row]:
     """The lines of the table, which is the last thing in notebook 03."""
-    *_, last = nbformat.read(FOLDER / "03_hybrid_system.ipynb", as_version=4).cells
+    *_, last = cells_of("03_hybrid_system")
     assert last.id == "equation-map"
     lines = [line for line in last.source.splitlines() if line.startswith("| ")]
-    rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[1:]]
-    return [Row(a, b, c, tuple(re.findall("`([^`]+)`", d))) for a, b, c, d in rows]
+    return [Row.of(line) for line in lines[1:]]
+
+
+def cells_of(notebook: str) -> list[Any]:
+    """The cells of a notebook."""
+    cells: list[Any] = nbformat.read(FOLDER / f"{notebook}.ipynb", as_version=4).cells
+    return cells
 
 
 ROWS = table()
@@ -40,57 +80,63 @@ BY_LABEL = pytest.mark.parametrize("row", ROWS, ids=lambda row: row.label)
 def test_every_equation_and_figure_is_listed_once_and_in_order() -> None:
     equations = [f"Eq. {number}" for number in range(1, 22)]
     figures = [f"Fig. {number}" for number in range(1, 12)]
-    assert [row.label for row in ROWS] == equations + figures
+    assert [row.label for row in ROWS] == equations + figures == list(CHECKS)
 
 
 @BY_LABEL
-def test_the_cell_exists_in_the_notebook_that_is_named(row: Row) -> None:
-    match = CELL.fullmatch(row.place)
-    assert match, row.place
-    number, shown, notebook, anchor = match.groups()
-    assert shown == anchor
-    assert notebook.startswith(f"{number}_")
-    stored = nbformat.read(FOLDER / f"{notebook}.ipynb", as_version=4)
-    assert anchor in {cell.id for cell in stored.cells}
+def test_the_cell_stands_below_the_heading_that_is_linked(row: Row) -> None:
+    heading = ""
+    for cell in cells_of(row.notebook):
+        if cell.cell_type == "markdown":
+            *_, heading = [heading, *re.findall(r"^#+ (.+)$", cell.source, re.MULTILINE)]
+        if cell.id == row.cell:
+            assert cell.cell_type == "code"
+            assert row.anchor == anchor_of(heading)
+            return
+    pytest.fail(f"{row.notebook} has no cell {row.cell}")
+
+
+def anchor_of(heading: str) -> str:
+    """The anchor that MyST gives a heading: formulas are left out."""
+    text = re.sub(r"\$[^$]*\$", "", heading).strip().lower()
+    return re.sub(r"[^\w\- ]", "", text.replace(" ", "-"))
 
 
 @BY_LABEL
 def test_every_name_is_that_of_something_public_and_documented_in_the_package(row: Row) -> None:
     assert row.names
-    for dotted in row.names:
-        path, _, name = dotted.rpartition(".")
-        assert path.split(".")[0] == "gibbs_codegen"
-        assert not any(part.startswith("_") for part in dotted.split("."))
-        found = getattr(importlib.import_module(path), name)
-        assert callable(found), dotted
-        assert found.__doc__, dotted
+    assert not any(part.startswith("_") for dotted in row.names for part in dotted.split("."))
+    for function in row.functions:
+        assert callable(function)
+        assert function.__doc__
 
 
-@BY_LABEL
-def test_the_cell_speaks_of_what_it_is_named_for(row: Row) -> None:
-    """Its own text or id, or that of the cell before it, has the number of the equation."""
-    match = CELL.fullmatch(row.place)
-    assert match
-    kind, number = row.label.split(". ")
-    stored = nbformat.read(FOLDER / f"{match[3]}.ipynb", as_version=4)
-    place = [cell.id for cell in stored.cells].index(match[4])
-    near = stored.cells[max(place - 1, 0) : place + 2]
-    words = [word for cell in near for word in f"{cell.id.replace('-', ' ')} {cell.source}".split()]
-    text = " ".join(words)
-    assert int(number) in mentioned(kind.lower(), text), text
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", sorted({row.notebook for row in ROWS}))
+def test_functions_give_what_the_cells_have(notebook: str) -> None:
+    rows = [row for row in ROWS if row.notebook == notebook]
+    cells = run_cells(cells_of(notebook), {row.cell for row in rows})
+    for row in rows:
+        shown, names = cells[row.cell]
+        try:
+            CHECKS[row.label](row.functions, shown, names)
+        except Exception as error:
+            error.add_note(f"{row.label}: {', '.join(row.names)} and cell {row.cell}")
+            raise
+    for row in rows:
+        assert not is_right(row.label, another(row).functions, *cells[row.cell]), row.label
 
 
-def mentioned(kind: str, text: str) -> set[int]:
-    """Numbers of equations ("eq") or figures ("fig") that a text mentions, ranges included."""
-    numbers = r"(\d+(?:(?: |, |–| to | and |, and )+\d+)*)"
-    starts = {"eq": r"\b(?:eqs?|equations?)\.? ", "fig": r"\b(?:figs?|figures?)\.? "}
-    found: set[int] = set()
-    for listed in re.findall(starts[kind] + numbers, text, re.IGNORECASE):
-        for first, last in re.findall(r"(\d+)(?:(?:–| to )(\d+))?", listed):
-            found |= set(range(int(first), int(last or first) + 1))
-    return found
+def another(row: Row) -> Row:
+    """The next row with other functions."""
+    following = [*ROWS[ROWS.index(row) :], *ROWS]
+    return next(other for other in following if other.names != row.names)
 
 
-def test_numbers_are_found_in_words() -> None:
-    assert mentioned("eq", "eqs. 7–9 and 12, eq 3 by diff, equation 15") == {3, 7, 8, 9, 12, 15}
-    assert mentioned("fig", "figs 7 to 9 hybrid, Figs. 4 and 5; eq. 2") == {4, 5, 7, 8, 9}
+def is_right(label: str, functions: list[Any], shown: Any, names: dict[str, Any]) -> bool:
+    """Whether functions give what a row says."""
+    try:
+        CHECKS[label](functions, shown, names)
+    except Exception:  # However a wrong function fails.
+        return False
+    return True

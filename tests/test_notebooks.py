@@ -18,6 +18,7 @@ NAMES = (
     "03_hybrid_system",
     "05_flight",
     "06_your_own_controller",
+    "07_derivatives",
     "appendix_from_symbols_to_code",
 )
 # What a notebook may take on an idle core is 60 s; the machine of a test run is not idle.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from gibbs_codegen.figures.architecture_sketch import architecture_sketch
 from gibbs_codegen.figures.convention_sketch import conventions_sketch
 from gibbs_codegen.figures.style import style
 
 STATIC = Path(__file__).parent.parent / "_static"
-DRAWINGS = {"conventions.svg": conventions_sketch}
+DRAWINGS = {"architecture.svg": architecture_sketch, "conventions.svg": conventions_sketch}
 
 
 def write_drawings(folder: Path) -> None:

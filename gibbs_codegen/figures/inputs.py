@@ -27,6 +27,8 @@ from gibbs_codegen.simulator.record.flight import Array, Flight
 # Shares of a thrust along the base normal: of rotors that are called vertical at least this.
 _VERTICAL = 0.5
 _BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
+# Of the range of a panel: what leaves the range of the samples by less is not seen.
+_SEEN = 0.005
 _SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
 _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
 _LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
@@ -104,17 +106,24 @@ def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:
 
 
 def _draw_bands(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> None:
-    """Draw what applied inputs did between samples.
+    """Draw what applied inputs did between samples, where the samples do not show it.
 
     Args:
         axes: The axes.
         flight: The flight.
         places: Places of the inputs that the axes show.
     """
+    applied = flight.applied
+    seen = _SEEN * np.ptp(applied[np.isfinite(applied[:, places]).all(axis=1)][:, places])
+    before = np.vstack([applied[:1], applied[:-1]])
+    above = flight.applied_greatest - np.maximum(before, applied)
+    below = np.minimum(before, applied) - flight.applied_least
     for place in places:
-        ends = flight.applied_least[:, place], flight.applied_greatest[:, place]
-        colour = COLOURS[place % len(COLOURS)]
-        axes.fill_between(flight.time, *ends, step="pre", color=colour, **_BAND)
+        # Others would be hidden by the curve, and make files of vectors large.
+        if np.nanmax([above[:, place], below[:, place]], initial=0.0) > seen:
+            ends = flight.applied_least[:, place], flight.applied_greatest[:, place]
+            colour = COLOURS[place % len(COLOURS)]
+            axes.fill_between(flight.time, *ends, step="pre", color=colour, **_BAND)
 
 
 def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[str, Any]:

@@ -158,8 +158,9 @@ SUMMARY = {
     "Pinocchio, free-flyer": "Pinocchio (C++)",
     "MuJoCo": "MuJoCo (C)",
     "CasADi C": "CasADi, generated C",
-    ONE: "gibbs_codegen, one state",
-    BATCH: "gibbs_codegen, many states",
+    "CasADi C, eight at once": "the same, 8 states at once",
+    ONE: "gibbs_codegen",
+    BATCH: "the same, many states at once",
 }
 
 
@@ -168,7 +169,7 @@ def draw_summary(measured: dict[str, Times], file: str) -> None:
     name, found = next(iter(measured.items()))
     links = name.replace("n = ", "an arm of ") + " joints" if name.startswith("n = ") else name
     with style():
-        figure = Figure(figsize=(5.4, 4.3), layout="constrained")
+        figure = Figure(figsize=(5.4, 4.9), layout="constrained")
         figure.suptitle(f"Nanoseconds per state: six rotors, {links}", fontsize=11)
         for panel, task in zip(figure.subplots(2, 1, sharex=True), TASKS, strict=True):
             heights = [np.median(found[task, who]) for who in SUMMARY]

@@ -44,10 +44,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         time_calls = timer(Path(folder))
         for signature in module_signatures(numpy):
-            arrays = [rng.uniform(-1, 1, (STATES, width)) for width in signature.widths]
+            arrays = [rng.uniform(-1, 1, (STATES, *shape)) for shape in signature.argument_shapes]
             constants = np.frombuffer(compiled.prepare({}))
             outputs = [np.empty(shape or 1) for shape in signature.shapes]
-            given = [a.ctypes.data for a in (constants, *(a[0] for a in arrays), *outputs)]
+            given = [a.ctypes.data for a in (constants, *arrays, *outputs)]
             itself = float("nan")
             if len(given) <= 5:  # As many as the timing loop passes on; the rest are not looked at.
                 given += [0] * (5 - len(given))

@@ -15,7 +15,7 @@ from support.tools import missing
 
 if find_spec("myst_nb") is None:
     missing("the extra docs is not installed")
-from bs4 import BeautifulSoup  # noqa: E402 - comes with the extra
+from bs4 import BeautifulSoup  # It comes with the extra.
 
 pytestmark = pytest.mark.slow
 SITE = ROOT / "site"
