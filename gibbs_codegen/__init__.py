@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.sweeps.sweep import sweep as sweep
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
+    from gibbs_codegen.viewer.view import view as view
     from gibbs_codegen.viewer.view import view_html as view_html
 
 _LAZY = {
@@ -118,6 +119,7 @@ _LAZY = {
     "trim": "analysis.trim",
     "uniform": "sweeps.sampling",
     "verify": "verification.modules",
+    "view": "viewer.view",
     "view_html": "viewer.view",
     "write_results": "figures.results",
 }

@@ -25,7 +25,8 @@ def project(page: str, folder: Path) -> list[str]:
 
 def printed(commands: str, folder: Path) -> str:
     """What the commands of a block print, but for those of this package."""
-    lines = [line for line in commands.splitlines() if not line.startswith("gibbs-codegen ")]
+    whole = commands.replace("\\\n", "").splitlines()
+    lines = [line for line in whole if not line.startswith("gibbs-codegen ")]
     for line in lines:
         if not line.startswith("./"):
             tool(line.split()[0])

@@ -25,6 +25,7 @@ from gibbs_codegen.cli import (
     simulate,
     sweep,
     verify,
+    view,
 )
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError
@@ -104,6 +105,7 @@ def argument_parser() -> argparse.ArgumentParser:
         verify,
         simulate,
         sweep,
+        view,
         new,
         import_robot,
         export,

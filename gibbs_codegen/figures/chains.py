@@ -28,7 +28,7 @@ from gibbs_codegen.figures.marks import (
     draw_torque,
     short_name,
 )
-from gibbs_codegen.figures.style import DARK, FULL, style
+from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import has_default_tip
 from gibbs_codegen.robot.layout import QUATERNION
@@ -43,7 +43,7 @@ _COLUMNS = 3
 _ROW, _LEGEND_ROW = 1.85, 0.2
 _LEGEND_COLUMNS = {1: 1, 2: 3, 3: 4}
 # Width and height that the links of an arm have, and the width of a gap for links left out.
-_ARM_ROOM, _GAP = np.array([1.2, 1.0]), 0.2
+_ARM_ROOM, _GAP = np.array([1.1, 1.05]), 0.2
 _LONGEST_NAME = 10
 
 
@@ -51,7 +51,7 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
     """Draw the open chains of a robot side by side, as in the paper's Fig. 2 (eq. 1).
 
     Each is a sketch in the plane of the base, seen from above: links without length are drawn
-    apart, base arms at their angles from arm 1, at most 150°, and the links of arms laid flat.
+    apart, base arms at their angles from arm 1, at most 125°, and the links of arms laid flat.
 
     Args:
         robot: The robot.
@@ -97,7 +97,7 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain) -> None:
     """
     j = chain.number
     axes.set_axis_off()
-    axes.set(xlim=(-1.08, 2.42), ylim=(-1.3, 1.3), aspect="equal")
+    axes.set(xlim=(-1.38, 2.42), ylim=(-1.3, 1.3), aspect="equal")
     axes.set_title(f"chain {j}", loc="left", x=0.03, y=0.88, pad=0)
     centre = _draw_root(axes, robot, chain)
     if chain.rod is not None:
@@ -118,25 +118,25 @@ def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
         Where the base centre is drawn (2).
     """
     j, rods = chain.number, robot.base.rotors
-    joints = np.array([[-0.9, 0.0], [-0.45, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    joints = np.array([[-1.12, 0.0], [-0.56, 0.0], [0.0, 0.0], [1.0, 0.0]])
     if robot.base.attitude == QUATERNION:
         draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", joints[2] + _by(-0.1, 0.22))
     else:
         for start, number in zip(joints[:2], ("−1", "0"), strict=True):
-            ends = np.array([start, start + _by(0.45, 0.0)]).T
+            ends = np.array([start, start + _by(0.56, 0.0)]).T
             axes.plot(*ends, color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
-            draw_name(axes, number, start + _by(0.225, -0.13), _QUIET)
+            draw_name(axes, number, start + _by(0.28, -0.2), _QUIET)
     has_mass = robot.base.arm(1).total_mass > 0.0 if rods else robot.base.body is not None
     label = "1" if rods else "base"
     draw_link(axes, joints[2], joints[3], label, chain.has_core and has_mass)
     if robot.base.attitude != QUATERNION:
         for place, item in zip(joints, (1, 2, 3), strict=False):
             draw_joint(axes, place)
-            draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.2))
+            draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.24))
     if rods:
-        draw_name(axes, "$O_1$", joints[2] + _by(0.08, -0.2), _QUIET)
+        draw_name(axes, "$O_1$", joints[2] + _by(0.14, -0.24), _QUIET)
     if rods and 1 in chain.motors:
-        below = _by(0.04, -0.42)
+        below = _by(0.06, -0.52)
         draw_thrust(axes, joints[2], 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
     _draw_placed(axes, robot, chain, BASE, ((joints[2] + joints[3]) / 2.0, _by(0.0, 0.3)))
     centre: Array = joints[3]
@@ -179,7 +179,7 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
     """
     j, arm = chain.number, chain.links[-1]
     true = float(robot.base.arm_angle_deg(arm))
-    angle = np.deg2rad(np.clip(true, -150.0, 150.0))
+    angle = np.deg2rad(np.clip(true, -125.0, 125.0))
     along = np.array([np.cos(angle), np.sin(angle)])
     end = centre + along
     draw_link(axes, centre, end, str(arm), robot.base.arm(arm).total_mass > 0.0)
@@ -188,10 +188,10 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
     # Beside the joint, where neither arm is.
     aside = np.array([0.0, 1.0 if angle <= 0.0 else -1.0])
     degrees = f"{true:+.4g}".replace("-", "−").replace("+0", "0")
-    draw_name(axes, f"$\\theta_{{{j},4}}$ = {degrees}°", centre + _by(0.42, 0.0) + 0.42 * aside)
+    draw_name(axes, f"$\\theta_{{{j},4}}$ = {degrees}°", centre + _by(0.25, 0.0) + 0.66 * aside)
     draw_torque(axes, centre, aside, CONSTRAINT)
-    torque = f"$\\tau\\prime_{{{j},4}}$"
-    draw_name(axes, torque, centre + _by(-0.32, 0.0) + 0.34 * aside, CONSTRAINT)
+    torque = f"$\\tau'_{{{j},4}}$"
+    draw_name(axes, torque, centre + _by(-0.4, 0.0) + 0.32 * aside, CONSTRAINT)
     beside = _by(-0.15, 0.0) - 0.19 * aside if along[0] > -0.1 else _by(0.2, 0.0)
     draw_name(axes, "$O_2$", centre + beside, _QUIET)
     if arm in chain.motors:
@@ -212,7 +212,7 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
     shown = list(range(n)) if n <= _MOST_LINKS else [*range(_MOST_LINKS - 1), n - 1]
     steps = _arm_steps(robot, [path[place] for place in shown], len(shown) < n)
     if robot.base.rotors:
-        draw_name(axes, "$O_2$", centre + _by(-0.19, -0.15), _QUIET)
+        draw_name(axes, "$O_2$", centre + _by(-0.27, -0.22), _QUIET)
     place = centre
     for step, position in enumerate(shown):
         if position != step:
@@ -231,7 +231,7 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
         _draw_placed(axes, robot, chain, i, (place + share * (end - place), arrow))
         place = end
     if n and has_default_tip(robot):
-        draw_name(axes, "tip", place + _by(0.17, 0.0), _QUIET)
+        draw_name(axes, "tip", place + _by(0.24, 0.0), _QUIET)
     draw_joint(axes, place)
 
 
@@ -257,7 +257,7 @@ def _draw_link_joint(
         draw_force(axes, place + 0.2 * aside, step, TORQUE)
     else:
         draw_torque(axes, place, aside, colour)
-    letter, prime = "d" if slides else "\\theta", r"\prime" if link.constrained else ""
+    letter, prime = "d" if slides else "\\theta", "'" if link.constrained else ""
     text = f"${letter}_{index}$, $\\tau{prime}_{index}$"
     draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
     draw_joint(axes, place, "s" if slides else "o")
@@ -297,10 +297,12 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
     thrusts = [normal, arrow_key(THRUST, "thrust in the plane")]
+    gold = [Line2D([], [], color=GOLD, label="base arm 2", **bar)] if robot.base.rotors else []
     return [
         Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
+        *gold,
         *(thrusts if robot.base.rotors else [arrow_key(THRUST, "thrust")]),
         arrow_key(CONSTRAINT, "constraint torque"),
         arrow_key(TORQUE, "joint torque or force"),

@@ -12,56 +12,63 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gibbs_codegen.figures.machine_parts import (
+    DASHES,
+    Subject,
+    draw_axis,
+    draw_joints,
+    draw_link_number,
+    draw_rotor_thrust,
+    draw_virtual_joints,
+    draw_world,
+    posture_away,
+    shortened,
+)
 from gibbs_codegen.figures.marks import (
-    ABOVE_ALL,
+    QUIET,
     THRUST,
     X_AXIS,
+    Y_AXIS,
     Z_AXIS,
     arrow_key,
-    draw_name,
-    draw_number,
-    short_name,
 )
+from gibbs_codegen.figures.name_places import Names
 from gibbs_codegen.figures.robot_artists import RobotArtists
-from gibbs_codegen.figures.scene import VIEW, fit, project, set_scene
+from gibbs_codegen.figures.scene import VIEW, fit, set_scene
 from gibbs_codegen.figures.skeleton import (
     base_rotors,
     base_shapes,
-    default_posture,
     link_end,
     rotor_radius,
     whole_shapes,
 )
-from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
+from gibbs_codegen.figures.style import FULL, GOLD, style
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.names import rotor_label
 from gibbs_codegen.robot.placement import Array
-from gibbs_codegen.robot.posture import RobotFrames, robot_frames
+from gibbs_codegen.robot.posture import robot_frames
 
 # Of the base arms' length, or of the whole robot: thrusts and frames' axes.
-_ARROW, _AXIS = 0.75, 0.5
+_ARROW, _AXIS, _ACROSS = 0.75, 0.5, 0.5
 _SHORT_ARROW, _SHORT_AXIS = 0.2, 0.13
 # Elevation from which thrusts along and across the base can be told apart, degrees.
 _ELEVATION = 42.0
 # Of fewer rotors on the base the drawing of the whole robot says all.
 _FEW_ROTORS = 3
-_LONGEST_NAME = 14
-# How far names may be from what they name, points; one that finds no room is left out.
-_OFFSETS = np.array(
-    [(0, -8), (0, 9), (26, 0), (-26, 0), (24, -14), (-24, -14), (24, 14), (-24, 14)]
-)
+# Of the width of the figure: the drawing of the whole robot beside that of the base.
+_SHARE = 0.42
 
 
 def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
     """Draw the robot as in the paper's Fig. 1, in m.
 
-    The whole robot is on the left, the base enlarged on the right, with arm 2 in gold; a base with
-    few rotors or none is not drawn again. Rotors are discs normal to their thrusts; x and z axes of
-    the frames start at the joints.
+    The whole robot is on the left, with the world's axes if it is near their origin. The base is
+    enlarged on the right, with arm 2 in gold; a base with few rotors or none is not drawn again.
+    Rotors are discs normal to their thrusts; x and z axes of the frames start at the joints, y axes
+    of base arms on the arms. Where angles turn the base their axes are dashed.
 
     Args:
         robot: The robot.
-        q: The coordinates (nq), rad and m; `default_posture` if None.
+        q: The coordinates (nq), rad and m; `default_posture`, away from the origin, if None.
 
     Returns:
         The figure.
@@ -69,50 +76,58 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     Raises:
         UsageError: q has the wrong length.
     """
-    frames = robot_frames(robot, default_posture(robot) if q is None else q)
+    q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
+    subject = Subject(robot, q, robot_frames(robot, q))
     draws: list[Any] = [_draw_whole] if robot.links else []
     if robot.base.rotors or len(base_rotors(robot)) >= _FEW_ROTORS or not robot.links:
         draws.append(_draw_base)
     with style():
-        figure = Figure(figsize=((0.3 + 0.35 * len(draws)) * FULL, 3.9))
+        figure = Figure(figsize=((0.3 + 0.35 * len(draws)) * FULL, 4.3))
         if len(draws) == 1:
             figure.set_figwidth(0.6 * FULL)
         figure.suptitle(robot.name, color="0.35", parse_math=False)
         for column, draw in enumerate(draws):
             axes = figure.add_subplot(1, len(draws), column + 1, projection="3d")
-            draw(axes, robot, frames, (column / len(draws), 1.0 / len(draws)))
-        keys = _keys(robot)
-        figure.legend(handles=keys, loc="lower center", ncols=4)
+            columns = (
+                ((0.0, _SHARE), (_SHARE, 1.0 - _SHARE))[column] if len(draws) > 1 else (0.0, 1.0)
+            )
+            draw(axes, subject, columns, draw is draws[-1]).settle()
+        figure.legend(handles=_keys(subject), loc="lower center", ncols=3)
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
         return figure
 
 
-def _keys(robot: Robot) -> list[Line2D]:
+def _keys(subject: Subject) -> list[Line2D]:
     """What the colours mean."""
+    robot = subject.robot
     placed = any(link.pose for link in robot.links) or not robot.base.rotors
     x = "$x$ of a link or the base" if placed else "$x_i$, along the link"
     z = "axis of a joint, $z$ of the base" if placed else "$z_i$, axis of the joint"
     keys = [arrow_key(X_AXIS, x), arrow_key(Z_AXIS, z)]
-    if robot.rotors:
-        keys.insert(0, arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
     if robot.base.rotors:
-        keys.insert(0, Line2D([], [], color=GOLD, lw=3, label="base arm 2"))
+        keys.insert(1, arrow_key(Y_AXIS, "$y_i$ of a base arm"))
+        keys.append(Line2D([], [], color=GOLD, lw=3, label="base arm 2"))
+    if robot.rotors:
+        keys.append(arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
+    if subject.attitude_axes():
+        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label="axis of a virtual link"))
     return keys
 
 
-def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[float, float]) -> None:
+def _draw_whole(axes: Any, subject: Subject, columns: tuple[float, float], is_last: bool) -> Names:
     """Draw the whole robot, with the frames of the links.
 
     Args:
         axes: The 3-D axes.
-        robot, frames: The robot, and where its frames are.
+        subject: What is drawn.
         columns: Left edge and width, in shares of the figure.
+        is_last: Whether the base is not drawn again.
+
+    Returns:
+        Its names, which have no places yet.
     """
-    shapes = whole_shapes(robot, frames)
-    tips = [link_end(robot, frames, i) for i in range(1, len(robot.links) + 1)]
-    every = np.array([*frames.points, *tips])
-    size = float(np.ptp(every, axis=0).max())
+    robot, frames, size = subject.robot, subject.frames, subject.size
     length = _SHORT_AXIS * size
     ends = [f.origin + length * axis for f in frames.links for axis in f.axes.T[::2]]
     shown = _shown_thrusts(robot, single=False)
@@ -121,15 +136,22 @@ def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[flo
         float(np.linalg.norm(frames.motors[k - 1] - frames.centre)) for k in base_rotors(robot)
     ]
     room = max([*reach, 2.2 * rotor_radius(robot, frames)])
-    set_scene(axes, _box(np.array([*every, *ends, *thrusts]), 0.5 * room), ticks=5)
-    RobotArtists(axes, shapes, colour="0.45", scale=1.3)
-    left, width = columns
-    fit(axes, left + 0.01, 0.07, width, 0.86)
+    world = [np.zeros(3), *(length * np.eye(3))] if subject.shows_world else []
+    virtual = subject.virtual_ends(length) if is_last else []
+    low, high = _box(np.array([*subject.places, *ends, *thrusts, *virtual]), 0.5 * room)
+    set_scene(axes, (np.min([low, *world], axis=0), np.max([high, *world], axis=0)), ticks=5)
+    RobotArtists(axes, whole_shapes(robot, frames), colour="0.45", scale=1.3)
+    fit(axes, columns[0] + 0.01, 0.11, columns[1], 0.83)
+    names = Names(axes)
+    names.add("$O_2$" if robot.base.rotors else "base", frames.centre, np.array([-1.0, -1.0, 0.6]))
     for k, end in zip(shown, thrusts, strict=True):
-        _draw_thrust(axes, robot, frames, k, end)
-    _draw_joints(axes, robot, frames, length)
-    _name(axes, "$O_2$" if robot.base.rotors else "base", frames.centre, (-12.0, 7.0))
-    _name_links(axes, robot, frames, room if robot.base.rotors else 0.07 * size)
+        draw_rotor_thrust(names, subject, k, end)
+    draw_joints(names, subject, length)
+    if subject.shows_world:
+        draw_world(names, subject, length)
+    draw_virtual_joints(names, virtual, subject)
+    _name_links(names, subject, room if robot.base.rotors else 0.07 * size)
+    return names
 
 
 def _shown_thrusts(robot: Robot, single: bool) -> list[int]:
@@ -141,121 +163,91 @@ def _shown_thrusts(robot: Robot, single: bool) -> list[int]:
     return [k for k in range(1, robot.rotors + 1) if not enlarged or k not in base]
 
 
-def _draw_joints(axes: Any, robot: Robot, frames: RobotFrames, length: float) -> None:
-    """Draw the x axis of each link with a joint, and the joint's axis.
+def _name_links(names: Names, subject: Subject, shortest: float) -> None:
+    """Write names or numbers on the links, and names at frames.
 
     Args:
-        axes: The 3-D axes.
-        robot, frames: The robot, and where its frames are.
-        length: Length of the axes, m.
-    """
-    for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
-        if not (link.moves or link.constrained):
-            continue
-        axis = frame.axes @ np.array(link.axis)
-        for letter, colour, along in (("x", X_AXIS, frame.axes[:, 0]), ("z", Z_AXIS, axis)):
-            end = frame.origin + length * along
-            _arrow(axes, frame.origin, end, colour, 0.9)
-            if link.name is None:
-                _name(axes, f"${letter}_{{{robot.rotors + i}}}$", end, end - frame.origin, colour)
-
-
-def _name_links(axes: Any, robot: Robot, frames: RobotFrames, shortest: float) -> None:
-    """Write names or numbers on the links, and names at frames, where there is room for them.
-
-    Args:
-        axes: The 3-D axes.
-        robot, frames: The robot, and where its frames are.
+        names: The names of the scene.
+        subject: What is drawn.
         shortest: Length (m) that a link must exceed.
     """
+    robot, frames = subject.robot, subject.frames
     wanted: list[tuple[str, Array]] = []
     for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
         end = link_end(robot, frames, i)
         if np.linalg.norm(end - frame.origin) <= shortest:
             continue
+        names.line(frame.origin, end)
         middle = (frame.origin + end) / 2.0
         if link.name is None:
-            draw_number(axes, str(robot.rotors + i), project(axes, middle))
+            draw_link_number(names, str(robot.rotors + i), middle)
         else:
-            wanted.append((_text(link.name), middle))
+            wanted.append((shortened(link.name), middle))
     links = {link.name for link in robot.links} | {"base"}
-    if "tip" in frames.named:
-        _name(axes, "tip", frames.named["tip"].origin, (12.0, -5.0))
-        links.add("tip")
-    wanted += [(_text(n), frame.origin) for n, frame in frames.named.items() if n not in links]
-    taken: list[Array] = [_pixels(axes, frames.centre) + np.array([-12.0, 7.0])]
+    wanted += [(shortened(n), frame.origin) for n, frame in frames.named.items() if n not in links]
     for text, place in wanted:
-        for offset in _OFFSETS:
-            spot = _pixels(axes, place) + offset
-            apart = np.abs(np.array(taken) - spot) / (2.9 * len(text) + 14.0, 9.0)
-            if apart.max(axis=1).min() > 1.0:
-                _name(axes, text, place, (float(offset[0]), float(offset[1])))
-                taken.append(spot)
-                break
+        names.add(text, place, np.array([0.0, 0.0, -1.0]))
 
 
-def _pixels(axes: Any, place: Array) -> Array:
-    """Where a point of the scene is on the page, in points."""
-    at: Array = axes.transData.transform(project(axes, place)) * 72.0 / axes.figure.dpi
-    return at
-
-
-def _draw_base(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[float, float]) -> None:
+def _draw_base(axes: Any, subject: Subject, columns: tuple[float, float], is_last: bool) -> Names:
     """Draw the base, with numbers of its arms, their frames, and the thrusts.
 
     Args:
         axes: The 3-D axes.
-        robot, frames: The robot, and where its frames are.
+        subject: What is drawn.
         columns: Left edge and width, in shares of the figure.
+        is_last: Whether this is the last drawing, which has the axes of virtual links.
+
+    Returns:
+        Its names, which have no places yet.
     """
+    robot, frames = subject.robot, subject.frames
     rotors = _shown_thrusts(robot, single=True)
     motors = frames.motors[[k - 1 for k in rotors]]
     arms = motors - frames.centre
     reach = float(max([*np.linalg.norm(arms, axis=1), 0.0])) or 1.0
     ends = motors + _ARROW * reach * frames.thrusts[[k - 1 for k in rotors]]
-    places = np.concatenate([motors, ends, frames.centre[np.newaxis]])
+    virtual = subject.virtual_ends(0.6 * reach) if is_last else []
+    places = np.array([*motors, *ends, frames.centre, *virtual])
     box = _box(places, 1.1 * rotor_radius(robot, frames))
     set_scene(axes, box, (_ELEVATION, _azimuth_between(arms)), ticks=4)
     RobotArtists(axes, base_shapes(robot, frames), scale=1.3)
     left, width = columns
-    fit(axes, left + (0.03 if left else 0.02), 0.07, width - 0.04, 0.86)
-    for k, motor, end in zip(rotors, motors, ends, strict=True):
-        _draw_thrust(axes, robot, frames, k, end, 1.6)
-        if robot.base.rotors:
-            draw_number(axes, str(k), project(axes, 0.45 * frames.centre + 0.55 * motor))
-    for frame in frames.rods or (frames.base,):
-        _arrow(axes, frame.origin, frame.point(_AXIS * reach), X_AXIS, 0.9)
-    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
-    _arrow(axes, frames.centre, up, Z_AXIS, 0.9)
-    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
-    _name(axes, f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
+    fit(axes, left + (0.03 if left else 0.02), 0.11, width - 0.04, 0.83)
+    names = Names(axes)
     named = [("$O_2$" if frames.rods else "base", frames.centre)]
     named += [("$O_1$", frames.motors[0])] if frames.rods else []
     for name, place in named:
-        _name(axes, name, place, -frames.base.axes[:, 2])
+        names.add(name, place, -frames.base.axes[:, 2])
+    for k, motor, end in zip(rotors, motors, ends, strict=True):
+        draw_rotor_thrust(names, subject, k, end, 1.6)
+        names.line(frames.centre, motor)
+        if robot.base.rotors:
+            draw_link_number(names, str(k), 0.45 * frames.centre + 0.55 * motor)
+    _draw_frames_of_base(names, subject, motors, reach)
+    draw_virtual_joints(names, virtual, subject)
+    return names
 
 
-def _draw_thrust(
-    axes: Any, robot: Robot, frames: RobotFrames, k: int, end: Array, width: float = 1.4
-) -> None:
-    """Draw a thrust with its name.
+def _draw_frames_of_base(names: Names, subject: Subject, motors: Array, reach: float) -> None:
+    """Draw the frames of the base's arms, or that of the base.
 
     Args:
-        axes: The 3-D axes.
-        robot, frames: The robot, and where its frames are.
-        k: Number of the rotor, from 1.
-        end: Where (3) the arrow ends, m.
-        width: Width of its line, points.
+        names: The names of the scene.
+        subject: What is drawn.
+        motors: Places (N, 3) of the motors on the base, m.
+        reach: How far the motors are from the centre, m.
     """
-    motor = frames.motors[k - 1]
-    _arrow(axes, motor, end, THRUST, width)
-    label = rotor_label(robot, k)
-    name = f"$F_{{{k}}}$" if label == str(k) else _text(label)
-    _name(axes, name, end, end - motor, THRUST)
-
-
-def _text(name: str) -> str:
-    return short_name(name, _LONGEST_NAME)
+    robot, frames = subject.robot, subject.frames
+    for frame in frames.rods or (frames.base,):
+        draw_axis(names, frame.origin, frame.point(_AXIS * reach), X_AXIS, 0.9)
+    for frame, motor in zip(frames.rods, motors, strict=False):
+        middle = 0.45 * frames.centre + 0.55 * motor
+        draw_axis(names, middle, middle + _ACROSS * reach * frame.axes[:, 1], Y_AXIS, 0.9)
+    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
+    draw_axis(names, frames.centre, up, Z_AXIS, 0.9)
+    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
+    names.add(f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
 
 
 def _box(places: Array, room: float) -> tuple[Array, Array]:
@@ -271,48 +263,3 @@ def _azimuth_between(arms: Array) -> float:
     angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / max(len(arms), 1)
     off = (angles - VIEW[1] + 180.0) % 360.0 - 180.0
     return float(VIEW[1] + off[np.abs(off).argmin()]) if len(arms) else VIEW[1]
-
-
-def _arrow(axes: Any, start: Array, end: Array, colour: str, width: float) -> None:
-    """Draw an arrow between two points of a scene.
-
-    Args:
-        axes: The 3-D axes.
-        start, end: Positions (3) of its ends, m.
-        colour: Its colour.
-        width: Width of its line, points.
-    """
-    axes.annotate(
-        "",
-        xy=project(axes, end),
-        xytext=project(axes, start),
-        arrowprops={
-            "arrowstyle": "-|>,head_width=0.18,head_length=0.4",
-            "color": colour,
-            "lw": width,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-        zorder=ABOVE_ALL - 1,
-    )
-
-
-def _name(
-    axes: Any, text: str, place: Array, away: Array | tuple[float, float], colour: str = DARK
-) -> None:
-    """Write a name beside a point of a scene.
-
-    Args:
-        axes: The 3-D axes.
-        text: The name.
-        place: Position (3) of the point, m.
-        away: The direction (3) of the scene in which the name is off, or how far (2) in points.
-        colour: Its colour.
-    """
-    offset = np.array(away)
-    if len(offset) == 3:
-        there = axes.transData.transform(project(axes, np.array([place, place + offset])))
-        offset = there[1] - there[0]
-        size = float(np.hypot(*offset))
-        offset = 7.0 * (offset / size if size > 1e-9 else np.array([0.0, 1.0]))
-    draw_name(axes, text, project(axes, place), colour, offset)

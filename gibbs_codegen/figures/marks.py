@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 
 from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
 from gibbs_codegen.robot.placement import Array
@@ -34,7 +35,7 @@ def draw_name(
     place: Array,
     colour: str = DARK,
     offset: Array | tuple[float, float] = (0.0, 0.0),
-) -> None:
+) -> Annotation:
     """Write a name with its middle at a place.
 
     Args:
@@ -43,8 +44,11 @@ def draw_name(
         place: The place (2) in data units.
         colour: Colour of the name.
         offset: How far (2) the name is from the place, points.
+
+    Returns:
+        The name.
     """
-    axes.annotate(
+    return axes.annotate(
         text,
         xy=(float(place[0]), float(place[1])),
         xytext=(float(offset[0]), float(offset[1])),
@@ -162,7 +166,9 @@ def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
     )
 
 
-def draw_arrow(axes: Axes, start: Array, end: Array, colour: str, dashes: Any = "solid") -> None:
+def draw_arrow(
+    axes: Axes, start: Array, end: Array, colour: str, dashes: Any = "solid", width: float = 1.3
+) -> None:
     """Draw a vector as an arrow with a slender head.
 
     Args:
@@ -170,6 +176,7 @@ def draw_arrow(axes: Axes, start: Array, end: Array, colour: str, dashes: Any = 
         start, end: Its ends (2) in data units.
         colour: Its colour.
         dashes: Matplotlib's style of its line.
+        width: Width of its line, points.
     """
     axes.annotate(
         "",
@@ -178,13 +185,27 @@ def draw_arrow(axes: Axes, start: Array, end: Array, colour: str, dashes: Any = 
         arrowprops={
             "arrowstyle": "-|>,head_width=0.2,head_length=0.45",
             "color": colour,
-            "lw": 1.3,
+            "lw": width,
             "linestyle": dashes,
             "shrinkA": 0,
             "shrinkB": 0,
         },
-        zorder=7,
+        zorder=ABOVE_ALL - 1,
     )
+
+
+def draw_line(axes: Axes, ends: Array, colour: str, dashes: Any) -> None:
+    """Draw a line above all but names.
+
+    Args:
+        axes: The axes; in 3-D those of the page.
+        ends: Its ends (2, 2) in data units of the page.
+        colour: Its colour.
+        dashes: Matplotlib's style of its line.
+    """
+    line = Line2D(*ends.T, color=colour, lw=1.2, ls=dashes, zorder=ABOVE_ALL - 2)
+    line.set_transform(axes.transData)
+    Axes.add_line(axes, line)
 
 
 def draw_curved_arrow(axes: Axes, points: Array, colour: str) -> None:

@@ -104,12 +104,13 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     return step
 
 
-def require(library: str, for_what: str) -> None:
+def require(library: str, for_what: str, extra: str = "") -> None:
     """Import a package that an extra installs.
 
     Args:
-        library: Name of the package and of the extra.
+        library: Name of the package.
         for_what: What needs it.
+        extra: Name of the extra; that of the package if empty.
 
     Raises:
         UsageError: It is not installed.
@@ -121,7 +122,7 @@ def require(library: str, for_what: str) -> None:
             raise
         raise UsageError(
             f"{for_what}: the package {library} is not installed; "
-            f"install it with: pip install 'gibbs_codegen[{library}]'"
+            f"install it with: pip install 'gibbs_codegen[{extra or library}]'"
         ) from None
 
 

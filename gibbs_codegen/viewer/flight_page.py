@@ -46,7 +46,7 @@ def flight_page(flight: Flight) -> ViewPage:
 def _recorded(flight: Flight, samples: list[int]) -> ViewPage:
     """The page that shows some samples."""
     with empty_server() as server:
-        scene = FlightScene(server, flight)
+        scene = FlightScene(server, flight, frames=0)
         scene.show(samples[0])
         recording = server.get_scene_serializer()
         for before, sample in pairwise(samples):

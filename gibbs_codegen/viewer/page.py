@@ -14,13 +14,11 @@ from gibbs_codegen.files.staging import staging_folder
 # What a page in a notebook or on a site is high, px.
 _HEIGHT = 520
 # viser tells at length, and until it is clicked away, that a browser draws without a graphics card.
+_QUIET = '<style>.mantine-Notification-root[style*="orange"] { display: none; }</style>'
 _STYLE = """<style>
-.mantine-Notification-root[style*="orange"] { display: none; }
 #key { position: fixed; left: 12px; top: 10px; z-index: 2; pointer-events: none;
   font: 14px/1.5 system-ui, sans-serif; color: #222; background: rgba(255, 255, 255, 0.75);
   padding: 4px 10px; border-radius: 4px; max-width: 60%; }
-#key ul { list-style: none; margin: 0; padding: 0; }
-#key i { display: inline-block; width: 18px; height: 10px; margin-right: 8px; border-radius: 2px; }
 @media (max-width: 500px) { #key { font-size: 12px; } }
 </style>
 """
@@ -76,12 +74,37 @@ def view_page(client: str, title: str, key: Sequence[tuple[str, str]]) -> ViewPa
     Returns:
         The page.
     """
-    entries = "".join(
-        f'<li><i style="background: {colour}"></i>{html.escape(words)}</li>'
-        for colour, words in key
-    )
-    box = f'<div id="key"><b>{html.escape(title)}</b><ul>{entries}</ul></div>\n'
+    box = f'<div id="key"><b>{html.escape(title)}</b>{key_list(key)}</div>\n'
     head, _, rest = client.partition("</head>")
     head = head.replace("<title>Viser</title>", f"<title>{html.escape(title)}</title>")
     body, end, tail = rest.rpartition("</body>")
-    return ViewPage(title, f"{head}{_STYLE}</head>{body}{box}{end}{tail}")
+    return ViewPage(title, f"{head}{_QUIET}{_STYLE}</head>{body}{box}{end}{tail}")
+
+
+def key_list(key: Sequence[tuple[str, str]]) -> str:
+    """Explain colours.
+
+    Args:
+        key: Colours, as CSS has them, and what they stand for.
+
+    Returns:
+        A list in HTML.
+    """
+    swatch = "display: inline-block; width: 18px; height: 10px; margin-right: 8px; "
+    entries = (
+        f'<li><i style="{swatch}background: {colour}"></i>{html.escape(words)}</li>'
+        for colour, words in key
+    )
+    return f'<ul style="list-style: none; margin: 0; padding: 0">{"".join(entries)}</ul>'
+
+
+def panel_text(text: str) -> str:
+    """Set a text as viser's panels have their own.
+
+    Args:
+        text: The text, HTML.
+
+    Returns:
+        The text with a margin.
+    """
+    return f'{_QUIET}<div style="margin: 4px 10px; font-size: 13px">{text}</div>'

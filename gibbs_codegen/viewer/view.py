@@ -1,31 +1,110 @@
-"""What users call: a flight in the browser."""
+"""What users call: a robot or a flight in the browser, live or as a page."""
 
 from __future__ import annotations
 
 import os
+import time
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.simulator.record.flight import Flight, read_flight
 from gibbs_codegen.viewer.flight_page import flight_page
+from gibbs_codegen.viewer.flight_panel import FlightPanel
+from gibbs_codegen.viewer.machine import Machine
 from gibbs_codegen.viewer.page import ViewPage
+from gibbs_codegen.viewer.robot_page import robot_page
+from gibbs_codegen.viewer.robot_panel import RobotPanel
+from gibbs_codegen.viewer.server import PORT, address, empty_server
+
+Viewed = Flight | ModuleType | str | os.PathLike[str]
+
+# How often a scene follows its controls, s.
+_STEP = 1.0 / 30.0
 
 
-def view_html(what: Flight | str | os.PathLike[str]) -> ViewPage:
-    """Make a page that plays a flight in any browser, without a server or a request.
+def view_html(what: Viewed) -> ViewPage:
+    """Make a page that shows a flight or a robot in any browser, without a server or a request.
 
-    In a notebook the page shows itself; `save` writes it to a file.
+    A flight is played; a robot moves one coordinate after the other, held still by its inputs. In a
+    notebook the page shows itself; `save` writes it to a file.
 
     Args:
-        what: The flight; or a folder that `gibbs-codegen simulate` wrote, or its flight.npz.
+        what: A flight; a folder that `gibbs-codegen simulate` wrote, or its flight.npz; or a
+            generated module, or the name or path of one.
 
     Returns:
         The page, of less than 2 MB.
 
     Raises:
-        UsageError: viser is not installed, or there is no flight.
+        UsageError: viser is not installed, or there is neither a flight nor a module.
     """
-    return flight_page(what if isinstance(what, Flight) else _read(Path(what)))
+    found = _found(what)
+    return flight_page(found) if isinstance(found, Flight) else robot_page(Machine(found))
 
 
-def _read(path: Path) -> Flight:
-    return read_flight(path / "flight.npz" if path.is_dir() else path)
+def view(what: Viewed, port: int = PORT, browser: bool = True) -> None:
+    """Show a flight or a robot live in the browser, until Ctrl-C.
+
+    Only this machine can see it. viser prints the address.
+
+    Args:
+        what: As of `view_html`.
+        port: Port of the server; the next free one if another program has it.
+        browser: Whether to open the browser.
+
+    Raises:
+        UsageError: As of `view_html`.
+    """
+    with suppress(KeyboardInterrupt), viewing(what, port) as (panel, place):
+        if browser:
+            webbrowser.open(place)
+        while True:
+            panel.step()
+            time.sleep(_STEP)
+
+
+@contextmanager
+def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | RobotPanel, str]]:
+    """Serve a flight or a robot; the caller lets it follow its controls.
+
+    Args:
+        what: As of `view_html`.
+        port: As of `view`.
+
+    Yields:
+        Controls, with `step` that follows them, and the address.
+    """
+    found = _found(what)
+    with empty_server(port, told=True) as server:
+        if isinstance(found, Flight):
+            yield FlightPanel(server, found), address(server)
+        else:
+            yield RobotPanel(server, Machine(found)), address(server)
+
+
+def _found(what: Viewed) -> Flight | ModuleType:
+    """The flight or the module that is meant."""
+    if not isinstance(what, str | os.PathLike):
+        return what
+    file = flight_file(what)
+    return load(what) if file is None else read_flight(file)
+
+
+def flight_file(path: str | os.PathLike[str]) -> Path | None:
+    """The file of a flight that a path means.
+
+    Args:
+        path: A folder that `gibbs-codegen simulate` wrote, its flight.npz, or anything else.
+
+    Returns:
+        The file; None for anything else.
+    """
+    place = Path(path)
+    if place.suffix == ".npz":
+        return place
+    inside = place / "flight.npz"
+    return inside if inside.is_file() else None

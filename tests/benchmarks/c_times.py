@@ -172,9 +172,12 @@ def draw_summary(measured: dict[str, Times], file: str) -> None:
         figure = Figure(figsize=(5.4, 4.9), layout="constrained")
         figure.suptitle(f"Nanoseconds per state: six rotors, {links}", fontsize=11)
         for panel, task in zip(figure.subplots(2, 1, sharex=True), TASKS, strict=True):
-            heights = [np.median(found[task, who]) for who in SUMMARY]
-            colours = [COLOURS[1] if who in (ONE, BATCH) else "0.7" for who in SUMMARY]
-            bars = panel.barh(list(SUMMARY.values()), heights, color=colours)
+            shown = [who for who in SUMMARY if (task, who) in found]
+            heights = [np.median(found[task, who]) for who in shown]
+            colours = [COLOURS[1] if who in (ONE, BATCH) else "0.7" for who in shown]
+            places = range(len(shown))
+            bars = panel.barh(places, heights, color=colours)
+            panel.set_yticks(places, [SUMMARY[who] for who in shown])
             panel.bar_label(bars, [f"{height:.0f}" for height in heights], padding=4, fontsize=10)
             panel.set_title(task, fontsize=10, loc="left")
             panel.invert_yaxis()

@@ -15,14 +15,18 @@ from hypothesis import given, settings
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from support.emitted import emitted_module
+from support.names import assert_names_are_apart
 from support.random_robots import robots
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.chains import chains_figure
-from gibbs_codegen.figures.machine import default_posture, machine_figure
-from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Z_AXIS
+from gibbs_codegen.figures.machine import machine_figure
+from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Y_AXIS, Z_AXIS
+from gibbs_codegen.figures.scene import project
+from gibbs_codegen.figures.skeleton import default_posture
 from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
@@ -103,7 +107,7 @@ def test_machine_of_a_tree_has_every_rotor_and_joint(name: str) -> None:
         )
         for low, high in [(limits.low, limits.high)]
     )
-    figure = machine_figure(robot)
+    figure = machine_figure(robot, q)
     whole = figure.axes[0]
     assert arrows(whole, Z_AXIS) == arrows(whole, X_AXIS) == len(robot.moving)
     assert sum(arrows(axes, THRUST) for axes in figure.axes) == robot.rotors
@@ -141,9 +145,10 @@ def test_machine_stands_where_its_frames_are(
 ) -> None:
     robot = read_robot(name)[0]
     module = shipped(name)
-    figure = machine_figure(robot)
+    q = default_posture(robot)
+    figure = machine_figure(robot, q)
     axes = figure.axes[0]
-    at = dict(zip(module.POINTS, module.positions(default_posture(robot)), strict=True))
+    at = dict(zip(module.POINTS, module.positions(q), strict=True))
     (gold,) = gold_lines(axes)
     assert np.allclose(np.transpose(gold.get_data_3d()), [at["O2"], at["motor2"]])
     if robot.links:
@@ -158,13 +163,15 @@ def test_base_is_numbered_and_has_a_thrust_at_every_motor() -> None:
     _, base = machine_figure(PAPER).axes
     assert {"$O_1$", "$O_2$", *"123456", *(f"$F_{{{k}}}$" for k in range(1, 7))} <= set(texts(base))
     assert arrows(base, THRUST) == 6
-    assert arrows(base, X_AXIS) == 6
+    assert arrows(base, X_AXIS) == arrows(base, Y_AXIS) == 6
     assert arrows(base, Z_AXIS) == 1
 
 
 def test_arm_has_the_frame_of_every_link() -> None:
     whole, _ = machine_figure(PAPER).axes
-    expected = {f"${axis}_{{{k}}}$" for axis in "xz" for k in (7, 8, 9)}
+    expected = {f"$x_{{{k}}}$" for k in (7, 8, 9)}
+    expected |= {rf"$z_{{{k}}}$: $\theta_{{{k}}}$, $\tau_{{{k}}}$" for k in (7, 8, 9)}
+    expected |= {"$X_0$", "$Y_0$", "$Z_0$", "$(x, y, z)$"}
     # Link 7 has no length: no place for its number.
     assert expected | {"$O_2$", "tip", "8", "9"} == set(texts(whole))
 
@@ -176,6 +183,44 @@ def test_posture_is_the_one_that_is_asked_for() -> None:
     assert np.allclose(np.transpose(gold.get_data_3d()), [frames.centre, frames.motors[1]])
 
 
+def flat_arrows(axes: Axes, colour: str) -> list[np.ndarray]:
+    """Arrows of a colour as they are seen, from end to end."""
+    marks = [text for text in axes.texts if getattr(text, "arrow_patch", None)]
+    drawn = [mark for mark in marks if to_hex(mark.arrow_patch.get_edgecolor()) == colour]
+    return [np.subtract(mark.xy, mark.xyann) for mark in drawn]
+
+
+def test_even_motors_push_along_the_y_axes_of_their_arms() -> None:
+    _, base = machine_figure(PAPER).axes
+    thrusts, across = flat_arrows(base, THRUST), flat_arrows(base, Y_AXIS)
+    for k in range(6):
+        turned = abs(thrusts[k][0] * across[k][1] - thrusts[k][1] * across[k][0])
+        assert (turned < 1e-9) == (k % 2 == 1)
+
+
+def test_virtual_links_turn_the_base_about_axes_through_the_origin_of_the_coordinates() -> None:
+    q = np.array([0.1, -0.2, 0.3, 0.4, -1.0, 0.5, 1.0, 2.0, 3.0])
+    _, base = machine_figure(PAPER, q).axes
+    assert {r"$\theta_{-1}$", r"$\theta_{0}$", r"$\theta_{1}$"} <= set(texts(base))
+    # So far from the world's origin its axes would make the robot small.
+    near = machine_figure(PAPER, np.array([*q[:-3], 1.0, 0.5, 0.0])).axes[0]
+    assert "$X_0$" in texts(near)
+    assert "$X_0$" not in texts(machine_figure(PAPER, np.array([*q[:-3], 90.0, 0.0, 0.0])).axes[0])
+    # The first angle turns about the world's x axis, whatever the others are.
+    dashed = [line for line in base.lines if line.get_linestyle() == "--"]
+    ends = [np.transpose(line.get_data()) for line in dashed[-3:]]
+    origin = project(base, q[-3:])
+    assert all(np.allclose(end[0], origin) for end in ends)
+    along = project(base, q[-3:] + np.eye(3)[0]) - origin
+    step = ends[0][1] - origin
+    assert np.isclose(along[0] * step[1], along[1] * step[0])
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_2link", "hydrus"])
+def test_names_at_the_machine_can_be_read(name: str) -> None:
+    assert_names_are_apart(machine_figure(read_robot(name)[0]), smallest=9.0)
+
+
 @pytest.mark.slow
 def test_nothing_lies_outside_its_scene() -> None:
     """What does is not drawn at all."""
@@ -183,7 +228,9 @@ def test_nothing_lies_outside_its_scene() -> None:
         for axes in machine_figure(read_robot(name)[0]).axes:
             low, high = np.transpose([getattr(axes, f"get_{n}lim")() for n in "xyz"])
             (discs,) = [c for c in axes.collections if isinstance(c, Poly3DCollection)]
-            drawn: Any = [np.transpose(line.get_data_3d()) for line in axes.lines]
+            drawn: Any = [
+                np.transpose(line.get_data_3d()) for line in axes.lines if isinstance(line, Line3D)
+            ]
             drawn.append(np.reshape(discs._faces, (-1, 3)))  # no public way to ask for them
             for places in drawn:
                 inside = (places >= low) & (places <= high)
@@ -203,7 +250,7 @@ def test_every_chain_shows_what_the_decomposition_says(name: str) -> None:
             assert f"$\\theta_{{{j},{item}}}$" in shown
         assert (f"$F_{{{j},3}}$" in shown) == (1 in chain.motors)
         assert (f"$F_{{{j},5}}$" in shown) == chain.is_constrained
-        assert (f"$\\tau\\prime_{{{j},4}}$" in shown) == chain.is_constrained
+        assert (f"$\\tau'_{{{j},4}}$" in shown) == chain.is_constrained
         assert arrows(axes, CONSTRAINT) == chain.is_constrained
         assert arrows(axes, TORQUE) == (0 if chain.is_constrained else min(len(robot.links), 4))
 
@@ -219,6 +266,19 @@ def test_mass_is_solid_once() -> None:
 def bars(axes: Axes) -> list[str]:
     """Fillings of the links, in order."""
     return [line.get_color() for line in axes.lines if line.get_linewidth() == 3.6]
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_2link", "decarotor_3link"])
+def test_names_in_chains_can_be_read(name: str) -> None:
+    assert_names_are_apart(chains_figure(read_robot(name)[0]), smallest=9.0)
+
+
+def test_arm_in_gold_is_explained() -> None:
+    (legend,) = chains_figure(PAPER).legends
+    keys = dict(zip((t.get_text() for t in legend.texts), legend.legend_handles, strict=True))
+    gold = keys["base arm 2"]
+    assert isinstance(gold, Line2D)
+    assert to_hex(gold.get_color()) == GOLD
 
 
 def test_angles_are_the_true_ones_even_where_arms_are_drawn_apart() -> None:

@@ -20,15 +20,18 @@ from bs4 import BeautifulSoup  # It comes with the extra.
 pytestmark = pytest.mark.slow
 SITE = ROOT / "site"
 NARROW = 390
-# What a page says of itself once its formulas are set.
-FORMULAS = """async () => {
+# What a page says of itself once its formulas are set. TeX in its text, outside code, is not set.
+FORMULAS = r"""async () => {
     if (window.MathJax) await MathJax.startup.promise;
     const formulas = [...document.querySelectorAll('.math')];
+    const copy = document.querySelector('article').cloneNode(true);
+    copy.querySelectorAll('pre, code, mjx-container').forEach(part => part.remove());
+    const raw = copy.textContent.match(/.{0,40}(\$\$|\\[a-z]{3,}).{0,40}/);
     return {
         width: document.documentElement.scrollWidth,
         unset: formulas.filter(one => !one.querySelector('mjx-container')).length,
-        faulty: document.querySelectorAll('mjx-merror, [data-mjx-error]').length,
-        text: document.querySelector('article').innerText,
+        wrong: document.querySelectorAll('mjx-merror, [data-mjx-error]').length,
+        raw: raw && raw[0],
     };
 }"""
 
@@ -54,34 +57,40 @@ def pages(shared: Path) -> dict[str, BeautifulSoup]:
 
 def test_links_lead_somewhere(pages: dict[str, BeautifulSoup]) -> None:
     """To a file of the site, and to a place that it has."""
+    broken = []
     for page, soup in pages.items():
         for link in soup.select("[href]"):
             to = urlsplit(str(link["href"]))
-            if to.scheme:
-                assert to.scheme in ("https", "mailto"), (page, link)
-                assert link.name == "a", (page, link)
-                continue
             target = (SITE / page).parent / unquote(to.path) if to.path else SITE / page
-            assert target.is_file(), (page, link)
-            if to.fragment and target.suffix == ".html":
-                there = pages[target.resolve().relative_to(SITE).as_posix()]
-                assert there.find(id=unquote(to.fragment)), (page, link)
+            if to.scheme or to.netloc:  # A page may link to other machines, but load nothing.
+                right = link.name == "a" and to.scheme in ("https", "mailto")
+            elif to.fragment and target.suffix == ".html":
+                there = pages.get(target.resolve().relative_to(SITE).as_posix())
+                right = there is not None and there.find(id=unquote(to.fragment)) is not None
+            else:
+                right = target.is_file()
+            broken += [] if right else [(page, str(link))]
+    assert not broken
 
 
-def test_pictures_and_scripts_are_there_and_pictures_have_words(
-    pages: dict[str, BeautifulSoup],
-) -> None:
+def test_what_pages_load_is_on_the_site(pages: dict[str, BeautifulSoup]) -> None:
+    broken = []
     for page, soup in pages.items():
         for item in soup.select("[src]"):
             address = urlsplit(str(item["src"]))
-            assert not address.netloc, (page, item)
-            assert address.scheme == "data" or ((SITE / page).parent / address.path).is_file()
-        for picture in soup.select("article img"):
-            words = str(picture.get("alt", ""))
-            # Without words Sphinx puts the name of the file.
-            assert " " in words, (page, picture)
-        for frame in soup.select("iframe"):
-            assert " " in str(frame.get("title", "")), page
+            there = ((SITE / page).parent / address.path).is_file() and not address.netloc
+            broken += [] if there or address.scheme == "data" else [(page, str(item)[:200])]
+    assert not broken
+
+
+def test_pictures_say_in_words_what_they_show(pages: dict[str, BeautifulSoup]) -> None:
+    """Where there are none, Sphinx puts the name of the file."""
+    silent = []
+    for page, soup in pages.items():
+        pictures = [(str(one.get("alt", "")), one) for one in soup.select("article img")]
+        pictures += [(str(one.get("title", "")), one) for one in soup.select("iframe")]
+        silent += [(page, str(one)[:200]) for words, one in pictures if " " not in words]
+    assert not silent
 
 
 def test_notebooks_were_run_and_warned_of_nothing(pages: dict[str, BeautifulSoup]) -> None:
@@ -100,13 +109,12 @@ def test_every_page_is_in_the_list_for_programs(pages: dict[str, BeautifulSoup])
 
 def test_pages_on_a_telephone(pages: dict[str, BeautifulSoup]) -> None:
     """Nothing is asked of another machine, no page scrolls sideways, and formulas are set."""
+    faulty = []
     with visit((SITE / "index.html").as_uri(), NARROW) as seen:
         seen.page.frame_locator("iframe").locator("canvas").first.wait_for()
-        for page in set(pages) - {"search.html"}:
+        for page in sorted(set(pages) - {"search.html"}):
             seen.page.goto((SITE / page).as_uri())
             found = seen.page.evaluate(FORMULAS)
-            assert found["width"] <= NARROW, page
-            assert (found["unset"], found["faulty"]) == (0, 0), page
-            assert "$$" not in found["text"], page
-            assert r"\frac" not in found["text"] or "latex" in found["text"].lower(), page
-            assert (seen.foreign, seen.faults) == ([], []), page
+            if found != {"width": NARROW, "unset": 0, "wrong": 0, "raw": None}:
+                faulty.append((page, found))
+        assert (faulty, seen.foreign, seen.faults) == ([], [], [])

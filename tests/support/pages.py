@@ -50,7 +50,9 @@ def run_python(page: str) -> dict[str, Any]:
             exec(block, names)  # noqa: S102
             continue
         session = doctest.DocTestParser().get_doctest(block, names, page, page, 0)
-        runner = doctest.DocTestRunner()
+        # Long messages of errors are broken into lines that fit on a page.
+        flags = doctest.NORMALIZE_WHITESPACE if "Traceback" in block else 0
+        runner = doctest.DocTestRunner(optionflags=flags)
         runner.run(session, clear_globs=False)
         assert runner.summarize(verbose=False).failed == 0
         names = session.globs

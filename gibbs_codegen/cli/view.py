@@ -1,0 +1,87 @@
+"""`view`: show a robot or a flight in the browser, live or as one file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.errors import UsageError, printable
+
+if TYPE_CHECKING:
+    from gibbs_codegen.viewer.view import Viewed
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser.
+
+    Args:
+        commands: Where the parser keeps its commands.
+    """
+    view = commands.add_parser(
+        "view",
+        help="show a robot or a flight in the browser, live or as one file",
+    )
+    view.add_argument(
+        "what",
+        metavar="ROBOT|FLIGHT",
+        help="a robot, as for `simulate`; or a folder that `simulate` wrote, or its flight.npz",
+    )
+    view.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write one file that any browser opens without a request, instead of serving",
+    )
+    view.add_argument(
+        "--port",
+        type=_port,
+        default=8080,
+        metavar="P",
+        help="port of the server, or the next free one (default: 8080)",
+    )
+    view.add_argument("--no-browser", action="store_true", help="do not open the browser")
+    view.set_defaults(command=_view)
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
+    return int(text)
+
+
+@terminal.ended_by_signals()
+def _view(options: argparse.Namespace) -> int:
+    from gibbs_codegen.runtime.load import require
+
+    # Before a module is generated.
+    require("viser", "the viewer", "viewer")
+    if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"--html: {printable(options.html)}: give a name that ends in .html")
+    from gibbs_codegen.viewer.view import view, view_html
+
+    with _viewed(options.what) as what:
+        if options.html is None:
+            print("Press Ctrl-C to stop.", flush=True)
+            view(what, options.port, browser=not options.no_browser)
+            return 0
+        page = view_html(what)
+    page.save(options.html)
+    print(f"{printable(options.html)}: {page.title}, {len(page.text.encode()) / 1e6:.2f} MB")
+    return 0
+
+
+@contextmanager
+def _viewed(word: str) -> Iterator[Viewed]:
+    """The flight or the module that a word names; a module that is generated goes in the end."""
+    from gibbs_codegen.runtime.load import load
+    from gibbs_codegen.viewer.view import flight_file
+
+    if flight := flight_file(word):
+        yield flight
+        return
+    with robot_argument.found_module(word, terminal.progress()) as (folder, _):
+        yield load(folder)

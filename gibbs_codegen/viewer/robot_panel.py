@@ -1,0 +1,152 @@
+"""A robot live: controls for its coordinates, inputs and parameters, and what follows from them."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.record.series import Array
+from gibbs_codegen.viewer.controls import Parameters, Sliders
+from gibbs_codegen.viewer.machine import Machine, State, changed
+from gibbs_codegen.viewer.page import key_list, panel_text
+from gibbs_codegen.viewer.pattern import pattern_svg, symbol
+from gibbs_codegen.viewer.robot_scene import RobotScene
+
+# How far inputs without limits go, in the largest that holds the robot, and lengths, in its size.
+_INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
+_PANEL_WIDTH = 360
+_HOLD = (
+    "Chooses the inputs of least thrust that hold the robot where it is, or do so as nearly as "
+    "they can. They know no limits."
+)
+_PATTERN = (
+    "Orange entries changed with the last move; blank ones are zero in every posture at rest. "
+    "Rows are the equations of the unknowns."
+)
+
+
+class RobotPanel:
+    """Controls of a robot, and the scene that follows them.
+
+    Args:
+        server: viser's server, whose scene and panel are empty.
+        machine: the robot.
+    """
+
+    def __init__(self, server: Any, machine: Machine) -> None:
+        gui, self._machine = server.gui, machine
+        self._key = gui.add_html("")
+        start = machine.start()
+        q = machine.coordinates(start)
+        self._scene = RobotScene(server, machine, q, frames=True)
+        labels, limits = machine.controls(_LENGTH_ROOM * self._scene.size)
+        with gui.add_folder("Coordinates"):
+            self._posture = Sliders(gui, labels, limits, start)
+        with gui.add_folder("Inputs"):
+            self._hold = gui.add_checkbox("hold still", True, hint=_HOLD)
+            u = machine.hover(q)
+            self._inputs = Sliders(gui, *machine.input_controls(u, _INPUT_ROOM), u)
+        with gui.add_folder("Parameters", expand_by_default=False):
+            self._parameters = Parameters(gui, machine.module.PARAMETERS)
+        with gui.add_folder("Show", expand_by_default=False):
+            parts = self._scene.machine
+            self._choices = [
+                (gui.add_checkbox("thrusts", True), parts.thrusts.node),
+                (gui.add_checkbox("frames", False), parts.frames),
+            ]
+        panel = gui.add_panel()
+        with panel.add_tab("Hybrid system"):
+            self._pattern, self._numbers = gui.add_html(""), gui.add_html("")
+        gui.main_panel.dock_right()
+        panel.dock_left()
+        panel.set_width(_PANEL_WIDTH)
+        self._filled = machine.pattern()
+        self._state: State | None = None
+        self._seen: tuple[object, ...] = ()
+
+    def step(self) -> None:
+        """Follow the controls, if they were moved."""
+        for choice, node in self._choices:
+            if node.visible != choice.value:
+                node.visible = choice.value
+        self._parameters.step()
+        if self._inputs.moved and self._hold.value:
+            self._hold.value = False
+        posture, u = self._posture.values, self._inputs.values
+        seen = (*posture, self._hold.value, *u, *self._parameters.given.items())
+        if seen != self._seen:
+            self._follow(self._machine.coordinates(posture), u)
+            values = (*posture, self._hold.value, *self._inputs.values)
+            self._seen = (*values, *self._parameters.given.items())
+
+    def _follow(self, q: Array, u: Array) -> None:
+        """Show the robot in another posture, or under other inputs.
+
+        Args:
+            q: Coordinates (nq).
+            u: Inputs (nu), which are not asked for where the robot is held.
+        """
+        told = ""
+        try:
+            self._machine.give(self._parameters.given)
+        except UsageError as error:
+            told = str(error)
+        if self._hold.value:
+            u = self._machine.hover(q)
+            self._inputs.put(u)
+        state = self._machine.state(q, u)
+        self._scene.note([state])
+        self._scene.show(state)
+        self._key.content = panel_text(key_list(self._scene.key()))
+        before = state if self._state is None else self._state
+        lit = changed(state.system, before.system)
+        names = self._machine.module.HYBRID_COORDINATES
+        svg = pattern_svg(names, self._filled | lit, lit)
+        self._pattern.content = panel_text(f"{svg}<p>{_PATTERN}</p>")
+        self._numbers.content = numbers(self._machine, state, self._hold.value, told)
+        self._state = state
+
+
+def numbers(machine: Machine, state: State, held: bool, told: str) -> str:
+    """Say what is computed of a robot at rest.
+
+    Args:
+        machine: The robot.
+        state: Its state.
+        held: Whether the inputs are to hold it still.
+        told: What there is to say of its parameters.
+
+    Returns:
+        Tables in HTML.
+    """
+    vehicle = machine.vehicle
+    if state.is_still:
+        head = "The inputs hold the robot still."
+    elif held:
+        head = "No inputs hold this posture: with those nearest to it the robot accelerates."
+    else:
+        head = "With these inputs the robot accelerates."
+    matrix, hybrid = state.conditions
+    rows = [("condition of M", matrix, ""), ("condition of I_H", hybrid, "")]
+    units = [f"{unit}²" for unit in vehicle.layout.v.units]
+    for name, value, unit in zip(vehicle.layout.v.names, state.a, units, strict=True):
+        rows.append((f"acceleration of {symbol(name)}", value, unit))
+    for name, value in zip(vehicle.constraint_names, state.held, strict=True):
+        rows.append((f"constraint torque {symbol(name)}", value, "N m"))
+    cells = "".join(
+        f'<tr><td>{html.escape(name)}</td><td style="text-align: right; padding: 0 6px">'
+        f"{_digits(value)}</td><td>{unit}</td></tr>"
+        for name, value, unit in rows
+    )
+    words = f"<p><b>{html.escape(head)}</b></p>" + f"<p>{html.escape(told)}</p>" * bool(told)
+    return panel_text(f"{words}<table>{cells}</table>")
+
+
+def _digits(value: float) -> str:
+    """Four digits; what rounding leaves is 0, and what is singular is infinite."""
+    if not np.isfinite(value) or abs(value) > 1e12:
+        return "∞"
+    return f"{value if abs(value) > 1e-9 else 0.0:.4g}"
