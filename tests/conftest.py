@@ -404,9 +404,6 @@ CASES = {
     "test_layers.py": {
         "test_flying_imports_no_sympy": (0, 1),
     },
-    "test_notebooks.py": {
-        "test_runs_from_top_to_bottom_without_a_warning": (0, 6),
-    },
     "verification/test_derivatives.py": {
         "test_every_derivative_that_is_right_passes": (0, 1),
         "test_faults_planted_in_derivatives_are_found": (1, 0),

@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 _FILLED, _LIT, _LINE = "#9fb3c8", "#e69f00", "#cccccc"
 _GRID = 'stroke="white" stroke-width="0.08"'
 # In cells: what labels of rows take, the gap between arrays, and what heads take above.
-_LABEL, _GAP, _HEAD = 5.0, 1.0, 1.6
+_LABEL, _GAP, _HEAD = 6.0, 1.0, 1.6
 # Letters of a name that are shown.
 _LONGEST = 9
 _SUBSCRIPTS = str.maketrans("m0123456789", "₋₀₁₂₃₄₅₆₇₈₉")
@@ -51,7 +51,7 @@ def pattern_svg(names: Sequence[str], filled: Flags, lit: Flags) -> str:
         )
     parts += [
         f'<text x="{_LABEL - 0.4}" y="{_HEAD + row + 0.8}" text-anchor="end" '
-        f'font-size="1.05">{html.escape(symbol(name))}</text>'
+        f'font-size="1.05">{html.escape(_short(symbol(name)))}</text>'
         for row, name in enumerate(names)
     ]
     size = f"0 0 {lefts[-1] + 1.2} {_HEAD + rows + 0.2}"
@@ -62,19 +62,23 @@ def pattern_svg(names: Sequence[str], filled: Flags, lit: Flags) -> str:
 
 
 def symbol(name: str) -> str:
-    """A name in short, with letters as the paper has them.
+    """A name with letters as the paper has them.
 
     Args:
         name: Name of a coordinate or torque, as a module has it.
 
     Returns:
-        Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names, cut off if they are long.
+        Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names as they are.
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|F)_(m?\d+)", name)
     if not found:
-        return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+        return name
     letters = {"theta": "θ", "tau": "τ", "tau_prime": "τ′", "F": "F"}
     return letters[found[1]] + found[2].translate(_SUBSCRIPTS)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
 
 
 def _cells(chosen: Flags, lefts: NDArray[np.float64]) -> str:

@@ -30,7 +30,7 @@ def robot_page(machine: Machine) -> ViewPage:
     """
     start = machine.start()
     with empty_server() as server:
-        scene = RobotScene(server, machine, machine.coordinates(start), frames=False)
+        scene = RobotScene(server, machine, machine.coordinates(start), live=False)
         name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * scene.size))
         frames = _swings(machine, start, _ROOM * scene.size)
         scene.note([state for _, state in frames])
@@ -42,7 +42,7 @@ def robot_page(machine: Machine) -> ViewPage:
             name.text = label
             scene.show(state)
         client = recording.as_html()
-    return view_page(client, machine.vehicle.name, scene.key())
+    return view_page(client, f"{machine.vehicle.name}, one coordinate at a time", scene.key())
 
 
 def _swings(machine: Machine, start: Array, room: float) -> list[tuple[str, State]]:

@@ -41,7 +41,7 @@ class RobotPanel:
         self._key = gui.add_html("")
         start = machine.start()
         q = machine.coordinates(start)
-        self._scene = RobotScene(server, machine, q, frames=True)
+        self._scene = RobotScene(server, machine, q, live=True)
         labels, limits = machine.controls(_LENGTH_ROOM * self._scene.size)
         with gui.add_folder("Coordinates"):
             self._posture = Sliders(gui, labels, limits, start)

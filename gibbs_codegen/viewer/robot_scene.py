@@ -11,8 +11,9 @@ from gibbs_codegen.simulator.record.series import Array
 from gibbs_codegen.viewer.machine import Machine, State
 from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, set_stage
 
-# In the size of a robot: how far below it the floor is; in half its extent, what is in sight.
-_FLOOR, _AROUND = 0.2, 1.25
+# In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
+# by how much more between panels.
+_FLOOR, _AROUND, _BETWEEN_PANELS = 0.2, 1.25, 1.4
 # Share of postures whose largest thrusts and efforts are not too large to be shown whole.
 _USUAL = 0.8
 _NOTHING = 1e-6
@@ -27,10 +28,10 @@ class RobotScene:
         server: viser's server, whose scene is empty.
         machine: the robot.
         q: coordinates (nq) from which sizes are taken.
-        frames: whether frames are drawn where they are asked for.
+        live: whether frames are drawn when they are asked for, between panels that take room.
     """
 
-    def __init__(self, server: Any, machine: Machine, q: Array, frames: bool) -> None:
+    def __init__(self, server: Any, machine: Machine, q: Array, live: bool) -> None:
         vehicle = machine.vehicle
         self._rotors = vehicle.rotors
         self._units = np.array([*vehicle.layout.effort_units, *["N m"] * machine.arms])
@@ -38,13 +39,14 @@ class RobotScene:
         self._thrust = 0.0
         drawn = machine.skeleton(q)
         self.size = drawn.size
-        self._frames = len(vehicle.frames) if frames else 0
+        self._frames = len(vehicle.frames) if live else 0
         points = vehicle.positions(q)
         low, high = points.min(axis=0), points.max(axis=0)
         world = server.scene.add_frame("/robot", show_axes=False)
         world.position = -0.5 * (low + high)
         self.machine = MachineScene(server.scene, "/robot/parts", drawn, [], self._frames)
-        reach = _AROUND * (0.5 * float(np.linalg.norm(high - low)) + drawn.radius)
+        reach = _AROUND * (_BETWEEN_PANELS if live else 1.0)
+        reach *= 0.5 * float(np.linalg.norm(high - low)) + drawn.radius
         set_stage(server, "/robot", float(low[2]) - _FLOOR * drawn.size, reach)
 
     def note(self, states: Sequence[State]) -> None:

@@ -21,6 +21,7 @@ from gibbs_codegen.viewer import flight_page
 Shipped = Callable[[str], ModuleType]
 
 
+@pytest.mark.slow
 def test_a_page_plays_a_flight_and_asks_for_nothing(shipped: Shipped, tmp_path: Path) -> None:
     page = gibbs_codegen.view_html(synthetic_flight(shipped("hexarotor_3link"), samples=200))
     page.save(tmp_path / "flight.html")
@@ -39,7 +40,8 @@ def test_a_page_plays_a_flight_and_asks_for_nothing(shipped: Shipped, tmp_path: 
     for picture in pictures:
         assert count(picture, COLOURS[0]) > 100
         assert count(picture, COLOURS[1]) > 100
-    assert differing(*pictures) > 0.002
+    # It is thin, and is 600 pixels wide with all of its paths.
+    assert differing(*pictures) > 0.0005
     assert "synthetic" in key
     assert "path of the tip" in key
 

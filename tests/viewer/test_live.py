@@ -66,7 +66,7 @@ def test_a_slider_moves_the_robot_and_lights_what_changed(shipped: Shipped) -> N
         page.keyboard.press("Enter")
         expect(lit).to_have_attribute("d", re.compile("M.*M"), timeout=60_000)
         page.wait_for_timeout(1000)
-        assert differing(before, pixels(page)) > 0.002
+        assert differing(before, pixels(page)) > 0.0005
         box(seen, "F_1, N").fill("0")
         page.keyboard.press("Enter")
         told = "With these inputs the robot accelerates."
@@ -87,5 +87,5 @@ def test_a_flight_goes_to_the_time_that_is_asked_for(shipped: Shipped, tmp_path:
             page.keyboard.press("Enter")
             page.wait_for_timeout(1500)
             pictures.append(pixels(page))
-        assert differing(*pictures) > 0.002
+        assert differing(*pictures) > 0.0005
         assert "tip off by" in page.inner_text("body")

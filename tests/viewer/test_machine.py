@@ -83,7 +83,8 @@ def test_the_pattern_has_a_cell_for_each_entry_and_lights_those_that_it_is_told(
     assert (plain.count("M"), bright.count("M")) == (3, 1)
     assert "θ₋₁" in drawn
     assert "τ′₂" in drawn
-    assert symbol("<a_very_long_name>") == "<a_very_…"
+    assert symbol("a_long_name") == "a_long_name"
+    assert "&lt;a_very_…" in pattern_svg(["x", "<a_very_long_name>"], filled, lit)
 
 
 def test_rods_redden_with_the_effort() -> None:
