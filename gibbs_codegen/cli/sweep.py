@@ -38,6 +38,14 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     _add_cases(sweep)
     sweep.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace an entry of the scenario in all flights, such as start.offset=[0.2,0,0]; may "
+        "be repeated",
+    )
+    sweep.add_argument(
         "--measure",
         action="append",
         default=[],
@@ -86,14 +94,6 @@ def _add_cases(sweep: Parser) -> None:
         help="what an entry of the scenario takes on: values with commas between them, which "
         f"cross with those of other keys, or one of {', '.join(_FUNCTIONS)} of numbers in "
         "brackets, such as uniform(0.8,1.2); may be repeated",
-    )
-    sweep.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="replace an entry of the scenario in all flights, such as start.offset=[0.2,0,0]; may "
-        "be repeated",
     )
     sweep.add_argument(
         "--samples",
