@@ -125,6 +125,9 @@ def announced(what: str) -> Iterator[None]:
 
     Args:
         what: What is being done, in words.
+
+    Returns:
+        A context, for as long as it takes.
     """
     if not sys.stderr.isatty():
         yield
