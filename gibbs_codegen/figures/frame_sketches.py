@@ -45,8 +45,8 @@ def draw_frames(axes: Axes) -> None:
     Args:
         axes: The axes.
     """
-    flat = seen_from((20.0, -68.0))[:2]
-    twist, angle, step, slide = 38.0, 42.0, 2.6, 1.3
+    flat = seen_from((16.0, -55.0))[:2]
+    twist, angle, step, slide = 40.0, 36.0, 2.9, 1.5
     tilted = turn(0, np.deg2rad(twist))
     final = tilted @ turn(2, np.deg2rad(angle))
     foot = np.array([step, 0.0, 0.0])
