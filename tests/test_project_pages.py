@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from shutil import copytree
@@ -12,8 +13,11 @@ from conftest import ROOT
 from support.pages import PAGES, blocks, write_files
 from support.tools import run, tool
 
+from gibbs_codegen import generate
+
 CMAKE = "docs/howto/cmake.md"
 EIGEN = "docs/howto/eigen.md"
+LOOP = "docs/howto/c-and-firmware.md"
 MODULE = "hexarotor_3link"
 
 
@@ -33,6 +37,24 @@ def printed(commands: str, folder: Path) -> str:
     script = "\n".join([f"cd '{folder}'", *lines])
     flags = dict.fromkeys(("CFLAGS", "CXXFLAGS"), "-O0 -Wall -Wextra -Werror")
     return run(["sh", "-ec", script], CMAKE_BUILD_TYPE="Debug", **flags)
+
+
+def with_quaternion(folder: Path, *files: str) -> None:
+    """Turn a page's project into one of a robot with a quaternion, as the page says to do it."""
+    text = (ROOT / "gibbs_codegen" / "robots" / "hexarotor.toml").read_text(encoding="utf-8")
+    text = text.replace('"hexarotor"', '"turning"').replace('"xyz"', '"quaternion"')
+    (folder / "turning.toml").write_text(text, encoding="utf-8")
+    generate(folder / "turning.toml", folder / "generated")
+    for file in files:
+        text = (folder / file).read_text(encoding="utf-8")
+        text = re.sub(r"wanted\[HEX.*", "wanted[TURNING_Q_QW] = 1;", text)
+        text = text.replace(MODULE, "turning").replace(MODULE.upper(), "TURNING")
+        (folder / file).write_text(text, encoding="utf-8")
+
+
+def errors(said: str) -> list[float]:
+    """The errors that a program prints, each at the end of a line."""
+    return [float(line.split()[-1]) for line in said.splitlines() if "error" in line]
 
 
 @pytest.fixture
@@ -72,6 +94,42 @@ def test_the_build_generates_the_module_anew_when_the_robot_file_changes(folder:
             robot.write_text(text.replace("9.81", gravity), encoding="utf-8")
             said = printed(commands, folder).splitlines()[-1]
             assert said == f"upward acceleration: {acceleration} m/s^2"
+        robot.write_text(text.replace(f'"{MODULE}"', '"other"'), encoding="utf-8")
+        with pytest.raises(pytest.fail.Exception, match=f"must have the name {MODULE}"):
+            printed(commands, folder)
+
+
+def test_the_control_loop_in_c_holds_the_robot(tmp_path: Path) -> None:
+    assert project(LOOP, tmp_path) == ["control.c"]
+    (commands,) = blocks(LOOP, "sh")
+    flags = "-std=c99 -O0 -Wall -Wextra -Wdouble-promotion -Werror"
+    commands = commands.replace("-O2", flags)
+    start, end = (line.split()[-1] for line in printed(commands, tmp_path).splitlines())
+    assert f"an error of {start} at the start and of `{end}` after 5 s" in PAGES[LOOP]
+    single = commands.replace("cc ", f"cc -D{MODULE.upper()}_FLOAT ")
+    assert errors(printed(single, tmp_path))[1] == pytest.approx(2e-5, rel=0.5)
+    with_quaternion(tmp_path, "control.c")
+    start, end = errors(printed(commands.replace(MODULE, "turning"), tmp_path))
+    assert start > 0.4
+    assert end < 1e-5
+
+
+def test_the_control_loop_in_c_refuses_a_robot_that_is_not_fully_actuated(tmp_path: Path) -> None:
+    project(LOOP, tmp_path)
+    text = (tmp_path / "control.c").read_text(encoding="utf-8")
+    text = text.replace(MODULE, "quadrotor_2link").replace(MODULE.upper(), "QUADROTOR_2LINK")
+    (tmp_path / "control.c").write_text(text, encoding="utf-8")
+    command = [tool("cc"), "-fsyntax-only", f"-I{ROOT / 'generated' / 'quadrotor_2link'}"]
+    with pytest.raises(pytest.fail.Exception, match="as_many_inputs_as_velocities"):
+        run([*command, tmp_path / "control.c"])
+
+
+@pytest.mark.slow
+def test_the_control_loop_in_c_runs_on_an_emulated_cortex_m(folder: Path) -> None:
+    write_files(LOOP, folder)
+    (folder / "control.c").rename(folder / "main.c")
+    said = printed(blocks(CMAKE, "sh")[2], folder)
+    assert errors(said)[1] == pytest.approx(2e-5, rel=0.5)
 
 
 @pytest.mark.slow
@@ -80,3 +138,6 @@ def test_the_controller_in_cpp_flies(tmp_path: Path) -> None:
     said = printed(blocks(EIGEN, "sh")[1], tmp_path).splitlines()[-1]
     assert said.startswith("after 5 s")
     assert f"`{said}`" in PAGES[EIGEN]
+    with_quaternion(tmp_path, "robot.hpp", "main.cpp", "CMakeLists.txt")
+    (end,) = errors(printed(blocks(EIGEN, "sh")[1], tmp_path))
+    assert end < 1e-5
