@@ -297,12 +297,12 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
     thrusts = [normal, arrow_key(THRUST, "thrust in the plane")]
-    gold = [Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)] if robot.base.rotors else []
+    second = Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)
     return [
         Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
-        *gold,
+        *([second] if robot.base.rotors else []),
         *(thrusts if robot.base.rotors else [arrow_key(THRUST, "thrust")]),
         arrow_key(CONSTRAINT, "constraint torque"),
         arrow_key(TORQUE, "joint torque or force"),

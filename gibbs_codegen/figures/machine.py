@@ -111,7 +111,8 @@ def _keys(subject: Subject) -> list[Line2D]:
     if robot.rotors:
         keys.append(arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
     if subject.attitude_axes():
-        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label="axis of an angle of the base"))
+        label = "axis of an angle of the base"
+        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label=label))
     return keys
 
 
