@@ -24,9 +24,10 @@ def execution_cache() -> Path:
         A folder in `site/.cache`, with another name after every change of the code.
     """
     digest = hashlib.sha256()
-    for folder in ("gibbs_codegen", "templates"):
+    for folder in ("gibbs_codegen", "generated", "templates"):
         for path in sorted((ROOT / folder).rglob("*.*")):
-            if path.suffix not in (".pyc", ".so"):
+            if path.suffix not in (".pyc", ".so") and path.is_file():
+                digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0")
                 digest.update(path.read_bytes())
     return ROOT / "site" / ".cache" / digest.hexdigest()[:16]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from os.path import relpath
 from pathlib import Path
 from shutil import copytree
@@ -134,7 +135,7 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
-    pages = ["howto/several-arms", *files, "start/first-robot"]
+    pages = ["howto/import", "howto/several-arms", *files, "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
@@ -162,7 +163,12 @@ def test_every_key_of_a_file_is_explained(page: str, table: type[Table]) -> None
 def test_commands_have_options_that_exist(page: str) -> None:
     for block in [*blocks(page, "sh"), *blocks(page, "console")]:
         for command in COMMAND.findall(block):
-            argument_parser().parse_args(command.split())
+            argument_parser().parse_args(shlex.split(command))
+
+
+@pytest.mark.parametrize("page", pages_with("sh"))
+def test_commands_are_what_a_shell_reads(page: str) -> None:
+    run([tool("bash"), "-n", "-c", "\n".join(blocks(page, "sh"))])
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copyfile
 
 from sphinx.application import Sphinx
 
@@ -12,12 +13,15 @@ ROOT = Path(__file__).parent.parent.parent
 
 
 def write_flight(app: Sphinx) -> None:
-    """Write the page that `index.md` embeds; delete `site` to have it flown again."""
-    place = Path(app.outdir, "flight.html")
-    if app.builder.format == "html" and not place.exists():
-        place.parent.mkdir(parents=True, exist_ok=True)
+    """Write the page that `index.md` embeds; it is flown again after every change of the code."""
+    if app.builder.format != "html":
+        return
+    kept = Path(app.config.nb_execution_cache_path, "flight.html")
+    if not kept.exists():
         robot = load(ROOT / "generated" / "hexarotor_3link")
-        view_html(simulate(robot, read_scenario("paper"))).save(place)
+        view_html(simulate(robot, read_scenario("paper"))).save(kept)
+    Path(app.outdir).mkdir(parents=True, exist_ok=True)
+    copyfile(kept, Path(app.outdir, "flight.html"))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -41,6 +41,10 @@ def copy_pages(app: Sphinx, config: Config) -> None:
     for page, path in PAGES.items():
         (ROOT / page).parent.mkdir(exist_ok=True)
         copy2(ROOT / path, ROOT / page)
+    # Nothing else is in these folders: the original was renamed or removed.
+    for copy in (*ROOT.glob("docs/notebooks/*.ipynb"), *ROOT.glob("docs/project/*.md")):
+        if copy.relative_to(ROOT).as_posix() not in PAGES:
+            copy.unlink()
 
 
 def turn_links(app: Sphinx, docname: str, source: list[str]) -> None:

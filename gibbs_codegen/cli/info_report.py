@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gibbs_codegen.cli.machine_report import machine_facts, print_machine
-from gibbs_codegen.cli.terminal import plain_table
+from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.derivation.filling import filled_matrix
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Number
@@ -121,17 +121,17 @@ def print_report(model: Model, console: Console) -> None:
     )
     print_machine(robot, data, console)
     _print_arrangement(data["arrangement"], console)
-    console.print(_chain_table(robot, data))
-    console.print(_coordinate_table("Coordinates q", reduced_coordinates(robot)))
+    print_table(_chain_table(robot, data), console)
+    print_table(_coordinate_table("Coordinates q", reduced_coordinates(robot)), console)
     if robot.base.attitude == QUATERNION:
-        console.print(_coordinate_table("Velocities v", velocities(robot)))
-    console.print(_coordinate_table("Inputs u", inputs(robot)))
-    console.print(_row_table(data))
+        print_table(_coordinate_table("Velocities v", velocities(robot)), console)
+    print_table(_coordinate_table("Inputs u", inputs(robot)), console)
+    print_table(_row_table(data), console)
     if _pattern_width(data) <= console.width:
         console.print(_pattern_text(data, _pattern(robot)))
     else:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
-    console.print(_operation_table(data))
+    print_table(_operation_table(data), console)
 
 
 def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from gibbs_codegen.cli.terminal import plain_table
+from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.robot.balance import hover_lines, lopsided, number
 from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.hover import Hover, hover
@@ -122,7 +122,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
     """
     base, whole = base_properties(robot), whole_properties(robot)
     columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
-    console.print(_mass_table(robot, columns))
+    print_table(_mass_table(robot, columns), console)
     found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
     lines = hover_lines(robot, found)
     if margins := data["machine"]["wrench_margins"]:
@@ -135,7 +135,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
         console.print(f"warning: {warning}", style="bold", markup=False)
     for table in (_link_table(data), _rotor_table(data), _frame_table(data)):
         if table.row_count:
-            console.print(table)
+            print_table(table, console)
 
 
 def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:

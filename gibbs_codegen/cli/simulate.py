@@ -85,14 +85,13 @@ def _simulate(options: argparse.Namespace) -> int:
         flight = simulate(module, scenario, progress=progress)
         seconds = time.perf_counter() - start
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
-    tip = f"tip {max(flight.tip_error):.2g} m, " if flight.has_tip else ""
-    energy = max(abs(flight.energy_error), default=0.0)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
         f"control law: {flight.law}\n"
-        f"largest errors: base centre {max(flight.centre_error):.2g} m, "
-        f"{tip}energy balance {energy:.2g} J"
+        f"largest errors: {_errors(flight, slice(None))}, "
+        f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
+        f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
@@ -101,6 +100,28 @@ def _simulate(options: argparse.Namespace) -> int:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _errors(flight: Flight, samples: slice) -> str:
+    """The largest errors of base centre, tip and joints, with the joints that have them.
+
+    Args:
+        flight: The flight.
+        samples: Those that count.
+
+    Returns:
+        Such as "base centre 0.02 m, tip 0.01 m, joint theta_8 0.003 rad".
+    """
+    found = [f"base centre {max(flight.centre_error[samples]):.2g} m"]
+    if flight.has_tip:
+        found.append(f"tip {max(flight.tip_error[samples]):.2g} m")
+    joints, rates = flight.layout.q.joints, flight.layout.v.joints
+    errors = abs(flight.errors[samples, rates]).max(axis=0)
+    of = list(zip(errors, flight.coordinates[joints], flight.coordinate_units[joints], strict=True))
+    for unit in sorted({unit for _, _, unit in of}):
+        error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
+        found.append(f"joint {joint} {error:.2g} {unit}")
+    return ", ".join(found)
 
 
 def _print_timing(flight: Flight, folder: str) -> None:

@@ -38,6 +38,14 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     _add_cases(sweep)
     sweep.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace an entry of the scenario in all flights, such as start.offset=[0.2,0,0]; may "
+        "be repeated",
+    )
+    sweep.add_argument(
         "--measure",
         action="append",
         default=[],
@@ -137,14 +145,18 @@ def _flown(options: argparse.Namespace, progress: Callable[[str, float], None]) 
     Returns:
         The study.
     """
+    fixed = _pairs(options.set, "--set", "duration=5")
     parameters = _pairs(options.vary, "--vary", "motors.time_constant=0,0.01")
+    if both := fixed.keys() & parameters.keys():
+        raise UsageError(f"--set {printable(min(both), _MOST_SHOWN)}: --vary has this key too")
     measures = _pairs(options.measure, "--measure", "worst=tip_error.max")
     from gibbs_codegen.sweeps.sweep import sweep
 
     return sweep(
         options.robots,
         options.scenario or ["paper"],
-        {key: varied(text, key) for key, text in parameters.items()},
+        {key: [_value(text)] for key, text in fixed.items()}
+        | {key: varied(text, key) for key, text in parameters.items()},
         options.samples,
         options.seed,
         measures or None,

@@ -13,9 +13,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from gibbs_codegen.errors import printable
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from gibbs_codegen.program.model import Progress
+
+# Of a table that a file or a program reads.
+_MOST_COLUMNS = 160
 
 
 class Parser(argparse.ArgumentParser):
@@ -57,6 +61,23 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
     for column in columns:
         table.add_column(column, overflow="fold")
     return table
+
+
+def print_table(table: Table, console: Console) -> None:
+    """Print a table; where the output goes elsewhere than to a terminal, in long lines if need be.
+
+    Args:
+        table: The table.
+        console: Where to print.
+    """
+    if console.is_terminal:
+        console.print(table)
+        return
+    usual = console.width
+    room = console.options.update_width(_MOST_COLUMNS)
+    console.width = max(usual, console.measure(table, options=room).maximum)
+    console.print(table)
+    console.width = usual
 
 
 @contextmanager

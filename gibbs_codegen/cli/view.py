@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,8 +61,13 @@ def _view(options: argparse.Namespace) -> int:
     require("viser", "the viewer", "viewer")
     if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--html: {printable(options.html)}: give a name that ends in .html")
+    from gibbs_codegen.viewer.page import beside
     from gibbs_codegen.viewer.view import view, view_html
 
+    if options.html is not None:
+        # Before long work: told if nothing can be written there.
+        with beside(Path(options.html)):
+            pass
     with _viewed(options.what) as what:
         if options.html is None:
             print("Press Ctrl-C to stop.", flush=True)
@@ -70,7 +75,7 @@ def _view(options: argparse.Namespace) -> int:
             return 0
         page = view_html(what)
     page.save(options.html)
-    print(f"{printable(options.html)}: {page.title}, {len(page.text.encode()) / 1e6:.2f} MB")
+    print(f"{printable(options.html)}: {page.title}, {page.size / 1e6:.2f} MB")
     return 0
 
 
@@ -83,5 +88,13 @@ def _viewed(word: str) -> Iterator[Viewed]:
     if flight := flight_file(word):
         yield flight
         return
-    with robot_argument.found_module(word, terminal.progress()) as (folder, _):
+    with ExitStack() as until_shown:
+        found = robot_argument.found_module(word, terminal.progress())
+        try:
+            folder, _ = until_shown.enter_context(found)
+        except UsageError as error:
+            if Path(word).is_file():
+                raise
+            hint = "to show a flight, give a folder with a flight.npz"
+            raise UsageError(f"{error}; {hint}") from None
         yield load(folder)

@@ -192,5 +192,6 @@ class Controller:
         except TimeoutError:
             raise SolverStuckError(
                 f"solver {self.plugin}: has not come back for {_PATIENCE:g} s, at {now:.2f} s of "
-                "the flight; the robot cannot do what it is to do, such as to follow a path so fast"
+                "the flight; the robot cannot do what it is to do, such as to follow a path so "
+                "fast; or, if its arm hangs straight down, it needs a bent one (option --posture)"
             ) from None

@@ -20,6 +20,7 @@ import numpy as np
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.task import Circle, circle_task, module_of
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.runtime.load import load, require
 
 if TYPE_CHECKING:
@@ -62,14 +63,19 @@ def track(
     duration = circle.duration if until is None else until
     control_steps(duration, STEP)
     robot, _ = read_robot(robot_file)
-    folder = module_of(robot, out, ("step_rk4",))
+    with announced("deriving the robot that flies"):
+        folder = module_of(robot, out, ("step_rk4",))
     task = circle_task(load(folder), circle)
     plant = load(folder, backend="c")
     prediction.library(plant)
     predicted = prediction.predicted_robot(robot, STEP)
-    model = load(module_of(predicted, out, prediction.DERIVATIVES), backend="c")
+    with announced("deriving the robot that the controller predicts with, and its derivatives"):
+        folder = module_of(predicted, out, prediction.DERIVATIVES)
+    model = load(folder, backend="c")
     expected = prediction.compiled(model, task.frame, STEP)
-    return fly(plant, Controller(expected, task, STEP, plugin=plugin), duration)
+    controller = Controller(expected, task, STEP, plugin=plugin)
+    with announced(f"flying {duration:g} s"):
+        return fly(plant, controller, duration)
 
 
 def report(flown: TrackedPath) -> str:

@@ -181,7 +181,7 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
         path,
         _carried(vehicle, path, hover.q, hover.v),
         _weights(vehicle, reach, hover.q, hover.u),
-        _limits(vehicle, actuators),
+        limits(vehicle, actuators),
     )
 
 
@@ -262,8 +262,16 @@ def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
     return Weights(_UNIT / (_POINT * reach) ** 2, _UNIT * stage, wanted, vehicle.layout.q.position)
 
 
-def _limits(vehicle: Vehicle, actuators: Actuators) -> Array:
-    """Least and greatest inputs and coordinates; rates have no limits but those of the joints."""
+def limits(vehicle: Vehicle, actuators: Actuators) -> Array:
+    """Least and greatest inputs and states; of rates, only those of the joints have limits.
+
+    Args:
+        vehicle: The robot.
+        actuators: Its actuators, such as those of its robot file.
+
+    Returns:
+        Limits (2, nu + nq + nv) of u, q and v, one after the other; infinite where there are none.
+    """
     unlimited = np.array([[-np.inf], [np.inf]])
     q = np.tile(unlimited, len(vehicle.coordinates))
     v = np.tile(unlimited, len(vehicle.module.VELOCITIES))

@@ -113,5 +113,7 @@ def _rotor_lines(source: Source) -> list[Told]:
                 Told("note", rotor.name, f"a drag of {rotor.drag:g} m is large; check its factor")
             )
     if not source.rotors:
-        lines.append(Told("note", "rotors", "none were found; --rotors FILE gives them"))
+        endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
+        hint = f"; these joints turn without end: {endless}" if endless else ""
+        lines.append(Told("note", "rotors", f"none were found; --rotors FILE gives them{hint}"))
     return lines

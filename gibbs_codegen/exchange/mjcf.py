@@ -68,7 +68,8 @@ def _compiled(text: str, path: Path) -> Any:
         import mujoco
     except ImportError:
         raise UsageError(
-            f"{printable(path)}: MJCF needs MuJoCo: pip install 'gibbs_codegen[mujoco]'"
+            f"{printable(path)}: the package mujoco is not installed; install mujoco, or "
+            "gibbs_codegen with its extra mujoco"
         ) from None
     # Else warnings are printed, and written to a file in the working directory.
     former = mujoco.get_mju_user_warning()

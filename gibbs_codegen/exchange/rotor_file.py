@@ -117,8 +117,8 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
         import yaml
     except ImportError:
         raise UsageError(
-            f"{printable(path)}: YAML needs PyYAML (pip install pyyaml); or give the rotors as "
-            "[[rotor]] tables in TOML"
+            f"{printable(path)}: the package PyYAML is not installed; install it, or give the "
+            "rotors as [[rotor]] tables in TOML"
         ) from None
     try:
         if "&" in text:  # Aliases of anchors can expand without end; platforms have none.

@@ -29,8 +29,8 @@ def expanded(path: Path) -> bytes:
         from xacrodoc import XacroDoc
     except ImportError:
         raise UsageError(
-            f"{printable(path)}: xacro needs xacrodoc: pip install 'gibbs_codegen[xacro]'; or "
-            "expand it to URDF"
+            f"{printable(path)}: the package xacrodoc is not installed; install "
+            "xacrodoc, or gibbs_codegen with its extra xacro, or expand the file to URDF"
         ) from None
     try:
         text: str = XacroDoc.from_file(str(path), resolve_packages=False).to_urdf_string()

@@ -85,7 +85,7 @@ def compiled_files(
         sources.mkdir()
         for file, text in texts.items():
             (sources / file).write_bytes(text)
-        with _announced(f"compiling {name}"):
+        with announced(f"compiling {name}"):
             own = [file for file in texts if file.endswith(".c") and file not in included]
             compiled = [sources / file for file in own]
             compiler.library(compiled, output, extra)
@@ -120,8 +120,15 @@ def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> c
 
 
 @contextmanager
-def _announced(what: str) -> Iterator[None]:
-    """Say what takes long, on a terminal; nothing in a pipe."""
+def announced(what: str) -> Iterator[None]:
+    """Say what takes long, on a terminal; nothing in a pipe.
+
+    Args:
+        what: What is being done, in words.
+
+    Returns:
+        A context, for as long as it takes.
+    """
     if not sys.stderr.isatty():
         yield
         return

@@ -43,8 +43,8 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     try:
         caller: Callable[..., Any] = importlib.import_module(_NAME).Caller
         return caller
-    except ImportError:
-        _log.debug("the extension was not built when the package was installed")
+    except ImportError as error:
+        _log.debug("the extension of the installed package is not there or not usable: %s", error)
     include = sysconfig.get_path("include")
     if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":
         _log.info("calls for one state take the long way: Python's headers are not installed")

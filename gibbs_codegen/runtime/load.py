@@ -122,7 +122,7 @@ def require(library: str, for_what: str, extra: str = "") -> None:
             raise
         raise UsageError(
             f"{for_what}: the package {library} is not installed; "
-            f"install it with: pip install 'gibbs_codegen[{extra or library}]'"
+            f"install {library}, or gibbs_codegen with its extra {extra or library}"
         ) from None
 
 

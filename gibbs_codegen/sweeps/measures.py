@@ -155,8 +155,8 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
         if dumps is pickle.dumps:
             raise UsageError(
                 "measure: a function that is not in a module of its own, such as a lambda, goes to "
-                "other processes with the package cloudpickle, which is not installed; install it "
-                "with: pip install 'gibbs_codegen[sweep]'"
+                "other processes with the package cloudpickle, which is not installed; install "
+                "cloudpickle, or gibbs_codegen with its extra sweep"
             ) from None
         raise UsageError(
             f"measure: what a function holds cannot be taken to another process: {printable(error)}"

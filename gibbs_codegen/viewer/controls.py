@@ -21,7 +21,7 @@ class Sliders:
         gui: viser's GUI.
         labels: what the numbers are, with their units.
         limits: least and greatest values (2, n).
-        start: values (n) to begin with.
+        start: values (n) to begin with, which may be beyond the limits.
     """
 
     def __init__(self, gui: Any, labels: Sequence[str], limits: Array, start: Array) -> None:
@@ -109,13 +109,18 @@ def _slider(gui: Any, label: str, low: float, high: float, value: float) -> Any:
         gui: viser's GUI.
         label: What it says.
         low, high: Its ends.
-        value: Where it is.
+        value: Where it is, which may be beyond the ends.
 
     Returns:
         The slider.
     """
-    low, high = rounded(min(low, value)), rounded(max(high, value))
-    return gui.add_slider(label, low, high, _step(low, high), rounded(value))
+    low, high = rounded(low), rounded(high)
+    # Between equal ends there is nothing to move.
+    still = low == high
+    start = float(np.clip(rounded(value), low, high))
+    slider = gui.add_slider(label, low, high, _step(low, high), start, disabled=still)
+    slider.value = rounded(value)
+    return slider
 
 
 def rounded(value: float) -> float:
@@ -131,5 +136,5 @@ def rounded(value: float) -> float:
 
 
 def _step(low: float, high: float) -> float:
-    """A power of ten of which there are many between two ends."""
-    return float(10.0 ** np.floor(np.log10((high - low) / _STEPS)))
+    """A power of ten of which there are many between two ends; any number between equal ones."""
+    return float(10.0 ** np.floor(np.log10((high - low) / _STEPS))) if low < high else 1.0

@@ -6,16 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.robot_drawing import samples_at
 from gibbs_codegen.simulator.record.flight import Flight
-from gibbs_codegen.viewer.flight_scene import FlightScene
-from gibbs_codegen.viewer.page import ViewPage, view_page
+from gibbs_codegen.viewer.flight_scene import FlightScene, known_samples
+from gibbs_codegen.viewer.page import ViewPage, that_fits, view_page
 from gibbs_codegen.viewer.server import empty_server
 
-# Frames per second, and frames at most, while there is room; and the room, in bytes.
+# Frames per second, and frames at most, while there is room.
 _RATE, _MOST = 25.0, 1000
-_ROOM = 1_900_000
 
 
 def flight_page(flight: Flight) -> ViewPage:
@@ -30,17 +28,14 @@ def flight_page(flight: Flight) -> ViewPage:
     Raises:
         UsageError: viser is not installed, or the robot is nowhere at any time.
     """
-    known = np.all(np.isfinite(flight.positions), axis=(1, 2))
-    if not known.any():
-        raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
-    start, end = flight.time[known][[0, -1]]
-    count = min(int((end - start) * _RATE) + 1, _MOST)
-    while True:
-        samples = sorted({*samples_at(flight, np.linspace(start, end, count))})
-        page = _recorded(flight, [sample for sample in samples if known[sample]])
-        if len(page.text) <= _ROOM or count == 1:
-            return page
-        count = max(3 * count // 4, 1)
+    known = known_samples(flight)
+    start, end = flight.time[known[[0, -1]]]
+
+    def recorded(frames: int) -> ViewPage:
+        samples = {*samples_at(flight, np.linspace(start, end, frames))}
+        return _recorded(flight, sorted(samples.intersection(known.tolist())))
+
+    return that_fits(recorded, min(int((end - start) * _RATE) + 1, _MOST))
 
 
 def _recorded(flight: Flight, samples: list[int]) -> ViewPage:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.simulator.record.flight import Flight
-from gibbs_codegen.viewer.flight_scene import FlightScene
+from gibbs_codegen.viewer.flight_scene import FlightScene, known_samples
 from gibbs_codegen.viewer.page import key_list, panel_text
 
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "8")
@@ -28,10 +28,9 @@ class FlightPanel:
 
     def __init__(self, server: Any, flight: Flight) -> None:
         gui, self._flight = server.gui, flight
+        self._known = known_samples(flight)
+        self._times = flight.time[self._known]
         self._scene = FlightScene(server, flight, frames=1)
-        # A flight that diverged may end nowhere.
-        known = np.flatnonzero(np.all(np.isfinite(flight.positions), axis=(1, 2)))
-        self._known, self._times = known, flight.time[known]
         title = html.escape(f"{flight.robot}, {flight.scenario}")
         gui.add_html(panel_text(f"<b>{title}</b>{key_list(self._scene.key())}"))
         self._plays = gui.add_checkbox("play", True)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.robot_drawing import bounds, thrust_directions
 from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.scenario.paths import plane
 from gibbs_codegen.simulator.record.flight import Array, Flight
 from gibbs_codegen.viewer.batch import rgb
-from gibbs_codegen.viewer.machine_scene import FORCE, MachineScene, Posture, set_stage
+from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, set_stage
 from gibbs_codegen.viewer.skeleton import Points, Skeleton, skeleton
 
 _CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
@@ -42,6 +44,8 @@ class FlightScene:
         places = [_place(flight, name) for name in pushed]
         self.machine = MachineScene(server.scene, "/flight/robot", drawn, places, frames)
         self._thrust = _usual(flight.applied[:, : flight.rotors])
+        # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
+        self._push = _usual(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
         self._efforts, self._largest = _efforts(flight)
         self.paths = self._draw_paths()
         self._draw_walls()
@@ -57,7 +61,7 @@ class FlightScene:
         Args:
             sample: Number of the sample of the flight.
         """
-        flight, unit = self.flight, self._thrust or 1.0
+        flight = self.flight
         rotation, points = flight.base_rotation[sample], flight.positions[sample]
         centre = points[flight.points.index(flight.centre)]
         frames = np.tile(np.eye(4), (self._frames, 1, 1))
@@ -67,9 +71,9 @@ class FlightScene:
             Posture(
                 points,
                 thrust_directions(flight, sample) @ rotation.T,
-                flight.applied[sample, : flight.rotors] / unit,
+                flight.applied[sample, : flight.rotors] / (self._thrust or 1.0),
                 self._efforts[sample],
-                forces / unit,
+                forces / (self._push or 1.0),
                 frames,
             )
         )
@@ -83,7 +87,7 @@ class FlightScene:
         """
         entries = self.machine.key(self._thrust, self._largest)
         if self._forces:
-            entries.append((FORCE, "other forces on the robot"))
+            entries.append(self.machine.force_key(self._push))
         entries.append((_CENTRE, "path of the base centre"))
         if self._has_arm:
             entries.append((_TIP, "path of the tip"))
@@ -103,7 +107,8 @@ class FlightScene:
         for name, actual, desired, colour in paths:
             drawn.append(self._draw_line(f"path of {name}", _segments(actual), colour))
             dashes = _segments(desired)[::2]
-            drawn.append(self._draw_line(f"desired path of {name}", dashes, _DESIRED))
+            if len(dashes):
+                drawn.append(self._draw_line(f"desired path of {name}", dashes, _DESIRED))
         return drawn
 
     def _draw_line(self, name: str, segments: Array, colour: str) -> Any:
@@ -135,6 +140,24 @@ class FlightScene:
                 opacity=0.35,
                 side="double",
             )
+
+
+def known_samples(flight: Flight) -> NDArray[np.int_]:
+    """The samples at which the robot is somewhere: a flight that diverged may end nowhere.
+
+    Args:
+        flight: The flight.
+
+    Returns:
+        Their numbers, ascending.
+
+    Raises:
+        UsageError: There is none.
+    """
+    known: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
+    if not len(known):
+        raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
+    return known
 
 
 def _skeleton(flight: Flight) -> Skeleton:
@@ -175,6 +198,8 @@ def _usual(values: Array) -> float:
 def _segments(path: Array) -> Array:
     """A line through places (s, 3) as segments (p, 2, 3), of no more points than are needed."""
     path = path[np.isfinite(path).all(axis=1)]
+    if not len(path):
+        return np.zeros((0, 2, 3))
     kept = path[np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))]
     return np.stack([kept[:-1], kept[1:]], axis=1)
 

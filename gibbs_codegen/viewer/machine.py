@@ -92,6 +92,7 @@ class Machine:
         vehicle = self.vehicle
         centre = vehicle.points.index(vehicle.centre)
         controls = np.zeros(6 + vehicle.joints)
+        controls[3:-3] = np.clip(0.0, *self.joint_limits)
         # What a joint does depends on those after it: twice.
         for joint in 2 * np.flatnonzero(vehicle.is_angle[vehicle.arm]).tolist():
             tried = np.repeat(controls[np.newaxis], len(_BENT), axis=0)
@@ -142,6 +143,22 @@ class Machine:
         ends = np.outer([-1.0, 1.0], usual)
         ends = np.where(np.isfinite(self.input_limits), self.input_limits, ends)
         return [f"{n}, {unit}" for n, unit in zip(vehicle.inputs, units, strict=True)], ends
+
+    def beyond(self, u: Array) -> list[str]:
+        """Say which inputs exceed the limits of the robot file.
+
+        Args:
+            u: Inputs (nu).
+
+        Returns:
+            A sentence for each of them.
+        """
+        sides = zip(self.vehicle.inputs, u, *self.input_limits, strict=True)
+        return [
+            f"{name} = {value:.4g} is beyond its limits, {low:.4g} to {high:.4g}."
+            for name, value, low, high in sides
+            if value < low - _STILL or value > high + _STILL
+        ]
 
     def coordinates(self, controls: Array) -> Array:
         """Coordinates of the robot.

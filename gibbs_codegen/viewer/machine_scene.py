@@ -37,7 +37,7 @@ class Posture:
     - `points` (k, 3): positions in the world, m
     - `directions` (N, 3): unit vectors of the thrusts in the world
     - `thrusts` (N), `efforts` (t): shares of what is drawn at full length or colour
-    - `forces` (f, 3): other forces in the world, in the unit of `thrusts`
+    - `forces` (f, 3): other forces in the world, in what is drawn at full length
     - `frames` (p, 4, 4): poses in the world of frames that are drawn
     """
 
@@ -129,6 +129,18 @@ class MachineScene:
             for unit, most in efforts.items()
             if most
         ]
+
+    def force_key(self, force: float) -> tuple[str, str]:
+        """What the arrows of other forces mean.
+
+        Args:
+            force: The force whose arrow has full length, N.
+
+        Returns:
+            A colour, as CSS has it, and words.
+        """
+        long = _LENGTH * self._skeleton.size
+        return FORCE, f"other forces on the robot, {force:.3g} N is {long:.2g} m long"
 
 
 def set_stage(server: Any, root: str, floor: float, reach: float) -> None:

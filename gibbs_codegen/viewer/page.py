@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import html
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.files.staging import staging_folder
 
+# How large a page may be, bytes: less than the 2 MB that are promised.
+_ROOM = 1_900_000
 # What a page in a notebook or on a site is high, px.
 _HEIGHT = 520
 # viser tells at length, and until it is clicked away, that a browser draws without a graphics card.
@@ -48,12 +51,14 @@ class ViewPage:
             OutputError: If it cannot be written.
         """
         place = Path(path)
-        try:
-            with staging_folder(place.parent) as new:
-                (new / place.name).write_text(self.text, encoding="utf-8")
-                os.replace(new / place.name, place)
-        except OSError as error:
-            raise OutputError(f"{printable(place)}: cannot be written: {error.strerror}") from None
+        with beside(place) as new:
+            (new / place.name).write_text(self.text, encoding="utf-8")
+            os.replace(new / place.name, place)
+
+    @property
+    def size(self) -> int:
+        """Bytes that the page takes."""
+        return len(self.text.encode())
 
     def _repr_html_(self) -> str:
         return (
@@ -61,6 +66,44 @@ class ViewPage:
             f'width="100%" height="{_HEIGHT}" loading="lazy" '
             'style="border: 1px solid #ddd; box-sizing: border-box"></iframe>'
         )
+
+
+@contextmanager
+def beside(place: Path) -> Iterator[Path]:
+    """A folder in which a page can be written before it is put in its place.
+
+    Args:
+        place: The file that the page is to be.
+
+    Yields:
+        The folder.
+
+    Raises:
+        OutputError: Nothing can be written there.
+    """
+    try:
+        with staging_folder(place.parent) as new:
+            yield new
+    except OSError as error:
+        raise OutputError(f"{printable(place)}: cannot be written: {error.strerror}") from None
+
+
+def that_fits(recorded: Callable[[int], ViewPage], frames: int) -> ViewPage:
+    """The page of as many frames as there is room for.
+
+    Args:
+        recorded: Makes the page of so many frames.
+        frames: How many there are if there is room.
+
+    Returns:
+        The page, which has at least 2 frames.
+    """
+    while True:
+        frames = max(frames, 2)
+        page = recorded(frames)
+        if page.size <= _ROOM or frames == 2:
+            return page
+        frames = 3 * frames // 4
 
 
 def view_page(client: str, title: str, key: Sequence[tuple[str, str]]) -> ViewPage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,14 @@ from gibbs_codegen.viewer.controls import Parameters, Sliders
 from gibbs_codegen.viewer.machine import Machine, State, changed
 from gibbs_codegen.viewer.page import key_list, panel_text
 from gibbs_codegen.viewer.pattern import pattern_svg, symbol
+from gibbs_codegen.viewer.robot_page import swings
 from gibbs_codegen.viewer.robot_scene import RobotScene
 
 # How far inputs without limits go, in the largest that holds the robot, and lengths, in its size.
 _INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
+# Postures from which the scale of arrows and colours is taken: for each coordinate, and how far
+# lengths go in them, in the robot's size.
+_SWING_FRAMES, _SWING_ROOM = 4, 0.15
 _PANEL_WIDTH = 360
 _HOLD = (
     "Chooses the inputs of least thrust that hold the robot where it is, or do so as nearly as "
@@ -43,8 +48,14 @@ class RobotPanel:
         q = machine.coordinates(start)
         self._scene = RobotScene(server, machine, q, live=True)
         labels, limits = machine.controls(_LENGTH_ROOM * self._scene.size)
+        # Arrows and colours keep their scale, so that postures can be compared.
+        usual = swings(machine, start, _SWING_ROOM * self._scene.size, _SWING_FRAMES)
+        self._scene.note([state for _, state in usual])
+        self._key.content = panel_text(key_list(self._scene.key()))
         with gui.add_folder("Coordinates"):
-            self._posture = Sliders(gui, labels, limits, start)
+            self._start, self._posture = start, Sliders(gui, labels, limits, start)
+            self._back = False
+            gui.add_button("Back to the first posture").on_click(self._reset)
         with gui.add_folder("Inputs"):
             self._hold = gui.add_checkbox("hold still", True, hint=_HOLD)
             u = machine.hover(q)
@@ -73,6 +84,9 @@ class RobotPanel:
             if node.visible != choice.value:
                 node.visible = choice.value
         self._parameters.step()
+        if self._back:
+            self._back = False
+            self._posture.put(self._start)
         if self._inputs.moved and self._hold.value:
             self._hold.value = False
         posture, u = self._posture.values, self._inputs.values
@@ -89,18 +103,17 @@ class RobotPanel:
             q: Coordinates (nq).
             u: Inputs (nu), which are not asked for where the robot is held.
         """
-        told = ""
+        told = []
         try:
             self._machine.give(self._parameters.given)
         except UsageError as error:
-            told = str(error)
+            told.append(str(error))
         if self._hold.value:
             u = self._machine.hover(q)
             self._inputs.put(u)
+        told += self._machine.beyond(u)
         state = self._machine.state(q, u)
-        self._scene.note([state])
         self._scene.show(state)
-        self._key.content = panel_text(key_list(self._scene.key()))
         before = state if self._state is None else self._state
         lit = changed(state.system, before.system)
         names = self._machine.module.HYBRID_COORDINATES
@@ -109,15 +122,18 @@ class RobotPanel:
         self._numbers.content = numbers(self._machine, state, self._hold.value, told)
         self._state = state
 
+    def _reset(self, _: Any) -> None:
+        self._back = True
 
-def numbers(machine: Machine, state: State, held: bool, told: str) -> str:
+
+def numbers(machine: Machine, state: State, held: bool, told: Sequence[str]) -> str:
     """Say what is computed of a robot at rest.
 
     Args:
         machine: The robot.
         state: Its state.
         held: Whether the inputs are to hold it still.
-        told: What there is to say of its parameters.
+        told: What there is to say of its parameters and inputs.
 
     Returns:
         Tables in HTML.
@@ -133,7 +149,7 @@ def numbers(machine: Machine, state: State, held: bool, told: str) -> str:
     rows = [("condition of M", matrix, ""), ("condition of I_H", hybrid, "")]
     units = [f"{unit}²" for unit in vehicle.layout.v.units]
     for name, value, unit in zip(vehicle.layout.v.names, state.a, units, strict=True):
-        rows.append((f"acceleration of {symbol(name)}", value, unit))
+        rows.append((f"rate of {symbol(name)}", value, unit))
     for name, value in zip(vehicle.constraint_names, state.held, strict=True):
         rows.append((f"constraint torque {symbol(name)}", value, "N m"))
     cells = "".join(
@@ -141,12 +157,16 @@ def numbers(machine: Machine, state: State, held: bool, told: str) -> str:
         f"{_digits(value)}</td><td>{unit}</td></tr>"
         for name, value, unit in rows
     )
-    words = f"<p><b>{html.escape(head)}</b></p>" + f"<p>{html.escape(told)}</p>" * bool(told)
+    words = f"<p><b>{html.escape(head)}</b></p>" + "".join(
+        f"<p>{html.escape(each)}</p>" for each in told
+    )
     return panel_text(f"{words}<table>{cells}</table>")
 
 
 def _digits(value: float) -> str:
     """Four digits; what rounding leaves is 0, and what is singular is infinite."""
-    if not np.isfinite(value) or abs(value) > 1e12:
-        return "∞"
+    if np.isnan(value):
+        return "undetermined"
+    if abs(value) > 1e12:
+        return "∞" if value > 0.0 else "-∞"
     return f"{value if abs(value) > 1e-9 else 0.0:.4g}"

@@ -49,7 +49,9 @@ def view_html(what: Viewed) -> ViewPage:
 def view(what: Viewed, port: int = PORT, browser: bool = True) -> None:
     """Show a flight or a robot live in the browser, until Ctrl-C.
 
-    Only this machine can see it. viser prints the address.
+    The server listens on 127.0.0.1 only: other machines cannot reach it, but every program of this
+    one can, and so can a page of another site that is open in a browser here. viser prints the
+    address.
 
     Args:
         what: As of `view_html`.
@@ -57,7 +59,7 @@ def view(what: Viewed, port: int = PORT, browser: bool = True) -> None:
         browser: Whether to open the browser.
 
     Raises:
-        UsageError: As of `view_html`.
+        UsageError: As of `view_html`; or there is no such port, or none is free from it on.
     """
     with suppress(KeyboardInterrupt), viewing(what, port) as (panel, place):
         if browser:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import json
 import os
 import pty
@@ -15,8 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from rich.console import Console
 from support.command import ENVIRONMENT, run, run_alone
 
+from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import RigidBody, as_rigid_body
@@ -234,6 +237,16 @@ def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_p
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "1 base → upper → fore base, upper, fore - 8 -" in lines
     assert "fore upper revolute elbow z 1 - -" in lines
+
+
+def test_names_in_tables_stay_whole_where_no_terminal_folds_them() -> None:
+    table, names = plain_table("", "one", "other"), [letter * 60 for letter in "ab"]
+    table.add_row(*names)
+    for is_terminal in (False, True):
+        console = Console(file=io.StringIO(), width=80, force_terminal=is_terminal)
+        print_table(table, console)
+        assert all((name in console.file.getvalue()) != is_terminal for name in names)
+        assert console.width == 80
 
 
 def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -35,7 +36,10 @@ def test_a_flight_leaves_series_and_figures(workplace: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert "hexarotor_3link flew 'paper' for 0.5 s" in done.stdout
-    assert "tip " in done.stdout
+    assert re.search(
+        r"largest errors: base centre .* tip .* joint theta_[789] .* rad, ", done.stdout
+    )
+    assert re.search(r"errors at the end: base centre .* joint theta_[789] .* rad\n", done.stdout)
     names = {path.name for path in (workplace / "a").iterdir()}
     assert {"flight.npz", "flight.csv", "coordinates.pdf", "snapshots.png"} <= names
     flight = read_flight(workplace / "a" / "flight.npz")

@@ -25,7 +25,7 @@ from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.sweeps.sampling import log_uniform, normal, scaled, together, uniform
 from gibbs_codegen.sweeps.study import read_study
 
-SHORT = ["--vary", "duration=0.05", "--vary", "integration.method=rk4"]
+SHORT = ["--set", "duration=0.05", "--set", "integration.method=rk4"]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_words_that_mean_nothing_are_told(text: str, message: str) -> None:
 
 def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
     varying = ["--vary", "plant.*mass_per_length=scaled(0.8,1.2)", "--vary"]
-    varying += ["motors.time_constant=0,0.01", "--vary", "start.offset=[0.1,0,0]"]
+    varying += ["motors.time_constant=0,0.01", "--set", "start.offset=[0.1,0,0]"]
     measures = ["--measure", "tip=tip_error.max", "--measure", "late [m]=centre_error.last"]
     words = ["sweep", "hexarotor_3link", "--scenario", "hover", *varying, *SHORT, *measures]
     done = run(*words, "--samples", "3", "--workers", "1", "--out", "s", cwd=workplace)
@@ -165,6 +165,8 @@ def test_a_measure_that_fails_takes_nothing_from_the_others(
         (["hexarotor_3link", "--vary", "duration"], "--vary duration: must be such as motors."),
         (["hexarotor_3link", "--vary", "duration="], "must be such as motors."),
         (["hexarotor_3link", "--vary", "durations=5"], "did you mean duration?"),
+        (["hexarotor_3link", "--set", "duration"], "--set duration: must be such as duration=5"),
+        (["hexarotor_3link", *SHORT, "--vary", "duration=1,2"], "--vary has this key too"),
         (["hexarotor_3link", "--samples", "2"], "nothing is drawn"),
         (["hexarotor_3link", "--samples", "0"], "samples: must be a whole number"),
         (["hexarotor_3link", "--measure", "x=tip_eror.max"], "did you mean tip_error"),

@@ -46,6 +46,7 @@ def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
     ("arguments", "told"),
     [
         (("nothing",), "nothing: "),
+        (("flihgt",), "to show a flight, give a folder with a flight.npz"),
         (("flight/none.npz",), "is not a flight"),
         (("flight", "--html", "flight"), "give a name that ends in .html"),
         (("flight", "--port", "0"), "a port is a number from 1 to 65535"),
@@ -56,6 +57,14 @@ def test_wrong_use_is_told(arguments: tuple[str, ...], told: str, workplace: Pat
     assert done.returncode == 2
     assert told in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_place_that_cannot_be_written_is_told_before_anything_is_computed(
+    workplace: Path,
+) -> None:
+    done = run("view", "nothing", "--html", "flight/flight.npz/page.html", cwd=workplace)
+    told = "gibbs-codegen: flight/flight.npz/page.html: cannot be written: File exists\n"
+    assert (done.returncode, done.stderr) == (1, told)
 
 
 def test_the_server_ends_with_ctrl_c(workplace: Path) -> None:

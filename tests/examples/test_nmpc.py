@@ -23,7 +23,9 @@ from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.simulation import simulate
 
 try:
     import casadi
@@ -224,6 +226,41 @@ def test_the_flight_of_the_page(
     assert "200 control steps" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_the_problem_of_ones_own_of_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With IPOPT, with fatrop, and the example's controller with a delay of a step."""
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    names, nlpsol = run_python("docs/howto/nmpc.md"), casadi.nlpsol
+    flight, missed, converged = names["fly_own"](tmp_path)
+    assert (flight.stopped, converged) == ("", [True] * 120)
+    assert missed.max() < 1e-4
+    name = "hextilt_flying_arm_5"
+    plant, folder = load(tmp_path / name, backend="c"), tmp_path / f"{name}_predicted"
+    task = circle_task(plant, Circle())
+    model = compiled(load(folder, backend="c"), task.frame, H)
+    place = {"base.path.position": task.q[:3].tolist(), "duration": 1}
+    scenario = read_scenario("hover", place | {"integration": {"method": "rk4", "step": 1e-4}})
+    late = names["OneStepLate"](model, Controller(model, task, H), task.weights.wanted[:11])
+    assert not simulate(plant, scenario, late).stopped
+
+    def by_fatrop(name: str, _: str, of: dict[str, casadi.MX], told: dict) -> casadi.Function:
+        x, p, factor, multipliers = given = told["hess_lag"].mx_in()
+        hessian = casadi.triu2symm(told["hess_lag"](*given))
+        problem = casadi.Function("problem", [of["x"], of["p"]], [of["f"], of["g"]])
+        cost, gaps = problem(x, p)
+        options = names["fatrop_options"](x, p, factor, multipliers, hessian, gaps)
+        return nlpsol(name, "fatrop", {"x": x, "p": p, "f": cost, "g": gaps}, options)
+
+    monkeypatch.setattr(casadi, "nlpsol", by_fatrop)
+    monkeypatch.setitem(names, "generate", lambda *_, **__: tmp_path / name)
+    monkeypatch.setattr(names["task"], "module_of", lambda *_: folder)
+    flight, missed, converged = names["fly_own"](tmp_path)
+    assert (flight.stopped, converged) == ("", [True] * 120)
+    assert missed.max() < 1e-4
+
+
 class Scripted:
     """A solver that finds what it is told to, and remembers how it was called."""
 
@@ -315,7 +352,7 @@ def test_what_is_wrong_is_told(
         circle_task(plant, Circle(frame="hand"))
     monkeypatch.setitem(sys.modules, "casadi", None)
     assert nmpc.main(["hexarotor_3link"]) == 2
-    assert "pip install 'gibbs_codegen[casadi]'" in capsys.readouterr().err
+    assert "gibbs_codegen with its extra casadi" in capsys.readouterr().err
 
 
 # Without gravity it needs no thrust, and it has no rotors.

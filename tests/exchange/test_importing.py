@@ -17,6 +17,7 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.source import Told
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import RigidBody, Robot
 
 Array = NDArray[np.float64]
@@ -350,7 +351,7 @@ def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
 def test_the_worked_example_of_the_docs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "howto" / "import.md").read_text(encoding="utf-8")
     (source,) = re.findall(r"^```xml\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
     shown, link = re.findall(r"^```text\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
     monkeypatch.chdir(tmp_path)
@@ -361,6 +362,19 @@ def test_the_worked_example_of_the_docs(
     text = Path("two_props.toml").read_text()
     for line in link.splitlines():
         assert any(written.startswith(line) for written in text.splitlines()), line
+    # Without the convention, its rotors come from a file.
+    (rotors,) = re.findall(r"^```toml\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    Path("rotors.toml").write_text(rotors)
+    Path("plain.urdf").write_text(re.sub('<m_f_rate.*/>|rotor(?=[12]")', "", source))
+    assert main(["import", "plain.urdf", "--out", "none.toml"]) == 0
+    assert "--rotors FILE gives them; these joints turn without end: 1, 2" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert main(["import", "plain.urdf", "--rotors", "rotors.toml", "--out", "given.toml"]) == 0
+    given, found = (read_robot(name)[0] for name in ("given.toml", "two_props.toml"))
+    assert [r.position for r in given.thrusters] == [r.position for r in found.thrusters]
+    assert [r.drag for r in given.thrusters] == [r.drag for r in found.thrusters]
+    assert (len(given.links), given.total_mass) == (len(found.links), found.total_mass)
 
 
 def test_servos_are_no_rotors(tmp_path: Path) -> None:

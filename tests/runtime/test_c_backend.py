@@ -387,11 +387,16 @@ def test_without_extension_calls_are_as_cheap(states: dict[str, np.ndarray]) -> 
 
 @pytest.mark.usefixtures("no_extension")
 def test_without_extension_and_python_headers(
-    monkeypatch: pytest.MonkeyPatch, backends, states: dict[str, np.ndarray]
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    backends,
+    states: dict[str, np.ndarray],
 ) -> None:
+    caplog.set_level("DEBUG", "gibbs_codegen")
     monkeypatch.setattr(caller.sysconfig, "get_path", lambda _: "/nowhere")
     plain = load(ROBOT, backend="c")
     assert isinstance(plain.mass_matrix, compiled_function.GeneralFunction)
+    assert "not usable: import of gibbs_codegen.runtime._caller halted" in caplog.text
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
     )

@@ -10,6 +10,8 @@ from PIL import Image
 from playwright.sync_api import Page
 
 Pixels = NDArray[np.int_]
+# How often a scene is looked at, and for how long it is left alone in between, ms.
+_TRIES, _PAUSE = 60, 300
 
 
 def pixels(page: Page) -> Pixels:
@@ -18,6 +20,27 @@ def pixels(page: Page) -> Pixels:
     shot = page.screenshot(timeout=120_000, clip=page.locator("canvas").first.bounding_box())
     picture = Image.open(io.BytesIO(shot)).convert("RGB")
     return np.array(picture).astype(int)
+
+
+def still(page: Page) -> Pixels:
+    """The scene once it stands still and there is something in it."""
+    picture = pixels(page)
+    for _ in range(_TRIES):
+        page.wait_for_timeout(_PAUSE)
+        picture, before = pixels(page), picture
+        if np.array_equal(picture, before) and np.ptp(picture) > 0:
+            return picture
+    raise AssertionError("the scene does not come to rest")
+
+
+def moved_from(page: Page, before: Pixels, share: float) -> Pixels:
+    """The scene as soon as more than a share of its pixels differs from an earlier picture."""
+    for _ in range(_TRIES):
+        picture = pixels(page)
+        if differing(before, picture) > share:
+            return picture
+        page.wait_for_timeout(_PAUSE)
+    raise AssertionError("the scene stays as it was")
 
 
 def count(picture: Pixels, colour: str) -> int:

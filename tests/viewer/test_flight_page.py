@@ -16,7 +16,8 @@ from support.synthetic_flight import synthetic_flight
 import gibbs_codegen
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.figures.style import COLOURS
-from gibbs_codegen.viewer import flight_page
+from gibbs_codegen.viewer import page as viewer_page
+from gibbs_codegen.viewer.view import viewing
 
 Shipped = Callable[[str], ModuleType]
 
@@ -50,9 +51,9 @@ def test_a_long_flight_has_fewer_frames_rather_than_more_room(
     shipped: Shipped, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flight = synthetic_flight(shipped("hexarotor_3link"), samples=300)
-    whole = len(gibbs_codegen.view_html(flight).text)
-    monkeypatch.setattr(flight_page, "_ROOM", whole - 10_000)
-    assert whole - 80_000 < len(gibbs_codegen.view_html(flight).text) <= whole - 10_000
+    whole = gibbs_codegen.view_html(flight).size
+    monkeypatch.setattr(viewer_page, "_ROOM", whole - 10_000)
+    assert whole - 80_000 < gibbs_codegen.view_html(flight).size <= whole - 10_000
 
 
 def test_what_cannot_be_drawn_or_written_is_told(shipped: Shipped, tmp_path: Path) -> None:
@@ -65,6 +66,8 @@ def test_what_cannot_be_drawn_or_written_is_told(shipped: Shipped, tmp_path: Pat
     nowhere = dataclasses.replace(flight, positions=np.full_like(flight.positions, np.nan))
     with pytest.raises(UsageError, match="no sample that can be drawn"):
         gibbs_codegen.view_html(nowhere)
+    with pytest.raises(UsageError, match="no sample that can be drawn"), viewing(nowhere, 8450):
+        pass
     (tmp_path / "no.npz").write_text("no")
     with pytest.raises(UsageError, match="is not a flight"):
         gibbs_codegen.view_html(tmp_path / "no.npz")
@@ -76,3 +79,14 @@ def test_a_flight_that_ends_nowhere_is_shown_until_then(shipped: Shipped) -> Non
     positions[15:] = np.nan
     ended = gibbs_codegen.view_html(dataclasses.replace(flight, positions=positions))
     assert len(ended.text) < len(gibbs_codegen.view_html(flight).text)
+
+
+def test_a_flight_without_a_desired_path_is_shown_without_one(shipped: Shipped) -> None:
+    flight = synthetic_flight(shipped("hexarotor_3link"), samples=3)
+    nowhere = np.full_like(flight.centre_desired, np.nan)
+    without = dataclasses.replace(flight, centre_desired=nowhere)
+    assert gibbs_codegen.view_html(without).size < gibbs_codegen.view_html(flight).size
+
+
+def test_the_room_of_a_page_is_in_bytes() -> None:
+    assert viewer_page.ViewPage("λ", "λλ").size == 4

@@ -11,9 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.viewer.controls import Sliders
 from gibbs_codegen.viewer.machine import Machine, changed
 from gibbs_codegen.viewer.machine_scene import LOADED, RELAXED, mixed
 from gibbs_codegen.viewer.pattern import pattern_svg, symbol
+from gibbs_codegen.viewer.robot_panel import _digits
+from gibbs_codegen.viewer.server import empty_server
 
 Shipped = Callable[[str], ModuleType]
 
@@ -61,6 +64,30 @@ def test_a_singular_attitude_has_no_finite_condition(shipped: Shipped) -> None:
     controls[1] = np.pi / 2
     q = machine.coordinates(controls)
     assert min(machine.state(q, machine.hover(q)).conditions) > 1e12
+
+
+def test_what_has_no_digits_is_told_apart() -> None:
+    told = [_digits(value) for value in (np.nan, np.inf, -np.inf, -1e13, 1e-12, 2.0 / 3.0)]
+    assert told == ["undetermined", "∞", "-∞", "-∞", "0", "0.6667"]
+
+
+def test_sliders_keep_the_limits_of_the_file_though_they_are_equal_or_exceeded() -> None:
+    with empty_server() as server:
+        limits = np.array([[0.3, 0.0], [0.3, 20.0]])
+        sliders = Sliders(server.gui, ["fixed", "thrust"], limits, np.array([0.3, 25.0]))
+        assert [(each.min, each.max) for each in sliders._sliders] == [(0.3, 0.3), (0.0, 20.0)]
+        assert [each.disabled for each in sliders._sliders] == [True, False]
+        assert sliders.values.tolist() == [0.3, 25.0]
+        assert not sliders.moved
+
+
+def test_inputs_beyond_their_limits_are_named(shipped: Shipped) -> None:
+    machine = Machine(shipped("quadrotor"))
+    name, high = machine.vehicle.inputs[1], machine.input_limits[1]
+    assert np.isfinite(high).all()
+    assert machine.beyond(high) == []
+    (told,) = machine.beyond(high + np.array([0.0, 1.0, 0.0, 0.0]))
+    assert told.startswith(f"{name} = ")
 
 
 def test_rejected_parameters_leave_those_before(shipped: Shipped) -> None:

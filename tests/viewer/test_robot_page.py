@@ -11,6 +11,7 @@ from support.browser import visit
 from support.pixels import count, pixels
 
 import gibbs_codegen
+from gibbs_codegen.viewer import page as viewer_page
 from gibbs_codegen.viewer.machine import Machine
 from gibbs_codegen.viewer.machine_scene import ROTOR, THRUST
 
@@ -47,6 +48,14 @@ def test_a_robot_without_rotors_that_slides_is_shown(tmp_path: Path) -> None:
     assert len(page.text) < 2_000_000
     assert "thrust" not in page.text.rpartition('id="key"')[2]
     assert "force at a joint" in page.text
+
+
+def test_a_page_has_fewer_frames_rather_than_more_room(
+    shipped: Shipped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = gibbs_codegen.view_html(shipped("quadrotor")).size
+    monkeypatch.setattr(viewer_page, "_ROOM", whole - 1000)
+    assert gibbs_codegen.view_html(shipped("quadrotor")).size <= whole - 1000
 
 
 @pytest.mark.slow
