@@ -10,6 +10,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.errors import GibbsCodegenError as GibbsCodegenError
+from gibbs_codegen.errors import MissingFunctionError as MissingFunctionError
 from gibbs_codegen.errors import OutputError as OutputError
 from gibbs_codegen.errors import RefusedFileError as RefusedFileError
 from gibbs_codegen.errors import RobotFileError as RobotFileError
@@ -126,6 +127,7 @@ _LAZY = {
 
 __all__ = [
     "GibbsCodegenError",
+    "MissingFunctionError",
     "OutputError",
     "RefusedFileError",
     "RobotFileError",

@@ -135,9 +135,9 @@ def commands() -> str:
 
 def invocation(action: argparse.Action) -> str:
     """An option as it is written, with what follows it."""
-    if not action.option_strings:
-        return str(action.metavar)
     choices = "|".join(map(str, action.choices)) if action.choices else ""
+    if not action.option_strings:
+        return choices or str(action.metavar)
     takes = choices or action.metavar or action.dest.upper()
     value = "" if action.nargs == 0 else f" {takes}"
     return ", ".join(action.option_strings) + value

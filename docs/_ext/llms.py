@@ -15,9 +15,13 @@ def write_list(app: Sphinx, exception: Exception | None) -> None:
     tree, titles = app.env.toctree_includes, app.env.titles
 
     def begins(page: str) -> str:
-        """The first paragraph of a page on one line."""
-        first = next(iter(app.env.get_doctree(page).findall(nodes.paragraph)), None)
-        return " ".join(first.astext().split()) if first else ""
+        """The whole sentences of a page's first paragraph without formulas, on one line."""
+        for paragraph in app.env.get_doctree(page).findall(nodes.paragraph):
+            text = " ".join(paragraph.astext().split())
+            if text and not next(iter(paragraph.findall(nodes.math)), None):
+                whole, _, _ = f"{text} ".rpartition(". ")
+                return f"{whole}." if whole else f"{text.rstrip(':')} …"
+        return ""
 
     def line(page: str) -> str:
         return f"- [{titles[page].astext()}]({page}.html): {begins(page)}"

@@ -24,7 +24,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         type=int,
         required=True,
         metavar="J",
-        help="number of the chain, from 1 to the number of rotors",
+        help="number of the chain, as `info` lists them",
     )
     show.add_argument(
         "--equation",

@@ -30,7 +30,7 @@ from gibbs_codegen.robot.placement import Array, turn
 # As wide as a page on a phone; inches.
 _WIDTH = 3.75
 _HEIGHTS = {"1  World, base, rotors": 2.45, "2  A base of rods, from above": 3.1}
-_LINKS = {"3  Links: Denavit–Hartenberg": 2.1}
+_LINKS = {"3  Links: Denavit–Hartenberg": 2.5}
 
 
 def conventions_sketch() -> Figure:
@@ -54,7 +54,7 @@ def conventions_sketch() -> Figure:
             axes.set_aspect("equal")
             axes.autoscale(False)
             top -= share
-        figure.axes[2].set(xlim=(-1.1, 5.3), ylim=(-0.75, 2.0))
+        figure.axes[2].set(xlim=(-1.1, 5.3), ylim=(-0.75, 2.75))
         return figure
 
 
@@ -131,7 +131,7 @@ def _draw_rods(axes: Axes) -> None:
     draw_arrow(axes, middle, spot(0.72, 0.0), X_AXIS)
     draw_name(axes, "$x$", spot(0.82, 0.16), X_AXIS)
     draw_out_of_page(axes, middle, Z_AXIS)
-    draw_name(axes, "$O_2$, $z$", spot(-0.02, -0.27), Z_AXIS)
+    draw_name(axes, "$O_2$, $z$", spot(0.0, -0.68), Z_AXIS)
     draw_curved_arrow(axes, arc(middle, 0.95, 0.0, -60.0), CONSTRAINT)
     draw_name(axes, "−60°", spot(1.08, -0.55), CONSTRAINT)
     draw_name(axes, "⊙ thrust towards you, → along the arm's $y$", spot(0.0, -1.78), THRUST)

@@ -33,20 +33,20 @@ def frames_sketch() -> Figure:
         The figure.
     """
     with style():
-        figure = Figure(figsize=(FULL, 2.97))
-        axes = sheet(figure, (1, 1, 1), (-1.3, 5.5), (-0.75, 2.05))
+        figure = Figure(figsize=(FULL, 3.7))
+        axes = sheet(figure, (1, 1, 1), (-1.3, 5.5), (-0.75, 2.75))
         draw_frames(axes)
         return figure
 
 
 def draw_frames(axes: Axes) -> None:
-    """Draw the frames of two links on axes from (-1, -0.7) to (5.3, 2).
+    """Draw the frames of two links on axes from (-1, -0.7) to (5.3, 2.7).
 
     Args:
         axes: The axes.
     """
-    flat = seen_from((16.0, -55.0))[:2]
-    twist, angle, step, slide = 40.0, 36.0, 2.9, 1.5
+    flat = seen_from((20.0, -68.0))[:2]
+    twist, angle, step, slide = 34.0, 65.0, 2.6, 1.9
     tilted = turn(0, np.deg2rad(twist))
     final = tilted @ turn(2, np.deg2rad(angle))
     foot = np.array([step, 0.0, 0.0])
@@ -58,15 +58,15 @@ def draw_frames(axes: Axes) -> None:
     axis = np.array([foot - 0.35 * tilted[:, 2], origin])
     axes.plot(*(axis @ flat.T).T, color=Z_AXIS, lw=1.0, ls=DASHED, zorder=4)
     for before, after, at, size, normal, name in (
-        (np.eye(3)[2], tilted[:, 2], foot, 0.62, np.eye(3)[0], r"$\alpha_i$"),
+        (np.eye(3)[2], tilted[:, 2], foot, 0.85, np.eye(3)[0], r"$\alpha_i$"),
         (tilted[:, 0], final[:, 0], origin, 0.95, tilted[:, 2], r"$\theta_i$"),
     ):
         _angle(axes, flat, (at, before, after, normal), size, name)
     middle = flat @ ((foot + origin) / 2.0)
     draw_name(axes, "$a_i$", flat @ (0.62 * foot) + spot(0.0, -0.26), PLACE)
-    draw_name(axes, "$d_i$", middle + spot(-0.22, -0.08), PLACE)
+    draw_name(axes, "$d_i$", middle + spot(-0.3, 0.0), PLACE)
     draw_name(axes, "link $i-1$", flat @ (0.3 * foot) + spot(0.0, -0.3))
-    draw_name(axes, "link $i$", flat @ (origin + 1.9 * final[:, 0]) + spot(0.05, -0.33))
+    draw_name(axes, "link $i$", flat @ (origin + 1.9 * final[:, 0]) + spot(0.25, -0.33))
 
 
 def draw_frame(axes: Axes, flat: Array, origin: Array, turned: Array, index: str) -> None:
@@ -109,7 +109,7 @@ def _angle(
     start = np.array([apex, apex + 1.15 * size * before])
     axes.plot(*(start @ flat.T).T, color=QUIET, lw=0.9, ls=DASHED)
     draw_curved_arrow(axes, arc @ flat.T, CONSTRAINT)
-    middle = flat @ (apex + 1.22 * (arc[len(arc) // 2] - apex))
+    middle = flat @ (apex + 1.3 * (arc[len(arc) // 2] - apex))
     draw_name(axes, name, middle)
 
 

@@ -149,7 +149,9 @@ def numbers(machine: Machine, state: State, held: bool, told: Sequence[str]) -> 
     rows = [("condition of M", matrix, ""), ("condition of I_H", hybrid, "")]
     units = [f"{unit}²" for unit in vehicle.layout.v.units]
     for name, value, unit in zip(vehicle.layout.v.names, state.a, units, strict=True):
-        rows.append((f"rate of {symbol(name)}", value, unit))
+        # An entry of v has a coordinate's name where it is the rate of that coordinate.
+        what = "acceleration" if name in vehicle.layout.q.names else "rate"
+        rows.append((f"{what} of {symbol(name)}", value, unit))
     for name, value in zip(vehicle.constraint_names, state.held, strict=True):
         rows.append((f"constraint torque {symbol(name)}", value, "N m"))
     cells = "".join(

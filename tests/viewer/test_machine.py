@@ -15,7 +15,7 @@ from gibbs_codegen.viewer.controls import Sliders
 from gibbs_codegen.viewer.machine import Machine, changed
 from gibbs_codegen.viewer.machine_scene import LOADED, RELAXED, mixed
 from gibbs_codegen.viewer.pattern import pattern_svg, symbol
-from gibbs_codegen.viewer.robot_panel import _digits
+from gibbs_codegen.viewer.robot_panel import _digits, numbers
 from gibbs_codegen.viewer.server import empty_server
 
 Shipped = Callable[[str], ModuleType]
@@ -69,6 +69,16 @@ def test_a_singular_attitude_has_no_finite_condition(shipped: Shipped) -> None:
 def test_what_has_no_digits_is_told_apart() -> None:
     told = [_digits(value) for value in (np.nan, np.inf, -np.inf, -1e13, 1e-12, 2.0 / 3.0)]
     assert told == ["undetermined", "∞", "-∞", "-∞", "0", "0.6667"]
+
+
+@pytest.mark.parametrize(
+    ("name", "label"), [("hexarotor_3link", "acceleration of x"), ("quadrotor", "rate of vx")]
+)
+def test_entries_of_a_are_called_what_they_are(name: str, label: str, shipped: Shipped) -> None:
+    machine = Machine(shipped(name))
+    q = machine.coordinates(machine.start())
+    state = machine.state(q, machine.hover(q))
+    assert f"<td>{label}</td>" in numbers(machine, state, held=True, told=[])
 
 
 def test_sliders_keep_the_limits_of_the_file_though_they_are_equal_or_exceeded() -> None:
