@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -238,7 +239,10 @@ def test_links_lead_somewhere(page: str) -> None:
         to = (ROOT / page).parent / path if path else ROOT / page
         assert to.exists(), target
         if anchor:
-            headings = re.findall(r"^#+ (.*)$", to.read_text(encoding="utf-8"), re.MULTILINE)
+            text = to.read_text(encoding="utf-8")
+            if to.suffix == ".ipynb":
+                text = "\n\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"])
+            headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
             assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
 
 

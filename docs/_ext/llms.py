@@ -18,7 +18,8 @@ def write_list(app: Sphinx, exception: Exception | None) -> None:
         """The whole sentences of a page's first paragraph without formulas, on one line."""
         for paragraph in app.env.get_doctree(page).findall(nodes.paragraph):
             text = " ".join(paragraph.astext().split())
-            if text and not next(iter(paragraph.findall(nodes.math)), None):
+            of_page = isinstance(paragraph.parent, nodes.section)
+            if of_page and not any(map(list, map(paragraph.findall, (nodes.math, nodes.image)))):
                 whole, _, _ = f"{text} ".rpartition(". ")
                 return f"{whole}." if whole else f"{text.rstrip(':')} …"
         return ""

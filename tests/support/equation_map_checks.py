@@ -24,7 +24,7 @@ from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA_DOT
 from gibbs_codegen.derivation.hybrid import reduced_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.layout import as_markdown
-from gibbs_codegen.equations.readable_chain import readable_chain
+from gibbs_codegen.equations.readable_chain import chain_state, readable_chain
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.file import read_robot
@@ -128,17 +128,25 @@ def _(functions: Any, shown: Any, names: Names) -> None:
 
 @row("Eq. 3")
 def _(functions: Any, shown: Any, names: Names) -> None:
-    """The sum of the chains' S_j in the notebook, and S of the library."""
+    """The library's S, and the sum of the chains' S_j, which has the mass of the notebook."""
     (gibbs_function,) = functions
-    state = {letter: names[letter] for letter in "qva"}
-    found = []
-    for a in (state["a"], 0 * state["a"]):
-        symbolic = symbols()
-        robot_s = gibbs_function(
-            symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.state
-        )
-        found.append(numbers(symbolic, [robot_s], **{**state, "a": a})[0])
-    assert np.isclose(found[0] - found[1], names["S"][0] - names["S"][1], rtol=1e-9)
+    symbolic = symbols()
+    whole = gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
+    own = []
+    for chain, tree in symbolic.open_chains:
+        state = chain_state(symbolic, chain)
+        free = [x if x in symbolic.a else sp.S.Zero for x in state.accelerations]
+        state = replace(state, accelerations=free)
+        own.append(gibbs_function(symbolic.tape, symbolic.root, tree, state))
+    q, v, a = np.random.default_rng(3).normal(size=(3, len(symbolic.q)))
+    along_x = np.eye(len(a))[names["x"]]
+    values = []
+    for acceleration in (0 * a, a, along_x, -along_x):
+        found = numbers(symbolic, [whole, *own], q=q, v=v, a=acceleration)
+        values.append(np.array([found[0], sum(found[1:])]))
+    none, some, ahead, back = values
+    assert np.isclose(*(some - none), rtol=1e-9)
+    assert np.allclose(ahead + back - 2 * none, names["once"], rtol=1e-9)
 
 
 @row("Eq. 4")
@@ -251,17 +259,19 @@ def _(functions: Any, shown: Any, names: Names) -> None:
         assert len(shown_left) == len(chain.coordinates)
 
 
+def same_forces(found: Sequence[Any], equation: Any) -> None:
+    """Whether a chain's forces are those of the equation in print, by its definitions."""
+    lines = dict(equation.lines)
+    for force, entry in zip(found, equation.forces, strict=True):
+        difference = sp.sympify(force) - lines.get(entry, entry)
+        at = {s.name: 0.1 + 0.3 * i for i, s in enumerate(sorted(difference.free_symbols, key=str))}
+        assert abs(value(difference, at)) < 1e-12
+
+
 @row("Eq. 12")
 def _(functions: Any, shown: Any, names: Names) -> None:
     (generalised_forces,) = functions
-    equation = names["chain_one"]
-    lines = dict(equation.lines)
-    for found, entry in zip(
-        generalised_forces(readable_chain(ROBOT, 1)), equation.forces, strict=True
-    ):
-        difference = sp.sympify(found) - lines.get(entry, entry)
-        at = {s.name: 0.1 + 0.3 * i for i, s in enumerate(sorted(difference.free_symbols, key=str))}
-        assert abs(value(difference, at)) < 1e-12
+    same_forces(generalised_forces(readable_chain(ROBOT, 1)), names["chain_one"])
 
 
 @row("Eq. 13")
@@ -298,12 +308,12 @@ def _(functions: Any, shown: Any, names: Names) -> None:
 
 @row("Eq. 16")
 def _(functions: Any, shown: Any, names: Names) -> None:
-    (decompose,) = functions
+    chain, generalised_forces = functions
     _, unknowns, _, forces = names["five"].bordered
-    own = [symbol.name.removeprefix("a_") for symbol in unknowns]
-    assert own == [*decompose(ROBOT)[4].unknowns]
-    assert len(forces) == len(own)
-    assert forces[-1] == 0
+    readable = chain(ROBOT, 5)
+    assert unknowns == [*readable.state.accelerations, *readable.torques]
+    same_forces(generalised_forces(readable), names["five"])
+    assert forces == [*names["five"].forces, 0]
 
 
 def without_definitions(equation: Any) -> str:
