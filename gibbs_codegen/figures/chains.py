@@ -190,7 +190,7 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
     degrees = f"{true:+.4g}".replace("-", "−").replace("+0", "0")
     draw_name(axes, f"$\\theta_{{{j},4}}$ = {degrees}°", centre + _by(0.25, 0.0) + 0.66 * aside)
     draw_torque(axes, centre, aside, CONSTRAINT)
-    torque = f"$\\tau'_{{{j},4}}$"
+    torque = f"$\\tau′_{{{j},4}}$"
     draw_name(axes, torque, centre + _by(-0.4, 0.0) + 0.32 * aside, CONSTRAINT)
     beside = _by(-0.15, 0.0) - 0.19 * aside if along[0] > -0.1 else _by(0.2, 0.0)
     draw_name(axes, "$O_2$", centre + beside, _QUIET)
@@ -257,7 +257,7 @@ def _draw_link_joint(
         draw_force(axes, place + 0.2 * aside, step, TORQUE)
     else:
         draw_torque(axes, place, aside, colour)
-    letter, prime = "d" if slides else "\\theta", "'" if link.constrained else ""
+    letter, prime = "d" if slides else "\\theta", "′" if link.constrained else ""
     text = f"${letter}_{index}$, $\\tau{prime}_{index}$"
     draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
     draw_joint(axes, place, "s" if slides else "o")
@@ -297,12 +297,12 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
     thrusts = [normal, arrow_key(THRUST, "thrust in the plane")]
-    gold = [Line2D([], [], color=GOLD, label="base arm 2", **bar)] if robot.base.rotors else []
+    second = Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)
     return [
         Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
-        *gold,
+        *([second] if robot.base.rotors else []),
         *(thrusts if robot.base.rotors else [arrow_key(THRUST, "thrust")]),
         arrow_key(CONSTRAINT, "constraint torque"),
         arrow_key(TORQUE, "joint torque or force"),

@@ -48,14 +48,14 @@ from gibbs_codegen.robot.placement import Array
 from gibbs_codegen.robot.posture import robot_frames
 
 # Of the base arms' length, or of the whole robot: thrusts and frames' axes.
-_ARROW, _AXIS, _ACROSS = 0.75, 0.5, 0.5
+_ARROW, _AXIS, _ACROSS = 0.65, 0.5, 0.45
 _SHORT_ARROW, _SHORT_AXIS = 0.2, 0.13
 # Elevation from which thrusts along and across the base can be told apart, degrees.
-_ELEVATION = 42.0
+_ELEVATION = 50.0
 # Of fewer rotors on the base the drawing of the whole robot says all.
 _FEW_ROTORS = 3
 # Of the width of the figure: the drawing of the whole robot beside that of the base.
-_SHARE = 0.42
+_SHARE = 0.38
 
 
 def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
@@ -111,7 +111,8 @@ def _keys(subject: Subject) -> list[Line2D]:
     if robot.rotors:
         keys.append(arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
     if subject.attitude_axes():
-        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label="axis of a virtual link"))
+        label = "axis of an angle of the base"
+        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label=label))
     return keys
 
 

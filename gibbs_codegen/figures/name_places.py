@@ -17,9 +17,9 @@ from gibbs_codegen.robot.placement import Array
 # direction that is wanted, degrees.
 _DISTANCES = (3.0, 8.0, 15.0, 24.0, 36.0)
 _ANGLES = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
-# What it costs to lie on another name or on a sixteenth of a line, and to be turned and far away.
-_ON_NAME, _ON_LINE, _PER_DEGREE, _PER_POINT = 1000.0, 5.0, 0.1, 1.5
-_POINTS_OF_A_LINE = 16
+# What it costs to lie on another name or on a fortieth of a line, and to be turned and far away.
+_ON_NAME, _ON_LINE, _PER_DEGREE, _PER_POINT = 1000.0, 5.0, 0.1, 1.0
+_POINTS_OF_A_LINE = 40
 _ROOM = 1.5
 
 

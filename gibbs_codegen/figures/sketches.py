@@ -73,20 +73,21 @@ def tangent_sketch() -> Figure:
     with style():
         figure = Figure(figsize=(FULL, 3.0))
         left = sheet(figure, (1, 2, 1), (-0.5, 3.0), (-0.55, 2.45))
-        angle, reach = 32.0, 2.0
+        angle, reach = 32.0, 1.5
         along, across = directions(angle)
         pivot, particle = np.zeros(2), reach * along
         left.plot(*arc(pivot, reach, -8.0, 78.0).T, color=QUIET, lw=1.0, ls=DASHED)
-        left.plot([0.0, 1.5], [0.0, 0.0], color=QUIET, lw=0.8, ls=DASHED)
+        left.plot([0.0, 1.3], [0.0, 0.0], color=QUIET, lw=0.8, ls=DASHED)
         draw_bar(left, pivot, particle, "0.85", 5.0)
         draw_curved_arrow(left, arc(pivot, 0.9, 0.0, angle), X_AXIS)
         draw_name(left, r"$\theta$", 1.08 * directions(angle / 2.0)[0], X_AXIS)
-        draw_arrow(left, particle, particle + 1.15 * across, Y_AXIS)
-        place = particle + 1.15 * across + spot(-0.02, 0.27)
+        tangent = reach * across  # per radian, to scale
+        draw_arrow(left, particle, particle + tangent, Y_AXIS)
+        place = particle + tangent + spot(0.5, 0.1)
         draw_name(left, r"$\partial\mathbf{p}/\partial\theta$", place, Y_AXIS)
         draw_joint(left, pivot)
         draw_name(left, "pivot", spot(-0.05, -0.25))
-        draw_name(left, "path", spot(2.1, -0.42), QUIET)
+        draw_name(left, "path", spot(1.65, -0.4), QUIET)
         left.plot(*particle, "s", ms=6, color=DARK, zorder=8)
         draw_name(left, r"$\mathbf{p}(\theta)$", particle + spot(0.38, -0.05))
         right = sheet(figure, (1, 2, 2), (-2.55, 1.9), (-1.65, 1.85))

@@ -250,7 +250,7 @@ def test_every_chain_shows_what_the_decomposition_says(name: str) -> None:
             assert f"$\\theta_{{{j},{item}}}$" in shown
         assert (f"$F_{{{j},3}}$" in shown) == (1 in chain.motors)
         assert (f"$F_{{{j},5}}$" in shown) == chain.is_constrained
-        assert (f"$\\tau'_{{{j},4}}$" in shown) == chain.is_constrained
+        assert (f"$\\tau′_{{{j},4}}$" in shown) == chain.is_constrained
         assert arrows(axes, CONSTRAINT) == chain.is_constrained
         assert arrows(axes, TORQUE) == (0 if chain.is_constrained else min(len(robot.links), 4))
 
@@ -276,7 +276,7 @@ def test_names_in_chains_can_be_read(name: str) -> None:
 def test_arm_in_gold_is_explained() -> None:
     (legend,) = chains_figure(PAPER).legends
     keys = dict(zip((t.get_text() for t in legend.texts), legend.legend_handles, strict=True))
-    gold = keys["base arm 2"]
+    gold = keys["base arm 2, mass counted"]
     assert isinstance(gold, Line2D)
     assert to_hex(gold.get_color()) == GOLD
 
