@@ -205,7 +205,7 @@ class Machine:
         with np.errstate(all="ignore"):
             a = vehicle.forward_dynamics(q, still, u)
             matrix = vehicle.mass_matrix(q)
-            system = self.system(q)
+            system = self.hybrid_system(q)
             hybrid = system[:, : len(system)]
             return State(
                 q,
@@ -219,7 +219,7 @@ class Machine:
                 (float(np.linalg.cond(matrix)), float(np.linalg.cond(hybrid))),
             )
 
-    def system(self, q: Array) -> Array:
+    def hybrid_system(self, q: Array) -> Array:
         """The hybrid system of the robot at rest.
 
         Args:
@@ -244,7 +244,7 @@ class Machine:
         filled = np.zeros((1, 1), dtype=bool)
         for _ in range(_POSTURES):
             q = self.coordinates(generator.uniform(0.2, 1.2, 6 + self.vehicle.joints))
-            filled = filled | changed(self.system(q), np.zeros((1, 1)))
+            filled = filled | changed(self.hybrid_system(q), np.zeros((1, 1)))
         return filled
 
     def skeleton(self, q: Array) -> Skeleton:

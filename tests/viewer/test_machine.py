@@ -51,7 +51,7 @@ def test_no_posture_fills_an_entry_that_the_pattern_leaves_blank(shipped: Shippe
     machine = Machine(shipped("hexarotor_3link"))
     filled, generator = machine.pattern(), np.random.default_rng(7)
     for _ in range(5):
-        system = machine.system(machine.coordinates(generator.uniform(-2.0, 2.0, 9)))
+        system = machine.hybrid_system(machine.coordinates(generator.uniform(-2.0, 2.0, 9)))
         assert not np.any(changed(system, np.zeros((1, 1))) & ~filled)
     # Fig. 7: the rows of τ′ hold one unknown each, and gravity does not act along x and y.
     assert np.array_equal(filled[-5:].sum(axis=1), np.ones(5))
