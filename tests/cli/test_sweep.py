@@ -199,7 +199,13 @@ def test_ctrl_c_leaves_what_is_done(workplace: Path) -> None:
     ]
     command = [sys.executable, "-m", "gibbs_codegen", "sweep", "hexarotor_3link", *options]
     process = subprocess.Popen(
-        command, cwd=workplace, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
+        command,
+        cwd=workplace,
+        env=ENVIRONMENT,
+        stderr=subprocess.PIPE,
+        text=True,
+        # What runs in the background of a shell ignores Ctrl-C, and so do its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     end = time.monotonic() + 60.0
     chunks: list[Path] = []

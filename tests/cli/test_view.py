@@ -75,10 +75,15 @@ def test_the_server_ends_with_ctrl_c(workplace: Path) -> None:
         env=os.environ | ENVIRONMENT,
         stdout=subprocess.PIPE,
         text=True,
+        # What runs in the background of a shell ignores Ctrl-C, and so do its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as server:
-        assert server.stdout is not None
-        for line in server.stdout:
-            if "http://127.0.0.1:" in line:
-                break
-        server.send_signal(signal.SIGINT)
-        assert server.wait(60) == 0
+        try:
+            assert server.stdout is not None
+            for line in server.stdout:
+                if "http://127.0.0.1:" in line:
+                    break
+            server.send_signal(signal.SIGINT)
+            assert server.wait(60) == 0
+        finally:
+            server.kill()
