@@ -458,7 +458,8 @@ def test_a_flight_has_a_step(plant: ModuleType) -> None:
 def test_commands_of_the_page_have_options_that_exist() -> None:
     (block,) = blocks("docs/howto/nmpc.md", "sh")
     commands = [
-        line.removeprefix("python -m gibbs_codegen.examples.nmpc ") for line in block.splitlines()
+        line.removeprefix("python -m gibbs_codegen.examples.nmpc ")
+        for line in block.replace("\\\n", " ").splitlines()
     ]
     first, second = (nmpc.argument_parser().parse_args(shlex.split(c)) for c in commands)
     assert (first.robot, first.duration) == ("hextilt_flying_arm_5", 4.0)

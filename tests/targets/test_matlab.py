@@ -315,7 +315,7 @@ def test_what_the_page_shows_runs_and_reaches_the_goal(
     """The blocks of the page as one script: it ends within a millimetre of where it hovers."""
     made = packaged(SMALL)
     (tmp_path / "generated").symlink_to(made.folder.parent)
-    page = (ROOT / "docs" / "matlab.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "howto" / "matlab.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```matlab\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
     said = octave(tmp_path, blocks)
     assert "FORWARD_DYNAMICS Accelerations a" in said
