@@ -1,4 +1,4 @@
-"""Fixtures shared by the tests: generated modules, made once per robot and session."""
+"""Fixtures shared by the tests: generated modules, made once for each state of the generator."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from filelock import FileLock
 from hypothesis import HealthCheck, settings
 from support.compiled import Emitted, emit_labelled
+from support.kept import forget_unused, generator_digest, made_once
 
 from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.family import paper_family
@@ -457,6 +457,13 @@ def _spread(cases: list[pytest.Item], count: int) -> list[pytest.Item]:
     return [item for place, item in enumerate(cases) if place in places]
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Before any worker begins, remove what earlier runs have kept and nobody used for long."""
+    if not hasattr(session.config, "workerinput") and session.config.cache is not None:
+        forget_unused(Path(session.config.cache.mkdir("modules")))
+        forget_unused(Path(session.config.cache.mkdir("compiled")) / "libraries")
+
+
 @pytest.fixture(scope="session")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that all processes of a test run share, for what takes long to make."""
@@ -464,19 +471,19 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _compiled_cache(shared: Path) -> None:
-    """A cache of compiled libraries of the test run's own, which its processes share."""
-    os.environ["GIBBS_CODEGEN_CACHE"] = str(shared / "compiled")
-
-
-def made_once(folder: Path, make: Callable[[], object]) -> Path:
-    """A folder that the first process that wants it makes, while the others wait."""
-    folder.parent.mkdir(exist_ok=True)
-    with FileLock(f"{folder}.lock"):
-        if not folder.is_dir():
-            make()
+@pytest.fixture(scope="session")
+def kept(pytestconfig: pytest.Config) -> Path:
+    """A folder for modules that later runs use again, until the generator changes."""
+    folder = Path(pytestconfig.cache.mkdir("modules")) / generator_digest()
+    folder.mkdir(exist_ok=True)
+    folder.touch()
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_cache(pytestconfig: pytest.Config) -> None:
+    """A cache of compiled libraries of the tests' own, which later runs use again."""
+    os.environ["GIBBS_CODEGEN_CACHE"] = str(pytestconfig.cache.mkdir("compiled") / "libraries")
 
 
 def compiled_soon(folder: Path) -> ModuleType:
@@ -487,9 +494,9 @@ def compiled_soon(folder: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def shipped(shared: Path) -> Callable[[str], ModuleType]:
+def shipped(kept: Path) -> Callable[[str], ModuleType]:
     """Load the freshly generated module of a robot that ships."""
-    modules = shared / "generated"
+    modules = kept / "generated"
 
     @functools.cache
     def module(name: str) -> ModuleType:
@@ -510,9 +517,9 @@ def fast(shipped: Callable[[str], ModuleType]) -> Callable[[str], ModuleType]:
 
 
 @pytest.fixture(scope="session")
-def family(shared: Path) -> Callable[[int, int], ModuleType]:
+def family(kept: Path) -> Callable[[int, int], ModuleType]:
     """Load the C back end of a member of the paper's family, by rotors and links."""
-    modules = shared / "family"
+    modules = kept / "family"
 
     @functools.cache
     def module(rotors: int, links: int) -> ModuleType:
@@ -525,9 +532,9 @@ def family(shared: Path) -> Callable[[int, int], ModuleType]:
 
 
 @pytest.fixture(scope="session")
-def emitted(shared: Path) -> Callable[[str], Emitted]:
+def emitted(kept: Path) -> Callable[[str], Emitted]:
     """Emit a robot that ships, or another of `support.compiled`, with what it was emitted from."""
-    base = shared / "emitted"
+    base = kept / "emitted"
 
     @functools.cache
     def made(label: str) -> Emitted:

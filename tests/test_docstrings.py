@@ -1,4 +1,9 @@
-"""Docstrings say what every argument, result and error is, in the sections of Google's style."""
+"""Docstrings have sections where users read them, and are as short as a thought elsewhere.
+
+Users read what `gibbs_codegen` exports, and the functions of generated modules, whose Python is in
+`gibbs_codegen/emitted`. There, docstrings say what every argument, result and error is, in sections
+of Google's style. All other docstrings are for those who read the code beside them, and have none.
+"""
 
 from __future__ import annotations
 
@@ -9,38 +14,45 @@ from pathlib import Path
 
 import pytest
 
+import gibbs_codegen
+
 PACKAGE = Path(__file__).parents[1] / "gibbs_codegen"
-# The tape on which statements are written needs no words a hundred times.
-SAID_ONCE = {"self", "cls", "tape"}
 FOLDERS = sorted({path.parent.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")})
+SECTION = re.compile(r"^(Args|Returns|Yields|Raises|Attributes):$", re.MULTILINE)
+Definition = ast.FunctionDef | ast.ClassDef
 
 
-def functions(module: ast.Module) -> Iterator[tuple[ast.FunctionDef, bool]]:
-    """Functions and methods of a module, and whether they are public."""
-    for node in module.body:
-        if isinstance(node, ast.FunctionDef):
-            yield node, not node.name.startswith("_")
-        elif isinstance(node, ast.ClassDef):
-            for method in node.body:
-                if isinstance(method, ast.FunctionDef) and not method.name.startswith("__"):
-                    yield method, not (node.name.startswith("_") or method.name.startswith("_"))
+def exported() -> set[tuple[Path, str]]:
+    """Files and names of what `gibbs_codegen` exports."""
+    homes = {name: getattr(gibbs_codegen, name) for name in gibbs_codegen.__all__}
+    return {
+        (PACKAGE.parent / f"{what.__module__.replace('.', '/')}.py", name)
+        for name, what in homes.items()
+        if hasattr(what, "__module__")
+    }
 
 
-def missing(function: ast.FunctionDef, is_public: bool) -> list[str]:
+def definitions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, Definition]]:
+    """Functions and classes of a module with their qualified names, nested ones too."""
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield prefix + node.name, node
+            yield from definitions(node.body, f"{prefix}{node.name}.")
+
+
+def missing(function: ast.FunctionDef) -> list[str]:
     """What the sections of a docstring leave out, or say of arguments that there are not."""
-    given = function.args
-    listed = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
-    names = {argument.arg for argument in listed if argument is not None} - SAID_ONCE
-    if not names or (not is_public and len(names) < 3):
-        return []
+    taken = function.args
+    listed = [*taken.posonlyargs, *taken.args, *taken.kwonlyargs, taken.vararg, taken.kwarg]
+    names = {argument.arg for argument in listed if argument is not None} - {"self", "cls"}
     text = ast.get_docstring(function) or ""
     section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.MULTILINE | re.DOTALL)
     heads = re.findall(r"^    (\*{0,2}[\w, *]+):", section[1], re.MULTILINE) if section else []
-    told = {name.strip(" *") for head in heads for name in head.split(",")} - SAID_ONCE
+    told = {name.strip(" *") for head in heads for name in head.split(",")}
     found = [f"argument {name}" for name in sorted(names - told)]
     found += [f"{name}, which is no argument" for name in sorted(told - names)]
     returned = ast.unparse(function.returns) if function.returns else "None"
-    if returned not in ("None", "Never", "NoReturn", "Self"):
+    if names and returned not in ("None", "Never", "NoReturn", "Self"):
         found += [] if re.search(r"^(Returns|Yields):", text, re.MULTILINE) else ["result"]
     return found + [f"error {name}" for name in sorted(_raised(function)) if name not in text]
 
@@ -52,19 +64,35 @@ def _raised(function: ast.FunctionDef) -> set[str]:
     return {name for name in names if name[0].isupper()}
 
 
+def faults(path: Path, users_read: set[tuple[Path, str]]) -> Iterator[str]:
+    """What is wrong with the docstrings of a file."""
+    emitted = path.parent.name == "emitted"
+    for name, node in definitions(ast.parse(path.read_text(encoding="utf-8")).body):
+        is_public = not any(part.startswith("_") for part in name.split("."))
+        where = f"{path.relative_to(PACKAGE)}:{node.lineno} {name}: "
+        if is_public and (emitted or (path, name.split(".")[0]) in users_read):
+            if isinstance(node, ast.FunctionDef) and (lacks := missing(node)):
+                yield where + "; ".join(lacks)
+        elif not emitted and (heads := SECTION.findall(ast.get_docstring(node) or "")):
+            yield where + f"{', '.join(heads)} where no user reads it"
+
+
 @pytest.mark.parametrize("folder", FOLDERS, ids=str)
-def test_docstrings_are_whole(folder: Path) -> None:
-    found = [
-        f"{path.name}:{function.lineno} {function.name}: {'; '.join(lacks)}"
-        for path in sorted((PACKAGE / folder).glob("*.py"))
-        for function, is_public in functions(ast.parse(path.read_text(encoding="utf-8")))
-        if (lacks := missing(function, is_public))
-    ]
+def test_docstrings_have_sections_where_users_read_them(folder: Path) -> None:
+    users_read = exported()
+    files = sorted((PACKAGE / folder).glob("*.py"))
+    found = [fault for path in files for fault in faults(path, users_read)]
     assert not found, "\n".join(found)
 
 
+def test_what_is_exported_is_found() -> None:
+    names = {name for _, name in exported()}
+    assert {*gibbs_codegen.__all__} - names <= {"__version__"}
+    assert all(path.is_file() for path, _ in exported())
+
+
 SPOILT = '''
-def torque(tape, angle, rate):
+def torque(tape, angle, rate) -> float:
     """Torque of a joint.
 
     Args:
@@ -76,12 +104,11 @@ def torque(tape, angle, rate):
 '''
 
 
-def test_what_is_missing_is_found() -> None:
-    (spoilt,) = ast.parse(SPOILT.replace("rate):", "rate) -> float:")).body
-    assert isinstance(spoilt, ast.FunctionDef)
-    assert missing(spoilt, True) == [
-        "argument rate",
-        "speed, which is no argument",
-        "result",
-        "error ValueError",
+def test_what_is_missing_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}.PACKAGE", tmp_path)
+    spoilt = tmp_path / "spoilt.py"
+    spoilt.write_text(SPOILT, encoding="utf-8")
+    assert [*faults(spoilt, {(spoilt, "torque")})] == [
+        "spoilt.py:2 torque: argument rate; speed, which is no argument; result; error ValueError"
     ]
+    assert [*faults(spoilt, set())] == ["spoilt.py:2 torque: Args where no user reads it"]

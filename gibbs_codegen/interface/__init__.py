@@ -2,7 +2,15 @@
 
 from gibbs_codegen.interface.rows import Argument, Output, Row
 from gibbs_codegen.interface.signatures import Signature, module_signatures, signatures
-from gibbs_codegen.interface.table import ARGUMENTS, DATA, DATA_ON_REQUEST, FUNCTIONS, LANES, LISTS
+from gibbs_codegen.interface.table import (
+    ARGUMENTS,
+    DATA,
+    DATA_ON_REQUEST,
+    FUNCTIONS,
+    LANES,
+    LISTS,
+    derivative,
+)
 
 __all__ = [
     "ARGUMENTS",
@@ -15,6 +23,7 @@ __all__ = [
     "Output",
     "Row",
     "Signature",
+    "derivative",
     "module_signatures",
     "signatures",
 ]

@@ -42,14 +42,16 @@ DERIVATIVES = (
         "qva",
         (
             _FORCE,
-            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + BY_Q),
-            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + BY_V),
-            Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS),
+            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + BY_Q, "q"),
+            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + BY_V, "v"),
+            Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS, "a"),
         ),
         "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
         "eqs. 4-6, differentiated",
         TANGENT,
         on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="jacobian",
     ),
     Row(
         "forward_dynamics_derivatives",
@@ -62,6 +64,7 @@ DERIVATIVES = (
                 "rad/s^2 or m/s^2",
                 "forward_dynamics_dq",
                 "{accelerations}" + BY_Q,
+                "q",
             ),
             Output(
                 "acceleration_dv",
@@ -69,6 +72,7 @@ DERIVATIVES = (
                 "rad/s^2 or m/s^2",
                 "forward_dynamics_dv",
                 "{accelerations}" + BY_V,
+                "v",
             ),
             Output(
                 "acceleration_du",
@@ -76,12 +80,15 @@ DERIVATIVES = (
                 "rad/s^2 or m/s^2",
                 "forward_dynamics_du",
                 "{accelerations}" + _BY_U,
+                "u",
             ),
         ),
         "Accelerations a of M a = R + B u, and their derivatives by q, v and u.",
         "eq. 19, solved for the free coordinates and differentiated",
         TANGENT,
         on_request=True,
+        derivative_of="forward_dynamics",
+        kind="jacobian",
     ),
     Row(
         "inverse_dynamics_jvp",
@@ -92,6 +99,8 @@ DERIVATIVES = (
         "It is force_dq q_dot + force_dv v_dot + M a_dot, without these matrices. With the rates "
         "of q, v and a for the direction it is the rate of the forces.",
         on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="jvp",
     ),
     Row(
         "forward_dynamics_jvp",
@@ -110,6 +119,8 @@ DERIVATIVES = (
         "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, without "
         "these matrices.",
         on_request=True,
+        derivative_of="forward_dynamics",
+        kind="jvp",
     ),
     Row(
         "inverse_dynamics_vjp",
@@ -129,6 +140,8 @@ DERIVATIVES = (
         "eqs. 4-6, differentiated",
         TANGENT,
         on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="vjp",
     ),
     Row(
         "forward_dynamics_vjp",
@@ -148,6 +161,8 @@ DERIVATIVES = (
         "eq. 19, solved for the free coordinates and differentiated",
         TANGENT,
         on_request=True,
+        derivative_of="forward_dynamics",
+        kind="vjp",
     ),
     Row(
         "inverse_dynamics_hessian",
@@ -163,6 +178,8 @@ DERIVATIVES = (
         "Those that are left out, by v and a and by a twice, are zero. " + TANGENT + " qq and vv "
         "are symmetric, with both triangles filled.",
         on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="hessian",
         is_long=True,
     ),
     Row(
@@ -181,6 +198,8 @@ DERIVATIVES = (
         "eq. 19, solved for the free coordinates and differentiated twice",
         TANGENT + " The matrix is symmetric, with both triangles filled.",
         on_request=True,
+        derivative_of="forward_dynamics",
+        kind="hessian",
         is_long=True,
     ),
     Row(

@@ -61,6 +61,8 @@ PARAMETERS = (
         "Derivatives of the generalised forces M a - R by the parameters.",
         "eqs. 4-6, differentiated",
         on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="parameters",
     ),
     Row(
         "forward_dynamics_parameters_vjp",
@@ -77,5 +79,7 @@ PARAMETERS = (
         "Gradient of w^T forward_dynamics(q, v, u) by the parameters.",
         "eq. 19, solved for the free coordinates and differentiated",
         on_request=True,
+        derivative_of="forward_dynamics",
+        kind="parameters",
     ),
 )

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
+
+# What a row may give of the function whose derivative it is: a matrix by each argument, a product
+# with a direction, a gradient of the results times weights, second derivatives of these, or what
+# the parameters change.
+Kind = Literal["", "jacobian", "jvp", "vjp", "hessian", "parameters"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,7 @@ class Output:
     `derivation` is the name under which `derivation.functions` has what derives it; outputs of
     functions that are composed of others have none. `entries` says
     what the entries are; `targets.documentation` puts a robot's lists in place of names in braces.
+    Of derivatives, `by` is the argument by which they are.
     """
 
     name: str
@@ -42,6 +49,7 @@ class Output:
     unit: str
     derivation: str = ""
     entries: str = "[{unit}]"
+    by: str = ""
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers.
@@ -76,7 +84,8 @@ class Row:
     the `frame`, if one is named, have the function. A module has one that is generated `on_request`
     only where it was asked for; one that `is_long`, whose text grows with the cube of the number of
     joints, only where it was asked for by name. One that is `composed` has no derivation: it calls
-    the functions named there so many times.
+    the functions named there so many times. `derivative_of` is the function of which it gives
+    derivatives, of some `kind`.
     """
 
     name: str
@@ -89,3 +98,5 @@ class Row:
     on_request: bool = False
     is_long: bool = False
     composed: Mapping[str, int] = field(default_factory=dict)
+    derivative_of: str = ""
+    kind: Kind = ""

@@ -60,6 +60,8 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
             "with displacements of q and q_next in the tangent space, as integrate applies them.",
             on_request=True,
             composed=with_derivatives,
+            derivative_of=name,
+            kind="jacobian",
         ),
     )
 

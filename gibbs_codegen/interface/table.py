@@ -16,7 +16,7 @@ from gibbs_codegen.interface.derivatives import DERIVATIVES
 from gibbs_codegen.interface.kinematic_derivatives import KINEMATIC_DERIVATIVES
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.parameters import PARAMETERS
-from gibbs_codegen.interface.rows import Argument, Output, Row
+from gibbs_codegen.interface.rows import Argument, Kind, Output, Row
 from gibbs_codegen.interface.steps import STEPS
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold, of
@@ -227,3 +227,9 @@ _ROWS = (
 )
 _EVERY = (*_ROWS, *KINEMATICS, *DERIVATIVES, *KINEMATIC_DERIVATIVES, *PARAMETERS, *STEPS)
 FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}
+_DERIVATIVES = {(row.derivative_of, row.kind): row.name for row in _EVERY if row.derivative_of}
+
+
+def derivative(name: str, kind: Kind) -> str:
+    """The function that gives derivatives of a kind of another; empty where the table has none."""
+    return _DERIVATIVES.get((name, kind), "")

@@ -20,9 +20,9 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from gibbs_codegen.errors import MissingFunctionError, UsageError
-from gibbs_codegen.interface import Signature, module_signatures
+from gibbs_codegen.interface import Signature, derivative, module_signatures
 from gibbs_codegen.runtime.jax_ffi import CompiledCalls, compiled_calls
-from gibbs_codegen.runtime.jax_rules import BY_PARAMETERS, RULES, by_parameters
+from gibbs_codegen.runtime.jax_rules import by_parameters, rule_of
 from gibbs_codegen.runtime.jax_tangents import Tangents
 from gibbs_codegen.runtime.kernels import Kernels
 
@@ -171,13 +171,13 @@ class Functions:
         changes = [None if isinstance(t, SymbolicZero) else t for t in tangents]
         results: Sequence[Any] = ()
         parts: list[Sequence[Any]] = []
-        rule = RULES.get(name)
+        rule = rule_of(name)
         if rule and rule.needs in self and any(change is not None for change in changes[1:]):
             moved = self._displacements(name, arguments, changes[1:])
             results, part = rule.apply(self, name, constants, arguments, moved)
             parts.append(part)
             changes[1:] = [None] * len(arguments)
-        if changes[0] is not None and BY_PARAMETERS.get(name) in self:
+        if changes[0] is not None and derivative(name, "parameters") in self:
             by_parameters_alone = changes[0][..., len(self._default) :]
             parts.append(by_parameters(self, name, constants, arguments, by_parameters_alone))
             changes[0] = None
@@ -243,9 +243,9 @@ class Functions:
         Returns:
             A clause.
         """
-        rule = RULES.get(name)
+        rule = rule_of(name)
         by_arguments = any(change is not None for change in changes[1:])
-        needed = (rule and rule.needs) if by_arguments else BY_PARAMETERS.get(name)
+        needed = (rule and rule.needs) if by_arguments else derivative(name, "parameters")
         if not needed or needed in self:
             return "no module has a function for this derivative"
         return str(MissingFunctionError(self._module.NAME, needed, self._module.DERIVATIVES))

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import jax.numpy as jnp
 
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, derivative
 from gibbs_codegen.runtime.jax_tangents import Tangents
 
 Arrays = Sequence[Any]
@@ -85,7 +85,7 @@ def _by_matrices(
     Returns:
         As of `Rule`.
     """
-    value, *matrices = functions(RULES[name].needs, constants, *arguments)
+    value, *matrices = functions(derivative(name, "jacobian"), constants, *arguments)
     return [value], [_sum_of_products(matrices, changes)]
 
 
@@ -102,7 +102,7 @@ def _integrate(
     Returns:
         As of `Rule`.
     """
-    matrices = functions(RULES[name].needs, constants, *arguments)
+    matrices = functions(derivative(name, "jacobian"), constants, *arguments)
     (value,) = functions(name, constants, *arguments)
     return [value], [functions.tangents.changes(value, _sum_of_products(matrices, changes))]
 
@@ -124,7 +124,10 @@ def _by_hessian(
     value, *matrices = results
     sizes = [argument.shape[-1] for argument in arguments]
     sizes[0] = sizes[1]  # Displacements are as many as velocities.
-    blocks = functions(RULES[name].needs, *_by_entry(value, constants, arguments))
+    blocks = functions(
+        derivative(FUNCTIONS[name].derivative_of, "hessian"),
+        *_by_entry(value, constants, arguments),
+    )
     change = jnp.concatenate(_filled(value, sizes, changes), axis=-1)[..., None, :, None]
     moved = (_whole(blocks, sizes) @ change)[..., 0]
     pieces = jnp.split(moved, [sizes[0], sizes[0] + sizes[1]], axis=-1)
@@ -197,14 +200,14 @@ def by_parameters(
 
     Args:
         functions: Those of the module.
-        name: A function of `BY_PARAMETERS`.
+        name: A function that has derivatives by the parameters.
         constants, arguments: Of the function.
         change: Of the parameters, array (..., np).
 
     Returns:
         The change of its one result.
     """
-    needed = BY_PARAMETERS[name]
+    needed = derivative(name, "parameters")
     if FUNCTIONS[needed].arguments[-1] != "w":
         (matrix,) = functions(needed, constants, *arguments)
         return [product(matrix, change)]
@@ -212,16 +215,12 @@ def by_parameters(
     return [(matrix @ change[..., None])[..., 0]]
 
 
-RULES = {
-    "forward_dynamics": Rule("forward_dynamics_derivatives", _by_matrices),
-    "inverse_dynamics": Rule("inverse_dynamics_derivatives", _by_matrices),
-    "frame_poses": Rule("frame_poses_derivatives", _by_matrices),
-    "frame_velocities": Rule("frame_velocities_derivatives", _by_matrices),
-    "integrate": Rule("integrate_derivatives", _integrate),
-    "forward_dynamics_derivatives": Rule("forward_dynamics_hessian", _by_hessian),
-    "inverse_dynamics_derivatives": Rule("inverse_dynamics_hessian", _by_hessian),
-}
-BY_PARAMETERS = {
-    "forward_dynamics": "forward_dynamics_parameters_vjp",
-    "inverse_dynamics": "inverse_dynamics_parameters",
-}
+def rule_of(name: str) -> Rule | None:
+    """The rule of a function, None where the table has no derivatives that serve."""
+    row = FUNCTIONS[name]
+    needed = derivative(name, "jacobian")
+    if needed and FUNCTIONS[needed].outputs[-1].by:
+        return Rule(needed, _integrate if row.outputs[0].shape == "q" else _by_matrices)
+    if row.kind == "jacobian" and (needed := derivative(row.derivative_of, "hessian")):
+        return Rule(needed, _by_hessian)
+    return None

@@ -8,15 +8,15 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from conftest import made_once
+from support.kept import made_once
 
 from gibbs_codegen import generate, load
 
 
 @pytest.fixture(scope="session")
-def differentiated(shared: Path) -> Callable[[str], ModuleType]:
+def differentiated(kept: Path) -> Callable[[str], ModuleType]:
     """Load the module of a robot that ships, with `forward_dynamics_derivatives`."""
-    modules = shared / "differentiated"
+    modules = kept / "differentiated"
 
     @functools.cache
     def module(name: str) -> ModuleType:

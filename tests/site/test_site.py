@@ -9,8 +9,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from conftest import ROOT, made_once
+from conftest import ROOT
 from support.browser import visit
+from support.kept import made_once
 from support.tools import missing
 
 if find_spec("myst_nb") is None:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT, made_once
+from conftest import ROOT
+from support.kept import made_once
 from support.octave import octave, octave_arrays
 from support.random_robots import random_tree, rigid_body
 
@@ -79,12 +80,12 @@ def robots() -> dict[str, tuple[Robot, Any]]:
 
 
 @pytest.fixture(scope="module")
-def packaged(shared: Path) -> Callable[[str], Packaged]:
+def packaged(kept: Path) -> Callable[[str], Packaged]:
     """Generate a robot's module for NumPy and MATLAB."""
 
     @functools.cache
     def made(name: str) -> Packaged:
-        folder = shared / "matlab" / name
+        folder = kept / "matlab" / name
 
         def make() -> None:
             robot, derivatives = robots()[name]

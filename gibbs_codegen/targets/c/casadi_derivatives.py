@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.interface import FUNCTIONS, Signature, derivative
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.c.casadi_blocks import Block, Matrix, column_by_column, empty
@@ -27,44 +27,18 @@ Blocks = dict[tuple[str, str], Block]
 
 @dataclass(frozen=True)
 class Derived:
-    """Which functions give the derivatives of one.
-
-    `jacobian` has a matrix for each input, whose names are in `by`. A time step has A and B
-    instead. `gradient` and `hessian` are those of the outputs times seeds, and `by_parameters` has
-    the matrix by the parameters, or the gradient.
-    """
+    """Functions of the table that give the derivatives of one, empty where there is none."""
 
     jacobian: str
-    by: Mapping[str, str] = field(default_factory=dict)
-    gradient: str = ""
-    hessian: str = ""
-    by_parameters: str = ""
+    gradient: str
+    hessian: str
+    by_parameters: str
 
-
-_TABLE = {
-    "forward_dynamics": Derived(
-        "forward_dynamics_derivatives",
-        {"q": "acceleration_dq", "v": "acceleration_dv", "u": "acceleration_du"},
-        "forward_dynamics_vjp",
-        "forward_dynamics_hessian",
-        "forward_dynamics_parameters_vjp",
-    ),
-    "inverse_dynamics": Derived(
-        "inverse_dynamics_derivatives",
-        {"q": "force_dq", "v": "force_dv", "a": "mass_matrix"},
-        "inverse_dynamics_vjp",
-        "inverse_dynamics_hessian",
-        "inverse_dynamics_parameters",
-    ),
-    "frame_poses": Derived("frame_poses_derivatives", {"q": "poses_dq"}),
-    "tip_pose": Derived("frame_poses_derivatives", {"q": "poses_dq"}),
-    "frame_velocities": Derived(
-        "frame_velocities_derivatives", {"q": "velocities_dq", "v": "velocities_dv"}
-    ),
-    "integrate": Derived("integrate_derivatives", {"q": "coordinates_dq", "v": "coordinates_dv"}),
-    "step_euler": Derived("step_euler_derivatives"),
-    "step_rk4": Derived("step_rk4_derivatives"),
-}
+    @classmethod
+    def of(cls, name: str) -> Derived:
+        """Those of a function; a tip's pose is one of those of the frames."""
+        name = "frame_poses" if name == "tip_pose" else name
+        return cls(*(derivative(name, k) for k in ("jacobian", "vjp", "hessian", "parameters")))
 
 
 def derivative_forms(model: Model, signature: Signature, of_parameters: bool) -> list[Form]:
@@ -78,9 +52,7 @@ def derivative_forms(model: Model, signature: Signature, of_parameters: bool) ->
     Returns:
         `jac_F`, `adj1_F` and `jac_adj1_F`, those that there are.
     """
-    row = _TABLE.get(signature.name)
-    if row is None:
-        return []
+    row = Derived.of(signature.name)
     has = set(model.derivatives)
     if row.jacobian not in has or (of_parameters and row.by_parameters not in has):
         return []
@@ -154,7 +126,8 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     """
     form.differentiated_by_q()
     found = form.call(row.jacobian)
-    if not row.by:
+    by = {output.by: output.name for output in FUNCTIONS[row.jacobian].outputs if output.by}
+    if not by:
         return _of_step(form, found)
     ((output, shape),) = form.results
     maps = None
@@ -164,7 +137,7 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     if form.signature.name == "tip_pose":
         first = rows * list(form.model.lists["FRAMES"]).index("tip")
     blocks = {}
-    for name, matrix_name in row.by.items():
+    for name, matrix_name in by.items():
         matrix = found[matrix_name]
         if name == "q":
             matrix = form.by_entries_of_q(matrix)
