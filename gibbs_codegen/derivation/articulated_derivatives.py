@@ -86,11 +86,10 @@ class ArticulatedDerivatives:
             self._pass_from_other_branches(k)
 
     def column(self, kind: Kind, number: int) -> AccelerationColumn:
-        """Accelerations by one thing: its `number` is a component of the root's or a segment's
-        index.
+        """Accelerations by a component of a root's wrench or turning, or by something of a joint.
 
-        The component is where the root's system is solved, for a wrench or a turning; the segment
-        is that of the joint, for an effort, a coordinate or a rate.
+        The component is where the root's system is solved; effort, coordinate and rate are by the
+        index of the joint's segment.
         """
         key, zero = (kind, number), sp.S.Zero
         joints = range(1, len(self._tree.segments))

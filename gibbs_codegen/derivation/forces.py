@@ -118,7 +118,7 @@ def carried_in(
 
 
 def generalised_forces(symbolic: SymbolicRobot, loads: Mapping[int, Wrench]) -> list[sp.Expr]:
-    """Generalised forces (N m or N), by v, of wrenches on the links, as of `carried_in`."""
+    """Generalised forces (N m or N), in the order of v, of wrenches as of `carried_in`."""
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     wrench, rows = carried_in(tape, tree, loads)
     joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
@@ -154,7 +154,7 @@ def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int,
 
 
 def input_matrix(symbolic: SymbolicRobot) -> Matrix:
-    """B of M a = R + B u, by v and u."""
+    """B of M a = R + B u, rows in the order of v, columns in that of u."""
     places, rotors = symbolic.places, symbolic.robot.rotors
     tree, bodies = symbolic.reduced_tree, symbolic.bodies
     columns: list[Sequence[sp.Expr]] = [

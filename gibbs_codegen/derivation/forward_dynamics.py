@@ -122,11 +122,11 @@ def articulation_of(centred: SymbolicRobot, acting: Acting = thrusts) -> Articul
 def factorised_dynamics(
     symbolic: SymbolicRobot, acting: Acting = thrusts, most: float = math.inf
 ) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, by LDLᵀ of M; none where LDLᵀ alone takes `most`
-    operations.
+    """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
-    The translation is eliminated first, since its block of M is m·1₃. Raises `SingularRobotError`
-    where a joint moves nothing that has mass or inertia.
+    There are none where LDLᵀ alone takes `most` operations or more. The translation is eliminated
+    first, since its block of M is m·1₃. Raises `SingularRobotError` where a joint moves nothing
+    that has mass or inertia.
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = about_base_centre(symbolic)
@@ -212,7 +212,10 @@ def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
 def in_coordinates(
     symbolic: SymbolicRobot, joints: list[sp.Expr], root: Acceleration
 ) -> list[sp.Expr]:
-    """Accelerations by v, from the joints' and the root's against free fall in its group frame."""
+    """Accelerations in the order of v, by those of the joints and of the root.
+
+    The root's are relative to free fall, in its group frame.
+    """
     with symbolic.tape.group("acceleration of the origin from that of the base centre"):
         linear = at_origin(symbolic, root)
     gravity = symbolic.parameters.gravity

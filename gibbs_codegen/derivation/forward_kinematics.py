@@ -78,9 +78,9 @@ def _pose(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: Moun
 
 
 def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
-    """Jacobians of frames, 6 rows each, linear and then angular in world axes; columns by v.
+    """Jacobians of frames, 6 rows each, linear and then angular, in world axes.
 
-    A joint that does not support the frame has a column of zeros.
+    Columns are in the order of v; a joint that does not support the frame has a column of zeros.
     """
     frames = _segment_frames(symbolic)
     return [_jacobian(symbolic, frames, frame) for frame in mounted]
@@ -89,7 +89,7 @@ def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) ->
 def _jacobian(
     symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame
 ) -> Matrix:
-    """Jacobian of a frame, 6 rows in world axes; columns by v."""
+    """Jacobian of a frame, 6 rows in world axes; columns in the order of v."""
     tape, tree = symbolic.tape, symbolic.reduced_tree
     point = mounted.from_origin(tape, frames)
     with tape.group("columns of the base"):

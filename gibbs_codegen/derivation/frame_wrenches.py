@@ -34,7 +34,7 @@ def frame_loads(symbolic: SymbolicRobot) -> dict[int, Wrench]:
 
 
 def wrench_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Generalised forces of the wrenches W on the frames by v (N m or N), without a Jacobian."""
+    """Generalised forces of the wrenches W on the frames (N m or N), without a Jacobian."""
     loads = frame_loads(symbolic)
     with symbolic.tape.group("wrenches carried in to the base"):
         return generalised_forces(symbolic, loads)

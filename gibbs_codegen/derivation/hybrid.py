@@ -53,7 +53,7 @@ class LinearSystem:
 
 
 def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
-    """The reduced system M a = R + B u, by v."""
+    """The reduced system M a = R + B u, in the order of v."""
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     minus_r = generalised_inertia_forces(tape, root, tree, symbolic.state.unaccelerated)
     matrix = mass_matrix(tape, root, tree)
@@ -81,8 +81,8 @@ def _add_passive(
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint (N m).
 
-    `serial` is the constrained chain: the root and one base arm. In `state`, by v, rate and
-    acceleration of the constrained joint are zero.
+    `serial` is the constrained chain: the root and one base arm. In `state`, in the order of v,
+    rate and acceleration of the constrained joint are zero.
     """
     return serial.segments[1].row(constrained_joint_wrench(symbolic, serial, state))
 
@@ -233,7 +233,7 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
 def _chain_inputs(
     symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree, rows: Mapping[int, int]
 ) -> Matrix:
-    """What the inputs do in a chain (eq. 13): rows by its coordinates, columns by u.
+    """What the inputs u (columns) do to a chain's coordinates (rows) (eq. 13).
 
     `rows` has the row of each joint that moves and is counted in this chain, by its link's number.
     """

@@ -103,7 +103,7 @@ def _assembled(
     rows: Sequence[Values],
     entries: Entries,
 ) -> Matrix:
-    """A matrix by v, of the base and the joints.
+    """A matrix in the order of v, of the base and the joints.
 
     `block` is that of the base by itself, `columns` are the joints' columns on the base, `rows` the
     joints' rows in its columns, and `entries` are between joints, by their segments.

@@ -32,7 +32,7 @@ def _centre(symbolic: SymbolicRobot, whole: Inertia) -> Vector:
 
 
 def centre_of_mass_jacobian(symbolic: SymbolicRobot) -> Matrix:
-    """Jacobian of the centre of mass: 3 rows in world axes, columns by v.
+    """Jacobian of the centre of mass: 3 rows in world axes, columns in the order of v.
 
     A joint moves the composite body that it carries, whose linear momentum is the force of its
     column of the mass matrix.
@@ -60,7 +60,7 @@ def _columns(symbolic: SymbolicRobot) -> tuple[sp.Expr, list[Vector]]:
 
 
 def gravity_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Generalised forces of gravity by v (N m or N): the weight at the centre of mass."""
+    """Generalised forces of gravity (N m or N): the weight at the centre of mass."""
     tape = symbolic.tape
     mass, columns = _columns(symbolic)
     with tape.group("weight at the centre of mass"):

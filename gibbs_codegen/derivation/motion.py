@@ -75,10 +75,9 @@ class Motion:
         return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
 
     def stepped(self, tape: Scalars, rotation: Rotation, step: Vector) -> Motion:
-        """Motion of another point of the same link, by the step to it (m) in a frame turned about
-        z.
+        """Motion of another point of the same link, in this one's frame.
 
-        The motion stays in its own frame.
+        The step (m) to it is in a frame that `rotation` turns about z.
         """
         x, y, z = step
         if y == z == 0:  # What the kinematics has along x, the inertia force of a rod has too.

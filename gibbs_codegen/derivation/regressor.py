@@ -29,7 +29,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
 
 
 def regressor(systems: Systems) -> Matrix:
-    """The matrix whose product with the base parameters is ∂S/∂θ̈: rows by v."""
+    """The matrix whose product with the base parameters is ∂S/∂θ̈; rows in the order of v."""
     symbolic, tape, imported = systems.symbolic, systems.tape, systems.imported
     symbols: list[sp.Expr] = []
     segments = []

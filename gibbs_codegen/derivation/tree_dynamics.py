@@ -97,7 +97,7 @@ def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -
 
 
 def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
-    """Mass matrix of the tree by its coordinates, both triangles.
+    """Mass matrix of the tree in the order of its coordinates, both triangles.
 
     It is zero between joints of which neither supports the other.
     """

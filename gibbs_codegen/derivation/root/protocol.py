@@ -35,7 +35,7 @@ class BaseDerivatives(Protocol):
     """
 
     def coriolis(self, tape: Scalars) -> BaseDerivatives:
-        """What gives, row by row, 2C for the Coriolis matrix C in place of derivatives by v.
+        """The same with 2C, C the Coriolis matrix, in place of the derivatives by velocities.
 
         2C has the entries ∫ξ_i·2ξ̇_j dm, as between joints. C v are the velocity terms of the
         forces, and Ṁ − 2C is skew-symmetric.

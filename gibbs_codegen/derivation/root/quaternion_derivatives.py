@@ -38,7 +38,7 @@ class QuaternionDerivatives:
     upward: Vector
 
     def coriolis(self, tape: Scalars) -> QuaternionDerivatives:
-        """The same for the accelerations that make 2C in place of derivatives by v.
+        """The same for the accelerations that make 2C in place of derivatives by velocities.
 
         They are 2e×ẋ + 2(ω×e)×ρ of a turn about an axis e of the base, and 2ω×e of a motion along
         it.
