@@ -31,15 +31,7 @@ class AccelerationColumn:
     def combined(
         cls, tape: Scalars, factors: Sequence[sp.Expr], columns: Sequence[AccelerationColumn]
     ) -> AccelerationColumn:
-        """A linear combination.
-
-        Args:
-            factors: One for each column.
-            columns: The columns, in one frame.
-
-        Returns:
-            Their sum, each times its factor.
-        """
+        """Σ factors·columns; the columns are in one frame."""
         entries = combination(tape, factors, [column.entries for column in columns])
         return cls(Acceleration.of(entries[:6]), entries[6:])
 
@@ -47,32 +39,17 @@ class AccelerationColumn:
 def combination(
     tape: Scalars, factors: Sequence[sp.Expr], lists: Sequence[Sequence[sp.Expr]]
 ) -> list[sp.Expr]:
-    """A linear combination of lists.
-
-    Args:
-        factors: One for each list.
-        lists: Lists of one length.
-
-    Returns:
-        The sums of their entries, each times its factor.
-    """
+    """Lists of one length, each times its factor, added up entry by entry."""
     return [sum_of_products(tape, factors, entries) for entries in zip(*lists, strict=True)]
 
 
 def sum_of_products(
     tape: Scalars, a: Sequence[sp.Expr], b: Sequence[sp.Expr], *others: sp.Expr
 ) -> sp.Expr:
-    """The sum of the products of two lists' entries.
+    """Σ a_i·b_i, and `others` added.
 
     It is named after every third product, so that the same sum in another column is written in the
     same lines, and lines that repeat become loops.
-
-    Args:
-        a, b: The lists, of one length.
-        others: What is added.
-
-    Returns:
-        Σ a_i·b_i, and the others.
     """
     products = [tape.let(times(p, q)) for p, q in zip(a, b, strict=True) if p != 0 and q != 0]
     total: sp.Expr = sp.S.Zero

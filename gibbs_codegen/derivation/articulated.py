@@ -42,38 +42,17 @@ class ArticulatedBody:
     load: Wrench
 
     def plus(self, tape: Scalars, other: ArticulatedBody) -> ArticulatedBody:
-        """Both together about their common point.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """The sum of two bodies about one point, in one frame."""
         inertia = self.inertia.plus(tape, other.inertia)
         return ArticulatedBody(inertia, self.load.plus(tape, other.load))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedBody:
-        """The same in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The body in the frame that `rotation` turns from.
-        """
+        """The same in another frame; `rotation` takes components in this one to those there."""
         inertia = self.inertia.rotated(tape, rotation)
         return ArticulatedBody(inertia, self.load.rotated(tape, rotation))
 
     def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedBody:
-        """The same about another point.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The body about the new point.
-        """
+        """The same about another point; `arm` is the old point from the new one (m)."""
         return ArticulatedBody(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
@@ -93,14 +72,7 @@ class SolvedJoint:
     armature: sp.Expr
 
     def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
-        """The accelerations of the joint and of its segment, from that of the parent.
-
-        Args:
-            parent: The parent's acceleration, taken to the joint, in the segment's working frame.
-
-        Returns:
-            θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
-        """
+        """θ̈ and the segment's acceleration, from the parent's at the joint; in working frames."""
         entries = parent.entries
         if self.armature != 0:
             pairs = zip(self.ratios, entries, strict=True)
@@ -138,17 +110,7 @@ class Articulation:
     def root_responses(
         self, tape: Scalars, loads: Sequence[Sequence[sp.Expr]]
     ) -> list[list[sp.Expr]]:
-        """The root's accelerations, from Âa = p.
-
-        Args:
-            loads: Wrenches p on the root, six components each, where its system is solved.
-
-        Returns:
-            Six components of a for each.
-
-        Raises:
-            ZeroPivotError: Where one component has no inertia to it.
-        """
+        """The root's a (6), from Âa = p, for each p; `ZeroPivotError` where inertia is lacking."""
         rows = self.root.inertia.rows
         order = minimum_degree(rows)
         try:
@@ -183,20 +145,11 @@ def articulated(
 ) -> Articulation:
     """Solve every joint's equation, from the leaves inwards.
 
-    Args:
-        tree, motions: The tree, and the motion that the rates alone make of each segment, in its
-            working frame.
-        thrust: About the root, in its own frame (N, N m).
-        efforts: The joints' torques or forces (N m or N).
-        armatures: Inertia of what turns with each joint alone (kg m² or kg).
-        loads: Wrenches on segments after the root, by their index, about the joint, in the
-            segment's own frame (N, N m).
-
-    Returns:
-        The solved equations, and the root's system.
-
-    Raises:
-        ZeroPivotError: Where one joint has no inertia to it.
+    `motions` are what the rates alone make of the segments, in their working frames; `thrust` is
+    about the root in its own frame (N, N m), `efforts` are of the joints (N m or N), `armatures` of
+    what turns with each joint alone (kg m² or kg), and `loads` act on segments after the root, by
+    their index, about the joint in the segment's own frame. Raises `ZeroPivotError` where one joint
+    has no inertia to it.
     """
     transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
     joints: list[SolvedJoint] = []
@@ -226,17 +179,9 @@ def articulated(
 def accelerations_outward(
     tape: Scalars, articulation: Articulation
 ) -> tuple[Acceleration, list[JointAcceleration]]:
-    """Accelerations of the root and, from it outwards, of all joints.
+    """Acceleration of the root where its system is solved, and those of each joint outwards.
 
-    Args:
-        articulation: The solved equations.
-
-    Returns:
-        The root's acceleration where its system is solved, and those of each joint after it, in
-        the segment's working frame.
-
-    Raises:
-        ZeroPivotError: Where one component of the root's has no inertia to it.
+    The joints' are in the segments' working frames. Raises `ZeroPivotError` as `articulated` does.
     """
     with tape.group("acceleration of the base, by LDL^T"):
         (entries,) = articulation.root_responses(tape, [articulation.root.load.entries])
@@ -257,15 +202,7 @@ def accelerations_outward(
 def root_in_group_frame(
     tape: Scalars, articulation: Articulation, root: Acceleration
 ) -> Acceleration:
-    """The root's acceleration in its group frame.
-
-    Args:
-        articulation: The solved equations.
-        root: The acceleration in the frame in which the root's system is solved.
-
-    Returns:
-        The same in the root's group frame.
-    """
+    """The root's acceleration in its group frame, from that where its system is solved."""
     with tape.group("acceleration of the base"):
         for rotation in articulation.root_turns:
             root = root.rotated(tape, rotation)
@@ -282,18 +219,9 @@ def _freed(
 ) -> tuple[SolvedJoint, ArticulatedBody]:
     """Solve a joint's equation, ∂S/∂θ̈ = τ, and eliminate its acceleration.
 
-    Args:
-        tree, k: The segment of the joint, by its index.
-        body: Its subtree about the joint, in its working frame.
-        effort: Torque or force of the joint (N m or N).
-        armature: Inertia of what turns with the joint alone (kg m² or kg).
-
-    Returns:
-        The solved equation, and what the parent feels of the body: in the joint's direction nothing
-        but the effort, where there is no armature.
-
-    Raises:
-        ZeroPivotError: Where the acceleration has no inertia to it.
+    `body` is the subtree of segment k about the joint, in its working frame. The second result is
+    what the parent feels of it: in the joint's direction nothing but the effort, where there is no
+    armature. Raises `ZeroPivotError` where the acceleration has no inertia to it.
     """
     direction = tree.segments[k].direction
     column = body.inertia.rows[direction]
@@ -321,33 +249,18 @@ def _freed(
 def _link(
     tape: Scalars, tree: SegmentTree, k: int, motion: Motion, applied: Wrench = NO_WRENCH
 ) -> ArticulatedBody:
-    """A segment by itself: what is applied to it less its 𝒮 and ℛ (eq. 6).
-
-    Args:
-        tree, k: The segment, by its index.
-        motion: Its motion, in its working frame.
-        applied: Wrench on it about its joint, in its working frame.
-
-    Returns:
-        The body about the joint, in the working frame.
-    """
+    """Segment k by itself: what is applied to it less its 𝒮 and ℛ (eq. 6), in its working frame."""
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
     return ArticulatedBody(inertia, applied.plus(tape, inertial.opposite))
 
 
 def root_turn(tree: SegmentTree) -> Rotation:
-    """Rotation to the root's working frame from that in which the root's system is solved.
+    """Rotation about z to the root's working frame from that in which the root's system is solved.
 
     Where the root has a single child, which turns the arm about the base normal through the origin,
     it is cheaper to turn the base against it than the arm's articulated inertia: a base of equal
     arms does not notice, and an arm in a plane keeps its zeros.
-
-    Args:
-        tree: The tree.
-
-    Returns:
-        The rotation, about z.
     """
     if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
         first = tree.segments[1]
@@ -357,16 +270,7 @@ def root_turn(tree: SegmentTree) -> Rotation:
 
 
 def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
-    """The transform of a segment's body to its parent.
-
-    Args:
-        tree, k: The segment, by its index from 1.
-
-    Returns:
-        Rotations and shifts from the joint, in the segment's working frame, to the parent's joint
-        in the parent's working frame or, at the root, in the frame in which the root's system is
-        solved.
-    """
+    """From segment k's working frame to its parent's, or to where the root's system is solved."""
     segment = tree.segments[k]
     turned = segment.parent == 0 and not root_turn(tree).is_identity
     own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []

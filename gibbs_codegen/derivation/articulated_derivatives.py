@@ -67,14 +67,10 @@ class ArticulatedDerivatives:
         changes: Sequence[JointPerturbations],
         by_inertia: bool,
     ) -> None:
-        """Derive all columns.
+        """Derive all columns, with `coupling` of the whole tree and the `changes` of the joints.
 
-        Args:
-            articulation: The solved equations of a tree.
-            coupling: Velocity coupling of the whole tree where the root's system is solved.
-            changes: Those of the joints.
-            by_inertia: Whether what a change does to the parent itself is found by the parent's
-                operational-space inertia; otherwise outwards from the root.
+        `by_inertia`: whether what a change does to the parent itself is found by the parent's
+        operational-space inertia; otherwise outwards from the root.
         """
         self._tape, self._articulation, self._tree = tape, articulation, articulation.tree
         self._changes, self._by_inertia = changes, by_inertia
@@ -90,14 +86,10 @@ class ArticulatedDerivatives:
             self._pass_from_other_branches(k)
 
     def column(self, kind: Kind, number: int) -> AccelerationColumn:
-        """The accelerations by one thing.
+        """Accelerations by a component of a root's wrench or turning, or by something of a joint.
 
-        Args:
-            kind, number: Wrench or turning, with the component where the root's system is solved;
-                effort, coordinate or rate, with the segment of the joint.
-
-        Returns:
-            The column.
+        The component is where the root's system is solved; effort, coordinate and rate are by the
+        index of the joint's segment.
         """
         key, zero = (kind, number), sp.S.Zero
         joints = range(1, len(self._tree.segments))
@@ -106,15 +98,7 @@ class ArticulatedDerivatives:
         )
 
     def by_wrench(self, k: int, wrench: Sequence[sp.Expr]) -> AccelerationColumn:
-        """Accelerations by a wrench on a segment after the root.
-
-        Args:
-            k: The segment, by its index.
-            wrench: Six components about the joint, in the segment's working frame.
-
-        Returns:
-            The column.
-        """
+        """Accelerations by a wrench (6) on segment k ≥ 1, about its joint in its working frame."""
         tape = self._tape
         keys: list[Key] = [("wrench", c) for c in range(6)]
         keys += [("effort", i) for i in range(1, len(self._tree.segments))]
@@ -168,14 +152,10 @@ class ArticulatedDerivatives:
         turning: Vector,
         effort: sp.Expr = sp.S.Zero,
     ) -> None:
-        """Let a joint give way to a column.
+        """Let joint k give way to a column.
 
-        Args:
-            k: The segment of the joint, by its index.
-            key: The column.
-            arriving: What it does to the parent, at the joint in the segment's working frame.
-            turning: ε of what is carried, in that frame.
-            effort: What it adds to the joint's effort.
+        `arriving` is what it does to the parent, at the joint in the segment's working frame,
+        `turning` ε of what is carried, there too, and `effort` what it adds to the joint's.
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
         share = tape.let(times(effort, joint.lightness) + self._share(k, turning))
@@ -192,12 +172,10 @@ class ArticulatedDerivatives:
         return -dot(self._tape, self._changes[k - 1].turning_ratios, turning)
 
     def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
-        """What the changes at a joint do to what a column is by, by reciprocity.
+        """What the changes at joint k do to what a column is by, by reciprocity.
 
-        Args:
-            k: The segment of the joint, by its index.
-            key: The column.
-            arriving: What it does to the parent, at the joint in the segment's working frame.
+        `arriving` is what the column does to the parent, at the joint in the segment's working
+        frame.
         """
         for kind, change in self._changes_of(k):
             entry = -sum_of_products(self._tape, arriving.entries, change.wrench)
@@ -207,13 +185,9 @@ class ArticulatedDerivatives:
                 self._joints[(kind, k), key[1]] = entry
 
     def _begun(self, k: int) -> dict[Kind, Acceleration]:
-        """What an effort at a joint and its changes do to the parent, with ψ of the changes.
+        """What an effort at joint k and its changes do to the parent, with ψ of the changes.
 
-        Args:
-            k: The segment of the joint, by its index.
-
-        Returns:
-            Accelerations at the joint, in the segment's working frame.
+        They are at the joint, in the segment's working frame.
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
         parent, transform = self._tree.segments[k].parent, self._transform(k)
@@ -235,12 +209,7 @@ class ArticulatedDerivatives:
     def _reached(self, k: int, key: Key) -> Acceleration:
         """What a column does to a segment that it is not carried to, by what it does to the joints.
 
-        Args:
-            k: The segment, by its index.
-            key: The column.
-
-        Returns:
-            The acceleration in the segment's working frame, or where the root's system is solved.
+        It is in the segment's working frame, or where the root's system is solved.
         """
         if key in self._at[k]:
             return self._at[k][key].acceleration
@@ -282,16 +251,7 @@ class ArticulatedDerivatives:
 def _passed(
     tape: Scalars, joint: SolvedJoint, arriving: Acceleration, share: sp.Expr
 ) -> tuple[sp.Expr, Acceleration]:
-    """What `SolvedJoint.accelerated` gives, in lines that are the same for all columns.
-
-    Args:
-        joint: The joint's solved equation.
-        arriving: The parent's acceleration at the joint, in the segment's working frame.
-        share: In place of the joint's own.
-
-    Returns:
-        θ̈, and the segment's acceleration in the same frame.
-    """
+    """What `SolvedJoint.accelerated` gives, in lines that are the same for all columns."""
     direction, entries = joint.direction, arriving.entries
     given = [-ratio for ratio in joint.ratios]
     if joint.armature == 0:

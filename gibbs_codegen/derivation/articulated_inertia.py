@@ -30,27 +30,13 @@ class ArticulatedInertia:
 
     @classmethod
     def rigid(cls, tape: Scalars, inertia: Inertia) -> ArticulatedInertia:
-        """Â of a rigid body: the Hessian of its Gibbs function (eq. 2).
-
-        Args:
-            inertia: The body about a point.
-
-        Returns:
-            Â about the same point, in the same frame.
-        """
+        """Â of a rigid body: the Hessian of its Gibbs function (eq. 2)."""
         hessian, values = link_mass_block(), inertia.values
         return cls.of_entries(lambda i, j: tape.let(evaluated(hessian[i, j], values)))
 
     @classmethod
     def of_entries(cls, entry: Callable[[int, int], sp.Expr]) -> ArticulatedInertia:
-        """Â by its entries.
-
-        Args:
-            entry: Gives the entry of row i and column j ≥ i, 0 … 5; r̈ comes before ω̇.
-
-        Returns:
-            The symmetric matrix.
-        """
+        """The symmetric Â by its entries (i, j ≥ i), 0 … 5; r̈ comes before ω̇."""
         return cls(
             _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
             _block(lambda i, j: entry(LINEAR + i, ANGULAR + j)),
@@ -65,14 +51,7 @@ class ArticulatedInertia:
         return upper + [[*c, *a] for c, a in zip(transposed, self.angular, strict=True)]
 
     def plus(self, tape: Scalars, other: ArticulatedInertia) -> ArticulatedInertia:
-        """Both together about their common point.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """The sum of two Â about one point, in one frame."""
         mine, theirs = self.rows, other.rows
         return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
 
@@ -83,18 +62,11 @@ class ArticulatedInertia:
         ratios: tuple[sp.Expr, ...],
         armature: sp.Expr = sp.S.Zero,
     ) -> ArticulatedInertia:
-        """Â − U·Uᵀ/D, with one direction eliminated: the Schur complement without armature.
+        """Â − U·Uᵀ/D, with one direction, 0 … 5, eliminated: the Schur complement without armature.
 
+        `ratios` are U/D, column U of the direction over its pivot D, which includes the armature.
         In row and column of the direction that is U − U(D − J)/D, which cancels where the armature
         J is little; UJ/D is the same to the last digit, and zero without armature.
-
-        Args:
-            direction: Row and column to eliminate, 0 … 5.
-            ratios: U/D, column U of that direction over its pivot D, the armature included.
-            armature: Inertia of what turns with the joint alone (kg m² or kg).
-
-        Returns:
-            What the parent feels.
         """
         rows = self.rows
         column = rows[direction]
@@ -107,14 +79,7 @@ class ArticulatedInertia:
         return self.of_entries(entry)
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
-        """Â in another frame: each block M is RMRᵀ there.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            Â in the frame that `rotation` turns from.
-        """
+        """Â in another frame, to which `rotation` takes components: each block M is RMRᵀ there."""
         if rotation.is_identity:
             return self
         linear, coupling, angular = (
@@ -126,11 +91,7 @@ class ArticulatedInertia:
     def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedInertia:
         """Â about another point: with H the coupling, H' = H − Lr̃ and J' = J + r̃H' + (r̃H)ᵀ.
 
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            Â about the new point.
+        `arm` is r, the old point from the new one (m).
         """
         if arm == ZERO:
             return self
@@ -168,15 +129,7 @@ def _symmetric(entry: Callable[[int, int], sp.Expr]) -> Block:
 
 
 def rotated_block(tape: Scalars, rotation: Rotation, block: Block) -> Block:
-    """A 3×3 matrix in another frame.
-
-    Args:
-        rotation: Takes components in this frame to those in the other.
-        block: The matrix by rows, of any symmetry.
-
-    Returns:
-        The matrix in the frame that `rotation` turns from.
-    """
+    """RMRᵀ: a 3×3 matrix, of any symmetry, where `rotation` takes components."""
     r, (p, q) = rotation.axis, rotation.plane
     c, s = rotation.cos, rotation.sin
     pp, pq, qp, qq = block[p][p], block[p][q], block[q][p], block[q][q]

@@ -77,27 +77,13 @@ class BaseColumns:
     columns: ArticulatedDerivatives
 
     def by_joints(self, kind: Literal["effort", "coordinate", "rate"]) -> list[Entries]:
-        """Columns of the joints.
-
-        Args:
-            kind: What they are by.
-
-        Returns:
-            One for each joint.
-        """
+        """Columns by the joints' efforts, coordinates or rates."""
         joints = range(1, len(self.articulation.tree.segments))
         with self.symbolic.tape.group("rows of attitude and position"):
             return [self._solved.entries(self.columns.column(kind, k)) for k in joints]
 
     def by_base(self, accelerations: Values) -> tuple[list[Values], list[Values]]:
-        """Columns of the base's own coordinates and velocities.
-
-        Args:
-            accelerations: Those of the base.
-
-        Returns:
-            Columns in the tangent space of its coordinates, and for its velocities.
-        """
+        """Columns in the tangent space of the base's coordinates, and those by its velocities."""
         symbolic, tape = self.symbolic, self.symbolic.tape
         rates, _ = symbolic.places.split(symbolic.v)
         with tape.group("columns of attitude and position and of their velocities"):

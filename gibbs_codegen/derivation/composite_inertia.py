@@ -23,27 +23,13 @@ _JOINTS_AT_ONCE = 8
 
 
 def whole_inertia(tape: Scalars, tree: SegmentTree) -> Inertia:
-    """Inertia of the whole tree as one rigid body.
-
-    Args:
-        tree: The tree.
-
-    Returns:
-        The inertia about the root, in the root's group frame.
-    """
+    """Inertia of the whole tree as one rigid body, about the root in its group frame."""
     *_, (_, whole) = composites_inward(tape, tree)
     return whole
 
 
 def composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, Inertia]]:
-    """Each segment, the last first, with the inertia of its subtree.
-
-    Args:
-        tree: The tree.
-
-    Yields:
-        Index of the segment, and the composite inertia about its joint, in its group frame.
-    """
+    """Indices from last to first, with composite inertias about the joints, in group frames."""
     composites: dict[int, Inertia] = {}
     for k in range(tree.joints, -1, -1):
         with tape.group(f"composite inertia of {tree.subtree_about_joint(k)}"):
@@ -72,15 +58,7 @@ class JointSpaceInertia:
 def with_armatures(
     tape: Scalars, inertia: JointSpaceInertia, armatures: Sequence[sp.Expr]
 ) -> JointSpaceInertia:
-    """The mass matrix with the inertia of what turns with the joints alone.
-
-    Args:
-        inertia: The mass matrix without.
-        armatures: One for each joint (kg m² or kg).
-
-    Returns:
-        The mass matrix with its diagonal.
-    """
+    """The mass matrix with the inertia of what turns with each joint alone (kg m² or kg)."""
     entries = dict(inertia.entries)
     with tape.group("mass matrix with the armature of the joints"):
         for j, armature in enumerate(armatures):
@@ -93,12 +71,6 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
 
     From the leaves inwards, a few groups at a time, every column is passed in over them before the
     next few, so that the same statements follow one another once a column.
-
-    Args:
-        tree: The tree.
-
-    Returns:
-        The columns at the root and the joints' entries.
     """
     inertias: dict[int, Inertia] = {}
     columns: dict[int, Wrench] = {}

@@ -77,18 +77,10 @@ def convected_perturbations(
     accelerations: Sequence[JointAcceleration],
     passive: Sequence[PassiveSymbols],
 ) -> tuple[VelocityCoupling, list[JointPerturbations]]:
-    """Changes of the coordinates and of the rates of all joints after the root.
+    """Velocity coupling of the whole tree, and the changes of the joints after the root.
 
-    Args:
-        articulation: The solved equations of a tree.
-        motions: The motion that the rates alone make of each segment, in its working frame.
-        rates: Those of the joints (rad/s or m/s).
-        accelerations: Of the joints, as of `accelerations_outward`.
-        passive: Springs and dampers of the joints.
-
-    Returns:
-        The velocity coupling of the whole tree, where the root's system is solved; and the changes,
-        joint by joint.
+    The coupling is where the root's system is solved. `motions` are what the rates alone make of
+    the segments, in their working frames; `accelerations` are as of `accelerations_outward`.
     """
     doubled = doubled_velocities(tape, articulation, motions, rates)
     whole, couplings = couplings_inward(tape, articulation, doubled)
@@ -133,13 +125,8 @@ def _angle_change(
 ) -> tuple[Acceleration, Vector]:
     """ψ and ε for the angle of a revolute joint.
 
-    Args:
-        motion: The motion that the rates alone make of the segment.
-        doubled: Twice the velocity of the joint.
-        carried: What the accelerations add, the joint's own left out.
-
-    Returns:
-        ψ and ε, in the frame of all these.
+    `motion` is what the rates alone make of the segment, `doubled` twice the velocity of the joint,
+    and `carried` what the accelerations add, the joint's own left out; all in one frame.
     """
     x, y, _ = motion.omega
     turning = (y, -x, sp.S.Zero)
@@ -151,15 +138,10 @@ def _angle_change(
 def _moving_along(
     tape: Scalars, is_revolute: bool, felt: ArticulatedBody, carried: Acceleration
 ) -> list[sp.Expr]:
-    """What moves with the joint of the wrench on all that it carries.
+    """What moves with the joint (6) of the wrench on all that it carries.
 
-    Args:
-        is_revolute: Whether the wrench is turned with the joint; otherwise its point moves.
-        felt: The articulated body that the parent feels.
-        carried: The joint's acceleration without its own.
-
-    Returns:
-        Six components.
+    A revolute joint turns the wrench; otherwise its point moves. `carried` is the joint's
+    acceleration without its own.
     """
     rows, load, given = felt.inertia.rows, felt.load.entries, carried.entries
     wrench = [
@@ -182,16 +164,10 @@ def _perturbation(
     effort: sp.Expr,
     moving: Sequence[sp.Expr],
 ) -> Perturbation:
-    """A change with the wrench that the parent feels of it.
+    """A change with the wrench that the parent feels of it; `acceleration` is ψ, `turning` is ε.
 
-    Args:
-        joint, felt, coupling: The joint's equation, and what the parent feels of the subtree.
-        acceleration, turning: ψ and ε.
-        effort: What a spring or a damper adds to the joint.
-        moving: What moves with the joint of the wrench.
-
-    Returns:
-        The change.
+    `effort` is what a spring or a damper adds to the joint, `moving` what moves with it of the
+    wrench.
     """
     six = zip(felt.inertia.rows, coupling.rows, joint.ratios, moving, strict=True)
     wrench = [

@@ -24,14 +24,7 @@ from gibbs_codegen.symbolic.vectors import Matrix
 
 
 def coriolis_matrix(symbolic: SymbolicRobot) -> Matrix:
-    """The Coriolis matrix, without dampers.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        C, rows and columns in the order of v.
-    """
+    """The Coriolis matrix, without dampers; rows and columns in the order of v."""
     tape, segments = symbolic.tape, []
     for segment in symbolic.reduced_tree.segments:
         with tape.group(f"half of the inertia of {segment.name}", Stage.PARAMETER):

@@ -20,15 +20,7 @@ from gibbs_codegen.symbolic import vectors
 
 
 def _block(systems: Systems, rows: str, columns: str) -> Matrix:
-    """A block of the second derivatives of inverse dynamics.
-
-    Args:
-        systems: What it is derived from.
-        rows, columns: "q" or "v".
-
-    Returns:
-        The derivatives by the one and the other.
-    """
+    """Second derivatives of inverse dynamics by "q" or "v" (rows) and by "q" or "v" (columns)."""
     size = len(systems.symbolic.v)
     place = {"q": slice(0, size), "v": slice(size, 2 * size)}
     return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]

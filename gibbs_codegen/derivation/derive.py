@@ -64,14 +64,9 @@ def model_of(
 ) -> Model:
     """Derive everything that is emitted for a robot whose symbols are on `tape`.
 
-    Args:
-        symbolic: The robot in symbols.
-        keep_zeros: Whether parameters that are zero were kept.
-        progress: Told the name of each step as it begins.
-        derivatives: Names of the functions generated on request that are derived.
-
-    Returns:
-        The robot with its program and its parameters.
+    `keep_zeros` says whether parameters that are zero were kept, `derivatives` which of the
+    functions generated on request are derived; `progress` is told the name of each step as it
+    begins.
     """
     robot, parameters = symbolic.robot, symbolic.parameters
     imported = ImportedTape(tape)
@@ -104,17 +99,7 @@ def _slices(
     derivatives: Sequence[str],
     progress: Progress,
 ) -> list[Slice]:
-    """Every function, derived.
-
-    Args:
-        imported: The graph of the tape of the symbols.
-        symbolic: The robot in symbols.
-        derivatives: Names of the functions generated on request that are derived.
-        progress: Told the name of each function as it begins.
-
-    Returns:
-        The functions in the order of the table, less those that are composed of others.
-    """
+    """Every function in the order of the table, less those that are composed of others."""
     progress("reduced system")
     reduced = reduced_system(symbolic)
     progress("hybrid system")
@@ -137,18 +122,7 @@ def _slices(
 
 
 def _slice(systems: Systems, signature: Signature) -> Slice:
-    """A function of the table.
-
-    Args:
-        systems: What it is derived from.
-        signature: Its row in the table, with its shapes in numbers.
-
-    Returns:
-        Its entries on the tape, array by array.
-
-    Raises:
-        ValueError: Where its derivation contradicts its shape.
-    """
+    """Entries of a function on the tape; `ValueError` where they contradict its row's shape."""
     arrays = []
     with systems.tape.function() as groups:
         for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):

@@ -30,14 +30,7 @@ class FilledEntries:
 
 
 def filled_matrix(robot: Robot) -> Filling:
-    """For each entry of I_H, the chains whose own matrix (eq. 15) is other than zero there.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Numbers of chains by rows and columns.
-    """
+    """For each entry of I_H, the chains, by number, whose own matrix (eq. 15) is not zero there."""
     symbolic, size = SymbolicRobot.of(robot, Tape()), len(hybrid_coordinates(robot))
     matrix = _no_entries(size, size)
     for number, places in enumerate(coupling_map(robot), start=1):
@@ -46,14 +39,7 @@ def filled_matrix(robot: Robot) -> Filling:
 
 
 def filled_entries(robot: Robot) -> FilledEntries:
-    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Numbers of chains for each entry of the three arrays.
-    """
+    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map."""
     symbolic = SymbolicRobot.of(robot, Tape())
     size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
     matrix, residual, thrust = (_no_entries(size, columns) for columns in (size, 1, width))
@@ -72,14 +58,7 @@ def _no_entries(rows: int, columns: int) -> _Open:
 def _note(
     filling: _Open, number: int, entries: Matrix, rows: Iterable[int], columns: Sequence[int]
 ) -> None:
-    """Note a chain where its entries are not zero.
-
-    Args:
-        filling: Numbers of chains by rows and columns, which is added to.
-        number: Number of the chain.
-        entries: Its own matrix.
-        rows, columns: Where the rows and columns of `entries` stand in `filling`.
-    """
+    """Note chain `number` in `filling` at `rows` and `columns`, where its entries are not zero."""
     for row, values in zip(rows, entries, strict=True):
         for column, entry in zip(columns, values, strict=True):
             if entry != 0:

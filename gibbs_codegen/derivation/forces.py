@@ -47,28 +47,12 @@ def _structural(direction: Vector3) -> Vector:
 
 
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
-    """Unit direction ε of the thrust of a motor on a base rod.
-
-    Args:
-        symbolic, k: The motor, by its number 1 … N.
-
-    Returns:
-        Components in the frame of the rod.
-    """
+    """Unit direction ε of the thrust of motor k = 1 … N on a base rod, in the frame of the rod."""
     return _structural(symbolic.robot.base.thrust[k - 1])
 
 
 def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
-    """Seat of a rotor.
-
-    Args:
-        symbolic, k: The rotor, by its number 1 … N.
-        bodies: Which joints count.
-
-    Returns:
-        The segment that it is on, and its position from the segment's joint, or from the origin of
-        the coordinates, in the segment's own frame (m).
-    """
+    """Segment of rotor k = 1 … N, and its position from the joint in the segment's frame (m)."""
     tape = symbolic.tape
     if symbolic.robot.thrusters:
         frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
@@ -79,14 +63,9 @@ def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tu
 
 
 def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> MountedWrench:
-    """Wrench of a rotor per unit of thrust; the drag torque acts about the thrust's own direction.
+    """Wrench of rotor k = 1 … N per unit of thrust (1 and m).
 
-    Args:
-        symbolic, k: The rotor, by its number 1 … N.
-        bodies: Which joints count.
-
-    Returns:
-        The wrench (1 and m).
+    The drag torque acts about the thrust's own direction.
     """
     tape = symbolic.tape
     if symbolic.robot.thrusters:
@@ -103,14 +82,7 @@ def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> Moun
 
 
 def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
-    """Row of the constrained joint of a base rod in Ψ of the rod's motor.
-
-    Args:
-        symbolic, k: The motor and the rod, by their number 2 … N.
-
-    Returns:
-        Torque about z at O₂ per unit of thrust (m).
-    """
+    """Row of base rod k's constrained joint, 2 … N, in Ψ of its motor: torque about z at O₂ (m)."""
     _, y, z = rod_thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
@@ -118,14 +90,7 @@ def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
 
 
 def rod_thrust(symbolic: SymbolicRobot, k: int) -> Wrench:
-    """Wrench of the motor of a base rod on its rod, per unit of thrust.
-
-    Args:
-        symbolic, k: The motor and the rod, by their number 2 … N.
-
-    Returns:
-        Force and moment about O₂, in the frame of the rod (1 and m).
-    """
+    """Wrench of motor k = 2 … N per unit of thrust on its base rod, about O₂ in the rod's frame."""
     tape, direction = symbolic.tape, rod_thrust_direction(symbolic, k)
     lever = cross(tape, axis_vector(0, symbolic.rod_reach(k)), direction)
     drag = scale(tape, symbolic.parameters.drag(k), direction)
@@ -135,15 +100,10 @@ def rod_thrust(symbolic: SymbolicRobot, k: int) -> Wrench:
 def carried_in(
     tape: Scalars, tree: SegmentTree, loads: Mapping[int, Wrench]
 ) -> tuple[Wrench, dict[int, sp.Expr]]:
-    """Wrenches carried in from their segments to the root, where they meet as one.
+    """Sum at the root of wrenches carried in from their segments, and the joints' rows on the way.
 
-    Args:
-        tree: The tree.
-        loads: Wrenches on segments by their index: about the joint, in the segment's own frame.
-
-    Returns:
-        The sum of the wrenches about the root in its group frame; and for the index of each segment
-        on the way the row of its joint.
+    `loads` are by index of the segment, about the joint in its own frame; the sum is about the root
+    in its group frame.
     """
     carried = {k: tree.to_working_frame(tape, k, load) for k, load in loads.items()}
     rows = {}
@@ -158,15 +118,7 @@ def carried_in(
 
 
 def generalised_forces(symbolic: SymbolicRobot, loads: Mapping[int, Wrench]) -> list[sp.Expr]:
-    """Generalised forces of wrenches on the links.
-
-    Args:
-        symbolic: The robot in symbols.
-        loads: Wrenches on segments of the reduced tree, as of `carried_in`.
-
-    Returns:
-        One force for each velocity (N m or N).
-    """
+    """Generalised forces (N m or N), in the order of v, of wrenches as of `carried_in`."""
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     wrench, rows = carried_in(tape, tree, loads)
     joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
@@ -176,15 +128,7 @@ def generalised_forces(symbolic: SymbolicRobot, loads: Mapping[int, Wrench]) -> 
 def rotor_column(
     symbolic: SymbolicRobot, tree: SegmentTree, bodies: JointedBodies, k: int
 ) -> list[sp.Expr]:
-    """Generalised forces of a rotor per unit of thrust (eq. 13).
-
-    Args:
-        symbolic, k: The rotor, by its number 1 … N.
-        tree, bodies: The tree, and which joints it has.
-
-    Returns:
-        One for each coordinate of the tree, in order.
-    """
+    """Generalised forces of rotor k = 1 … N per unit of thrust (eq. 13), in the tree's order."""
     tape, root = symbolic.tape, symbolic.root
     label = rotor_identifier(symbolic.robot, k)
     with tape.group(f"thrust direction and generalised forces of motor {label}"):
@@ -195,15 +139,9 @@ def rotor_column(
 
 
 def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
-    """Wrenches of all rotors for the inputs u.
+    """Wrenches of all rotors for the inputs u, by segments (N, N m).
 
-    Args:
-        symbolic: The robot in symbols.
-        bodies: Which joints count.
-
-    Returns:
-        For the index of each segment with rotors, and for the root, the wrench about its joint, or
-        about the origin, in its own frame (N, N m).
+    They are about the joint, for the root about the origin, in the segment's own frame.
     """
     tape, totals = symbolic.tape, {0: NO_WRENCH}
     with tape.group("force and moment of all thrusts"):
@@ -216,14 +154,7 @@ def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int,
 
 
 def input_matrix(symbolic: SymbolicRobot) -> Matrix:
-    """B of M a = R + B u.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Rows in the order of v, columns in that of u.
-    """
+    """B of M a = R + B u, rows in the order of v, columns in that of u."""
     places, rotors = symbolic.places, symbolic.robot.rotors
     tree, bodies = symbolic.reduced_tree, symbolic.bodies
     columns: list[Sequence[sp.Expr]] = [

@@ -62,26 +62,12 @@ Dynamics = Callable[[SymbolicRobot, Acting], list[sp.Expr]]
 
 
 def thrusts(symbolic: SymbolicRobot) -> dict[int, Wrench]:
-    """Wrenches of the thrusts.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Wrenches on segments.
-    """
+    """Wrenches of the thrusts on segments."""
     return thrust_wrenches(symbolic, symbolic.bodies)
 
 
 def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
-    """Wrenches of the thrusts, and those on the frames.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Wrenches on segments.
-    """
+    """Wrenches of the thrusts and those on the frames, by segments."""
     acting = thrusts(symbolic)
     for k, load in frame_loads(symbolic).items():
         with symbolic.tape.group("thrusts and wrenches together"):
@@ -92,15 +78,9 @@ def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
 def shorter_dynamics(
     imported: ImportedTape, symbolic: SymbolicRobot
 ) -> tuple[Dynamics, list[sp.Expr]]:
-    """The way that takes fewer operations, and the accelerations a of M a = R + B u by it.
+    """Articulated or factorised dynamics, whichever takes fewer operations, and a by it.
 
-    Args:
-        imported: The graph of the tape.
-        symbolic: The robot in symbols, on this tape.
-
-    Returns:
-        `articulated_dynamics` or `factorised_dynamics`, which takes fewer with other wrenches too;
-        and a, in the order of v.
+    It takes fewer with other wrenches too.
     """
     articulated = articulated_dynamics(symbolic)
     most = operations(imported, articulated)
@@ -113,15 +93,7 @@ def shorter_dynamics(
 def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by articulated bodies.
 
-    Args:
-        symbolic: The robot in symbols.
-        acting: What acts on the links, besides gravity.
-
-    Returns:
-        a, in the order of v.
-
-    Raises:
-        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+    Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
     with refused_as_singular(symbolic):
         articulation = articulation_of(about_base_centre(symbolic), acting)
@@ -131,17 +103,9 @@ def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> l
 
 
 def articulation_of(centred: SymbolicRobot, acting: Acting = thrusts) -> Articulation:
-    """The articulated bodies of a robot.
+    """The solved joints of a robot about its base centre, under what acts besides gravity.
 
-    Args:
-        centred: The robot in symbols, about its base centre.
-        acting: What acts on the links, besides gravity.
-
-    Returns:
-        The solved equations of its joints.
-
-    Raises:
-        ZeroPivotError: Where a joint moves nothing that has mass or inertia.
+    Raises `ZeroPivotError` where a joint moves nothing that has mass or inertia.
     """
     loads = acting(centred)
     return articulated(
@@ -160,18 +124,9 @@ def factorised_dynamics(
 ) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
-    The translation is eliminated first, since its block of M is m·1₃.
-
-    Args:
-        symbolic: The robot in symbols.
-        acting: What acts on the links, besides gravity.
-        most: The operations that the other way takes.
-
-    Returns:
-        a, in the order of v; nothing where LDLᵀ alone takes `most` operations or more.
-
-    Raises:
-        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+    There are none where LDLᵀ alone takes `most` operations or more. The translation is eliminated
+    first, since its block of M is m·1₃. Raises `SingularRobotError` where a joint moves nothing
+    that has mass or inertia.
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = about_base_centre(symbolic)
@@ -207,17 +162,11 @@ def factorised_dynamics(
 def _without_translation(
     tape: Scalars, inertia: JointSpaceInertia, centre: Vector, light: Sequence[Vector]
 ) -> Matrix:
-    """Mass matrix of the joints and of the root's Ω, with the translation eliminated.
+    """Mass matrix of the joints and of the root's Ω about the centre of mass, without translation.
 
-    That couples joints of different branches too.
-
-    Args:
-        inertia: The mass matrix with the translation.
-        centre: Centre of mass from the root, in the root's group frame.
-        light: Forces of the joints' columns divided by the whole mass, in the same frame.
-
-    Returns:
-        Rows and columns of the joints, and of Ω about the centre of mass.
+    Eliminating that couples joints of different branches too. `centre` is the centre of mass from
+    the root, and `light` are forces of the joints' columns over the whole mass, both in its group
+    frame.
     """
     n = len(light)
     matrix = zeros(n + 3, n + 3)
@@ -237,16 +186,9 @@ def _without_translation(
 
 @contextmanager
 def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
-    """Name the coordinate of an unknown: the joints come first, then Ω, then the position.
+    """Turn a `ZeroPivotError` into a `SingularRobotError` that names the unknown's coordinate.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Yields:
-        Nothing.
-
-    Raises:
-        SingularRobotError: In place of a `ZeroPivotError`.
+    The joints come first, then Ω, then the position.
     """
     places = [*symbolic.places.joint_places, *symbolic.places.base]
     try:
@@ -259,11 +201,7 @@ def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
 def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
     """A robot with the origin of its coordinates at the base centre.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        The same; unless a motor is the origin, the same object.
+    Unless a motor is the origin, it is the same object.
     """
     base = symbolic.robot.base
     if base.origin != "motor1":
@@ -274,15 +212,9 @@ def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
 def in_coordinates(
     symbolic: SymbolicRobot, joints: list[sp.Expr], root: Acceleration
 ) -> list[sp.Expr]:
-    """Accelerations of the coordinates.
+    """Accelerations in the order of v, by those of the joints and of the root.
 
-    Args:
-        symbolic: The robot in symbols.
-        joints: Accelerations of the joints.
-        root: That of the base centre relative to free fall, in the root's group frame.
-
-    Returns:
-        a, in the order of v.
+    The root's are relative to free fall, in its group frame.
     """
     with symbolic.tape.group("acceleration of the origin from that of the base centre"):
         linear = at_origin(symbolic, root)
@@ -293,14 +225,9 @@ def in_coordinates(
 
 
 def at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
-    """Acceleration of the origin of the coordinates, from that of the base centre.
+    """Acceleration of the origin of the coordinates, from that of the base centre (m/s²).
 
-    Args:
-        symbolic: The robot in symbols.
-        centre: That of the base centre relative to free fall, in the root's group frame.
-
-    Returns:
-        That of the origin in the same frame (m/s²).
+    Both are in the root's group frame, that of the base centre relative to free fall.
     """
     tape, root = symbolic.tape, symbolic.root
     rates, _ = symbolic.places.split(symbolic.v)
@@ -313,14 +240,7 @@ def at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
 
 
 def free_motions_of(symbolic: SymbolicRobot) -> list[Motion]:
-    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        A motion for each segment, in its working frame.
-    """
+    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
     return free_motions(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v)
 
 

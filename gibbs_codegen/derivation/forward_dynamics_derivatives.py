@@ -52,15 +52,8 @@ def forward_dynamics_derivatives(
 ) -> ForwardDynamicsDerivatives:
     """Accelerations a of M a = R + B u and their derivatives.
 
-    Args:
-        symbolic: The robot in symbols.
-        by_inertia: As of `ArticulatedDerivatives`; None: as `inertia_is_shorter` estimates.
-
-    Returns:
-        All of them.
-
-    Raises:
-        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+    `by_inertia` is as of `ArticulatedDerivatives`; None: as `inertia_is_shorter` estimates. Raises
+    `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
     tape, places = symbolic.tape, symbolic.places
     centred = about_base_centre(symbolic)

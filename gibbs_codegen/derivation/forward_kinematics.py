@@ -27,14 +27,7 @@ def _segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
 
 
 def positions(symbolic: SymbolicRobot) -> list[Vector]:
-    """World positions of the points.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Positions (m) of POINTS: the base, the rotors, the joints and the frames.
-    """
+    """World positions (m) of POINTS: the base, the rotors, the joints and the frames."""
     tape, robot = symbolic.tape, symbolic.robot
     frames = _segment_frames(symbolic)
     named = [
@@ -58,16 +51,7 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
 def _joint_position(
     tape: Scalars, symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], i: int
 ) -> Vector:
-    """The joint of a link from the origin of the coordinates, in world axes.
-
-    Args:
-        symbolic: The robot in symbols.
-        frames: Those of the segments.
-        i: Number of the link.
-
-    Returns:
-        The origin of the frame that the robot file gives the link (m).
-    """
+    """The file's frame of link i from the origin of the coordinates, in world axes (m)."""
     body = symbolic.bodies.frames[i]
     frame = frames[body.segment]
     with tape.group(f"position of {symbolic.reduced_tree.segments[body.segment].joint_name}"):
@@ -75,28 +59,13 @@ def _joint_position(
 
 
 def frame_poses(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
-    """Homogeneous transforms of frames.
-
-    Args:
-        symbolic, mounted: The robot and the frames.
-
-    Returns:
-        4×4 matrices, by rows; the position is in m.
-    """
+    """Homogeneous transforms of frames, 4×4 by rows; positions in m."""
     frames = _segment_frames(symbolic)
     return [_pose(symbolic, frames, frame) for frame in mounted]
 
 
 def _pose(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame) -> Matrix:
-    """Homogeneous transform of a frame.
-
-    Args:
-        symbolic, mounted: The robot and the frame.
-        frames: Those of the segments.
-
-    Returns:
-        4×4 matrix, by rows.
-    """
+    """Homogeneous transform of a frame, 4×4 by rows."""
     tape, own = symbolic.tape, frames[mounted.segment].own
     with tape.group(f"position of {mounted.name}"):
         position = add(tape, symbolic.origin, mounted.from_origin(tape, frames))
@@ -109,14 +78,9 @@ def _pose(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: Moun
 
 
 def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
-    """Jacobians of frames, in world axes.
+    """Jacobians of frames, 6 rows each, linear and then angular, in world axes.
 
-    Args:
-        symbolic, mounted: The robot and the frames.
-
-    Returns:
-        6 rows each, linear and then angular; columns in the order of v. A joint that does not
-        support the frame has a column of zeros.
+    Columns are in the order of v; a joint that does not support the frame has a column of zeros.
     """
     frames = _segment_frames(symbolic)
     return [_jacobian(symbolic, frames, frame) for frame in mounted]
@@ -125,15 +89,7 @@ def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) ->
 def _jacobian(
     symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame
 ) -> Matrix:
-    """Jacobian of a frame, in world axes.
-
-    Args:
-        symbolic, mounted: The robot and the frame.
-        frames: Those of the segments.
-
-    Returns:
-        6 rows; columns in the order of v.
-    """
+    """Jacobian of a frame, 6 rows in world axes; columns in the order of v."""
     tape, tree = symbolic.tape, symbolic.reduced_tree
     point = mounted.from_origin(tape, frames)
     with tape.group("columns of the base"):
@@ -153,39 +109,23 @@ def _jacobian(
 
 
 def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """Velocities of all frames: their accelerations at rest, with v for a.
+    """Linear and then angular velocity of each frame, in world axes (m/s, rad/s).
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        A row for each frame: linear and then angular velocity (m/s, rad/s), in world axes.
+    They are the accelerations at rest, with v for a.
     """
     zeros = [sp.S.Zero] * len(symbolic.v)
     return _accelerations(symbolic, State(zeros, symbolic.v, sp.S.Zero))
 
 
 def frame_bias_accelerations(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """J̇ v of all frames' Jacobians: how they accelerate where a = 0.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        A row for each frame: linear and then angular acceleration (m/s², rad/s²), in world axes.
-    """
+    """J̇ v of all frames' Jacobians, linear and then angular in world axes: theirs where a = 0."""
     return _accelerations(symbolic, State(symbolic.v, (), sp.S.Zero).unaccelerated)
 
 
 def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
-    """Accelerations of all frames, from one pass outwards.
+    """Linear and then angular accelerations of all frames, in world axes, from one pass outwards.
 
-    Args:
-        symbolic: The robot in symbols.
-        state: Its rates and accelerations, without gravity.
-
-    Returns:
-        A row for each frame: linear and then angular acceleration, in world axes.
+    `state` is without gravity.
     """
     tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _segment_frames(symbolic)
     motions = motions_about_origin(tape, symbolic.root, tree, state)
@@ -204,16 +144,10 @@ def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]
 
 
 def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[sp.Expr]:
-    """J̇ v of a frame's Jacobian: how the frame accelerates where a = 0.
+    """J̇ v of a frame's Jacobian: linear and angular acceleration where a = 0, in world axes.
 
     What each segment on the path to the frame adds is summed from there inwards and turned towards
     the world on the way: passed outwards, the sum would be turned twice.
-
-    Args:
-        symbolic, mounted: The robot and the frame.
-
-    Returns:
-        Linear and then angular acceleration (m/s², rad/s²), in world axes.
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = free_motions(tape, root, tree, symbolic.v)

@@ -17,12 +17,8 @@ _SIZE = 6
 def frame_loads(symbolic: SymbolicRobot) -> dict[int, Wrench]:
     """The wrenches W on the frames, taken to the joints of the segments that they are on.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        For the index of each segment with frames the wrench about its joint, or about the origin,
-        in its own frame (N, N m).
+    They are by index of the segment, about its joint or about the origin, in its own frame (N, N
+    m).
     """
     tape = symbolic.tape
     frames = segment_frames(tape, symbolic.root, symbolic.reduced_tree)
@@ -38,28 +34,13 @@ def frame_loads(symbolic: SymbolicRobot) -> dict[int, Wrench]:
 
 
 def wrench_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Generalised forces of the wrenches W on the frames, without a Jacobian.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One force for each velocity (N m or N).
-    """
+    """Generalised forces of the wrenches W on the frames (N m or N), without a Jacobian."""
     loads = frame_loads(symbolic)
     with symbolic.tape.group("wrenches carried in to the base"):
         return generalised_forces(symbolic, loads)
 
 
 def _seen(tape: Scalars, axes: Frame, vector: Vector) -> Vector:
-    """Components of a vector along axes.
-
-    Args:
-        axes: In world axes.
-        vector: In world axes.
-
-    Returns:
-        The components.
-    """
+    """Components of a vector along axes, both given in world axes."""
     x, y, z = (dot(tape, axis, vector) for axis in axes)
     return (x, y, z)

@@ -34,14 +34,7 @@ class SegmentFrame:
 
 
 def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[SegmentFrame]:
-    """Forward kinematics of all segments, from the root to the leaves.
-
-    Args:
-        root, tree: The tree and how its root moves.
-
-    Returns:
-        The frame of each segment, in world axes, from the origin of the coordinates.
-    """
+    """Frames of all segments, from the root to the leaves, in world axes from the origin."""
     with tape.group("axes of the base"):
         group: Frame = (
             root.world(tape, axis_vector(0)),
@@ -71,28 +64,14 @@ class MountedFrame:
     turn: Turn
 
     def from_origin(self, tape: Scalars, frames: Sequence[SegmentFrame]) -> Vector:
-        """Its origin from the origin of the coordinates.
-
-        Args:
-            frames: Those of the segments.
-
-        Returns:
-            The position in world axes (m).
-        """
+        """Its origin from the origin of the coordinates, in world axes (m)."""
         frame = frames[self.segment]
         with tape.group(f"position of {self.name}"):
             return add(tape, frame.position, combined(tape, frame.own, self.position))
 
 
 def mounted_frames(symbolic: SymbolicRobot) -> list[MountedFrame]:
-    """The frames of a robot.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        The frames, in the order of FRAMES.
-    """
+    """The frames of a robot, in the order of FRAMES."""
     tape, robot = symbolic.tape, symbolic.robot
     mounted = []
     for frame in frames_of(robot):
@@ -111,15 +90,7 @@ def mounted_frames(symbolic: SymbolicRobot) -> list[MountedFrame]:
 
 
 def combined(tape: Scalars, frame: Frame, vector: Vector) -> Vector:
-    """A vector in the axes that those of a frame are given in.
-
-    Args:
-        frame: Axes of the frame.
-        vector: Components in the frame.
-
-    Returns:
-        The linear combination of the axes.
-    """
+    """A vector of a frame, in the axes that those of the frame are given in."""
     return add(
         tape, *(scale(tape, length, axis) for length, axis in zip(vector, frame, strict=True))
     )
@@ -135,14 +106,6 @@ def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
 
 
 def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:
-    """The linear combination pa + qb.
-
-    Args:
-        p, q: Factors, a cosine and a sine with signs.
-        a, b: Vectors in one frame.
-
-    Returns:
-        The vector in that frame.
-    """
+    """The linear combination pa + qb; p and q are a cosine and a sine with signs."""
     x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
     return (x, y, z)

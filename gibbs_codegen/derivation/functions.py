@@ -147,17 +147,10 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
 
 
 def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
-    """The functions generated on request that a choice of them stands for.
+    """The functions generated on request that a choice stands for, in the order of the table.
 
-    Args:
-        derivatives: True for all that are not long, or none of them; one name, or several; "all"
-            stands for the long ones too.
-
-    Returns:
-        Names in the order of the table; those that one is composed of are among them.
-
-    Raises:
-        UsageError: A name is unknown, or it is no choice.
+    True stands for all that are not long, "all" for those too; with a name come those that it is
+    composed of. Raises `UsageError` where a name is unknown, or it is no choice.
     """
     rows = [row for row in FUNCTIONS.values() if row.on_request]
     offered = [row.name for row in rows]
@@ -177,14 +170,9 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
 
 
 def _with_suggestions(unknown: Sequence[str], known: Sequence[str]) -> str:
-    """Unknown names, each with the known one that it is like.
+    """Words for unknown names, each with the known one that it is like.
 
-    Args:
-        unknown: The names, any text.
-        known: Those that are listed if one of the first unknown ones is like none of them.
-
-    Returns:
-        Words.
+    The known ones are listed if one of the first unknown ones is like none of them.
     """
     few = unknown[:_MOST_SUGGESTIONS]
     near = [difflib.get_close_matches(name[:80], known, n=1) for name in few]

@@ -29,24 +29,13 @@ class GenericDerivatives:
     symbolic: SymbolicRobot
 
     def refs(self, entries: Sequence[sp.Expr | Ref]) -> list[Ref]:
-        """References to entries.
-
-        Args:
-            entries: Expressions of the tape, or references already.
-
-        Returns:
-            One reference for each.
-        """
+        """References to entries: expressions of the tape, or references already."""
         return [e if isinstance(e, int) else self.imported.ref(e) for e in entries]
 
     def directions(self, argument: str) -> list[Direction]:
-        """Directions in which an argument moves, one for each column of a derivative by it.
+        """Directions in which an argument moves: rates of its entries, by their nodes.
 
-        Args:
-            argument: "q", which moves along the velocities, or another argument.
-
-        Returns:
-            Rates of its entries, by their nodes.
+        There is one for each column of a derivative by it; "q" moves along the velocities.
         """
         one = self.imported.graph.one
         if argument != "q":
@@ -62,28 +51,12 @@ class GenericDerivatives:
         return {ref >> 1: rate for ref, rate in zip(self.refs(symbolic.q), entries, strict=True)}
 
     def jacobian(self, outputs: Sequence[sp.Expr | Ref], argument: str) -> Matrix:
-        """Derivatives of outputs by an argument.
-
-        Args:
-            outputs: What is differentiated, on the tape or the graph.
-            argument: By what: "q", "v", "a" or "u".
-
-        Returns:
-            A row for each output; columns in the order of the argument's directions.
-        """
+        """Derivatives of outputs (rows) by the directions of "q", "v", "a" or "u" (columns)."""
         with self.imported.group(f"derivatives by {argument}, column by column"):
             return jacobian(self.imported.graph, self.refs(outputs), self.directions(argument))
 
     def jvp(self, outputs: Exprs, arguments: str) -> list[Ref]:
-        """Derivatives of outputs in the direction that arguments such as q_dot give.
-
-        Args:
-            outputs: What is differentiated.
-            arguments: Letters of the arguments that move.
-
-        Returns:
-            One derivative for each output.
-        """
+        """Derivatives of outputs as `arguments`, by letters, move by q_dot, v_dot, …."""
         direction: dict[int, Ref] = {}
         for argument in arguments:
             given = getattr(self.symbolic, f"{argument}_dot")
@@ -96,15 +69,7 @@ class GenericDerivatives:
             return jvp(self.imported.graph, self.refs(outputs), direction)
 
     def gradient(self, outputs: Exprs, arguments: str) -> list[list[Ref]]:
-        """Derivatives of the outputs' sum with the weights w, by each of some arguments.
-
-        Args:
-            outputs: What is differentiated.
-            arguments: Their letters.
-
-        Returns:
-            For each argument one derivative for each of its directions.
-        """
+        """Derivatives of the outputs' sum with weights w, by each argument's directions."""
         graph = self.imported.graph
         inputs = {letter: self.refs(getattr(self.symbolic, letter)) for letter in arguments}
         every = [ref for refs in inputs.values() for ref in refs]
@@ -121,17 +86,10 @@ class GenericDerivatives:
             ]
 
     def hessian(self, outputs: Exprs, arguments: str) -> Matrix:
-        """Second derivatives of the outputs' sum with the weights w.
+        """Second derivatives of the outputs' sum with the weights w, symmetric.
 
-        Displacements of the attitude do not commute; the second derivative of δ ↦ f(q ⊕ δ) is the
-        mean of both orders.
-
-        Args:
-            outputs: What is differentiated.
-            arguments: Letters of the arguments, whose directions follow one another.
-
-        Returns:
-            The symmetric matrix.
+        The directions of the arguments, which are letters, follow one another. Displacements of the
+        attitude do not commute; the second derivative of δ ↦ f(q ⊕ δ) is the mean of both orders.
         """
         graph = self.imported.graph
         gradient = [ref for part in self.gradient(outputs, arguments) for ref in part]

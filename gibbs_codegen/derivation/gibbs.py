@@ -44,14 +44,7 @@ class Partials(NamedTuple):
 
 
 def skew(vector: tuple[sp.Expr, ...]) -> sp.Matrix:
-    """Skew matrix ã of a vector: ãb = a × b.
-
-    Args:
-        vector: Three components.
-
-    Returns:
-        3×3 matrix.
-    """
+    """Skew matrix ã of a vector: ãb = a × b."""
     x, y, z = vector
     return sp.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
@@ -104,15 +97,7 @@ def link_partials_by_gradient() -> Partials:
 
 
 def evaluated(expression: sp.Expr, values: Mapping[sp.Expr, sp.Expr]) -> sp.Expr:
-    """One of these functions for a link: SymPy's `xreplace`, but for products with a zero.
-
-    Args:
-        expression: In the symbols of this module.
-        values: What to put in place of each.
-
-    Returns:
-        The function of the link.
-    """
+    """One of these functions for a link: SymPy's `xreplace`, but for products with a zero."""
     if expression.is_Symbol:
         return values[expression]
     if not expression.args:

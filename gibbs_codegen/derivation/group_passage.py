@@ -49,15 +49,9 @@ class GroupPassage:
 
     @classmethod
     def of(cls, tape: Scalars, tree: SegmentTree, k: int, lead: int) -> GroupPassage:
-        """The way of what begins at a joint through one of the groups that carry it.
+        """The way of what begins at joint k through one of the groups that carry it, by its lead.
 
-        Args:
-            tree: The tree.
-            k: Index of the joint's segment.
-            lead: The lead of the group.
-
-        Returns:
-            The way from joint k, or from the lead of the group before.
+        It begins at joint k, or at the lead of the group before.
         """
         path = tree.path(k)
         carried = path[: path.index(lead)]
@@ -68,15 +62,7 @@ class GroupPassage:
 
     @classmethod
     def starting(cls, tape: Scalars, tree: SegmentTree, k: int) -> GroupPassage:
-        """The way from a joint of the group.
-
-        Args:
-            tree: The tree.
-            k: Index of the segment whose joint it is.
-
-        Returns:
-            The way of wrenches about that joint, in the group frame.
-        """
+        """The way of wrenches about joint k of the group, in the group frame."""
         way, arms = [k], []
         while not (segment := tree.segments[way[-1]]).starts_group:
             arms.append(tree.step_in_group(tape, way[-1]))
@@ -88,15 +74,7 @@ class GroupPassage:
 
     @classmethod
     def entering(cls, tape: Scalars, tree: SegmentTree, k: int) -> GroupPassage:
-        """The way from the lead of another group, which this one carries.
-
-        Args:
-            tree: The tree.
-            k: Index of the lead, 1 or more.
-
-        Returns:
-            The way of wrenches about that lead, in its group frame.
-        """
+        """The way of wrenches about the lead k of a group that this one carries, in its frame."""
         segment = tree.segments[k]
         rotation = tree.segments[segment.parent].rotation
         own = cls.starting(tape, tree, segment.parent)
@@ -116,28 +94,17 @@ class GroupPassage:
         )
 
     def turned(self, tape: Scalars, vector: Vector) -> Vector:
-        """A vector in the group frame.
-
-        Args:
-            vector: Its components where the way begins.
-
-        Returns:
-            Its components in the group frame.
-        """
+        """A vector where the way begins, in the group frame."""
         for step in (*self.outside, *self.inside):
             if isinstance(step, Rotation):
                 vector = step.vector(tape, vector)
         return vector
 
     def passed_in(self, tape: Scalars, wrench: Wrench) -> tuple[list[Wrench], Wrench]:
-        """Pass a wrench in to the lead.
+        """Pass a wrench, where the way begins, in to the lead; results are in the group frame.
 
-        Args:
-            wrench: About the joint and in the frame that the way begins with.
-
-        Returns:
-            For each segment of the way the wrench whose force, and whose moment about z, are those
-            about its joint; and the wrench about the lead. All are in the group frame.
+        The list has for each segment of the way the wrench whose force, and whose moment about z,
+        are those about its joint; then comes the wrench about the lead.
         """
         wrench = moved(tape, wrench, self.outside)
         about_z = _moment(tape, wrench, Z, self.entry)
@@ -155,16 +122,7 @@ def _with_z(wrench: Wrench, moment: sp.Expr) -> Wrench:
 
 
 def _moment(tape: Scalars, wrench: Wrench, axis: int, arm: Vector) -> sp.Expr:
-    """One component of the moment about another point.
-
-    Args:
-        wrench: The wrench.
-        axis: X, Y or Z.
-        arm: The old point from the new one (m), in the same frame.
-
-    Returns:
-        The moment (N m).
-    """
+    """One component of the moment about another point (N m); `arm`: the old from the new (m)."""
     p, q = (axis + 1) % 3, (axis + 2) % 3
     lever = times(arm[p], wrench.force[q]) - times(arm[q], wrench.force[p])
     return tape.let(wrench.moment[axis] + lever)

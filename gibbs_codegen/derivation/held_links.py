@@ -35,14 +35,7 @@ class HeldRow:
 
 
 def held_rows(symbolic: SymbolicRobot) -> list[HeldRow]:
-    """The rows of the joints that hold links.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One row for each, in order; none where nothing is held.
-    """
+    """The rows of the joints that hold links, in order."""
     places = _held_places(symbolic)
     if not places:
         return []
@@ -64,14 +57,7 @@ def held_rows(symbolic: SymbolicRobot) -> list[HeldRow]:
 
 
 def torques_on_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """τ' of the joints that hold links, given the free accelerations and the inputs.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One for each (N m), in order; none where nothing is held.
-    """
+    """τ' (N m) of the joints that hold links, in order, given the free accelerations and inputs."""
     places = _held_places(symbolic)
     if not places:
         return []

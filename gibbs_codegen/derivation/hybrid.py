@@ -48,27 +48,12 @@ class LinearSystem:
 
     @classmethod
     def empty(cls, size: int, inputs: int) -> LinearSystem:
-        """A system of zeros, to be filled.
-
-        Args:
-            size: Number of its rows and unknowns.
-            inputs: Number of its inputs.
-
-        Returns:
-            The system.
-        """
+        """A system of zeros, to be filled."""
         return cls(zeros(size, size), [sp.S.Zero] * size, zeros(size, inputs))
 
 
 def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
-    """The reduced system M a = R + B u.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Rows and unknowns in the order of v.
-    """
+    """The reduced system M a = R + B u, in the order of v."""
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     minus_r = generalised_inertia_forces(tape, root, tree, symbolic.state.unaccelerated)
     matrix = mass_matrix(tape, root, tree)
@@ -82,10 +67,7 @@ def _add_passive(
 ) -> None:
     """Add armature to a mass matrix, and dampers and springs to a residual.
 
-    Args:
-        symbolic: The robot in symbols.
-        places: For each joint that moves, its row, or None where it is left out.
-        matrix, residual: What is added to.
+    `places` has the row of each joint that moves, or None where it is left out.
     """
     tape = symbolic.tape
     given = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
@@ -99,25 +81,16 @@ def _add_passive(
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint (N m).
 
-    Args:
-        symbolic: The robot in symbols.
-        serial: The constrained chain: the root and one base arm.
-        state: Rates and accelerations in the order of v; those of the constrained joint are zero.
-
-    Returns:
-        The row at the given rates and accelerations.
+    `serial` is the constrained chain: the root and one base arm. In `state`, in the order of v,
+    rate and acceleration of the constrained joint are zero.
     """
     return serial.segments[1].row(constrained_joint_wrench(symbolic, serial, state))
 
 
 def constrained_joint_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> Wrench:
-    """𝒮 and ℛ of a base arm, of which the constrained joint has a row.
+    """𝒮 and ℛ of a base arm about the constrained joint, in the base's axes (N, N m).
 
-    Args:
-        symbolic, serial, state: As of `constrained_joint_row`.
-
-    Returns:
-        Inertia force and moment about the joint, in the base's axes (N, N m).
+    The arguments are as of `constrained_joint_row`.
     """
     places = symbolic.root.places(serial.joints)
 
@@ -132,15 +105,7 @@ def constrained_joint_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state
 
 
 def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSystem:
-    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by joint.
-
-    Args:
-        symbolic: The robot in symbols.
-        reduced: Its reduced system.
-
-    Returns:
-        Rows and unknowns in the order of the hybrid coordinates.
-    """
+    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by joint."""
     free, size = layout_of(symbolic.robot).free, len(hybrid_coordinates(symbolic.robot))
     system = LinearSystem.empty(size, len(symbolic.u))
     matrix = system.matrix
@@ -166,10 +131,6 @@ def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
 
     Where a chain's joint and its root coordinates stand among the hybrid unknowns is what the
     coupling map says.
-
-    Args:
-        symbolic: The robot in symbols.
-        system: The hybrid system.
     """
     matrix, state = system.matrix, symbolic.state.unaccelerated
     maps = coupling_map(symbolic.robot)
@@ -189,14 +150,7 @@ def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
 
 
 def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """τ'_k of the held joints, given the free accelerations and the inputs (eq. 14).
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One torque for each held joint (N m), the base rods' first.
-    """
+    """τ'_k (N m) of the held joints, the base rods' first, for given a and u (eq. 14)."""
     torques = []
     for chain, serial in symbolic.open_chains:
         if chain.rod is not None:
@@ -209,28 +163,16 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 
 def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
-    """Mass matrix I_j of a chain, bordered with ±ζ where the chain is constrained (eq. 15).
-
-    Args:
-        symbolic, number: The chain, by its number from 1.
-
-    Returns:
-        The matrix in the order of the chain's unknowns.
-    """
+    """Mass matrix I_j of chain `number` (from 1), bordered with ±ζ where constrained (eq. 15)."""
     _, tree = symbolic.open_chains[number - 1]
     return _bordered(symbolic, number, mass_matrix(symbolic.tape, symbolic.root, tree))
 
 
 def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
-    """A chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
+    """Chain `number`, from 1, in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, for all inputs u.
 
-    The chain of a base rod has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
-
-    Args:
-        symbolic, number: The chain, by its number from 1.
-
-    Returns:
-        Rows in the order of the chain's unknowns; all inputs u.
+    It is bordered where it is constrained. The chain of a base rod has the eight unknowns of eq.
+    15: its seven accelerations and τ'_j.
     """
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
@@ -253,15 +195,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
 
 
 def _bordered(symbolic: SymbolicRobot, number: int, matrix: Matrix) -> Matrix:
-    """A chain's matrix with ±ζ for each joint that is held.
-
-    Args:
-        symbolic, number: The chain, by its number from 1.
-        matrix: Its mass matrix.
-
-    Returns:
-        The matrix in the order of the chain's unknowns.
-    """
+    """The mass matrix of chain `number` with ±ζ for each joint that is held."""
     chain, _ = symbolic.open_chains[number - 1]
     robot, zero, one = symbolic.robot, sp.S.Zero, sp.S.One
     names = [held_coordinate(robot, arm).name for arm in chain.held]
@@ -275,12 +209,6 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
     """The hybrid system by adding up the chains' systems where the coupling map places them.
 
     What holds a joint that several chains share is written by the first of them.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Rows and unknowns in the order of the hybrid coordinates.
     """
     size, width = len(hybrid_coordinates(symbolic.robot)), len(symbolic.u)
     system = LinearSystem.empty(size, width)
@@ -305,15 +233,9 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
 def _chain_inputs(
     symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree, rows: Mapping[int, int]
 ) -> Matrix:
-    """What the inputs do in a chain (eq. 13).
+    """What the inputs u (columns) do to a chain's coordinates (rows) (eq. 13).
 
-    Args:
-        symbolic: The robot in symbols.
-        chain, serial: The chain, and its segments.
-        rows: Row of each joint that moves and is counted in this chain, by its link's number.
-
-    Returns:
-        Rows in the order of the chain's coordinates, columns in that of u.
+    `rows` has the row of each joint that moves and is counted in this chain, by its link's number.
     """
     matrix = zeros(len(chain.coordinates), len(symbolic.u))
     bodies = symbolic.chain_bodies(chain)

@@ -34,26 +34,12 @@ class Inertia:
     second: SecondMoments
 
     def entry(self, i: int, j: int) -> sp.Expr:
-        """One of the second moments.
-
-        Args:
-            i, j: Its row and column, 0 … 2.
-
-        Returns:
-            E_ij (kg m²).
-        """
+        """E_ij (kg m²), i and j from 0."""
         return self.second[_index(i, j)]
 
     @classmethod
     def of(cls, entries: Iterable[sp.Expr]) -> Inertia:
-        """An inertia by its ten numbers.
-
-        Args:
-            entries: B₀, C and E, in the order of the fields.
-
-        Returns:
-            The inertia.
-        """
+        """An inertia by its ten numbers: B₀, C and E, in the order of the fields."""
         mass, x, y, z, xx, yy, zz, xy, xz, yz = entries
         return cls(mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
 
@@ -68,38 +54,17 @@ class Inertia:
         return dict(zip((MASS, *MOMENT, *SECOND), self.entries, strict=True))
 
     def mapped(self, function: Callable[[sp.Expr], sp.Expr]) -> Inertia:
-        """The inertia with a function applied to its numbers.
-
-        Args:
-            function: Applied to each of the ten.
-
-        Returns:
-            The inertia of what it gives.
-        """
+        """The inertia with a function applied to each of its ten numbers."""
         x, y, z = map(function, self.moment)
         xx, yy, zz, xy, xz, yz = map(function, self.second)
         return Inertia(function(self.mass), (x, y, z), (xx, yy, zz, xy, xz, yz))
 
     def plus(self, tape: Scalars, other: Inertia) -> Inertia:
-        """Inertia of both bodies about their common point.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """Inertia of both bodies about their common point, in one frame."""
         return total(tape, [self, other])
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Inertia:
-        """The inertia in another frame: C' = RC, E' = RERᵀ.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The inertia in the frame that `rotation` turns from.
-        """
+        """The same in another frame, to which `rotation` takes components: C' = RC, E' = RERᵀ."""
         if rotation.is_identity:
             return self
         return Inertia(
@@ -128,11 +93,7 @@ class Inertia:
     def shifted(self, tape: Scalars, arm: Vector) -> Inertia:
         """The inertia about another point: C' = C + B₀r and E' = E + rCᵀ + Crᵀ + B₀rrᵀ.
 
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The inertia about the new point.
+        `arm` is r, the old point from the new one (m).
         """
         if arm == ZERO:
             return self
@@ -151,11 +112,7 @@ class Inertia:
     def response(self, tape: Scalars, direction: int) -> Wrench:
         """𝒮 and ℛ per unit of one acceleration: a column of the Hessian of the Gibbs function.
 
-        Args:
-            direction: LINEAR or ANGULAR plus the axis.
-
-        Returns:
-            The wrench about the same point, in the same frame.
+        `direction` is LINEAR or ANGULAR plus the axis.
         """
         column, values = link_mass_block().col(direction), self.values
         return Wrench.of(tape.let(evaluated(entry, values)) for entry in column)
@@ -165,14 +122,7 @@ NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 
 
 def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
-    """Inertia of several bodies about their common point.
-
-    Args:
-        inertias: Of the bodies, about that point and in one frame.
-
-    Returns:
-        The sum.
-    """
+    """Inertia of several bodies about their common point, in one frame."""
     alike = zip(*(inertia.entries for inertia in inertias), strict=True)
     return Inertia.of(tape.let(sp.Add(*entries)) for entries in alike)
 

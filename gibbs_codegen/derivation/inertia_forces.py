@@ -36,16 +36,10 @@ def outward(
     rates: Sequence[sp.Expr],
     accelerations: Sequence[sp.Expr],
 ) -> list[Motion]:
-    """Motion of every segment.
+    """Motion of every segment, in its working frame.
 
-    Args:
-        tree: The tree.
-        root_motion: Motion of the root's group frame, in its own axes.
-        rates: Rate of every segment's joint (rad/s or m/s); of the root, its turn about z.
-        accelerations: Acceleration of every segment's joint (rad/s² or m/s²), likewise.
-
-    Returns:
-        A motion for each segment, in its working frame.
+    `root_motion` is of the root's group frame in its own axes; the root's own rate and acceleration
+    are its turn about z against that frame.
     """
     motions: list[Motion] = []
     for k, segment in enumerate(tree.segments):
@@ -60,16 +54,7 @@ def outward(
 
 
 def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Motion:
-    """Motion of the group frame of segment k at its joint, from its parent's motion.
-
-    Args:
-        tree: The tree.
-        k: Index of the segment, 1 or more.
-        motion: That of the parent, in the parent's working frame.
-
-    Returns:
-        The motion before joint k moves, in the group frame of segment k.
-    """
+    """Motion of segment k ≥ 1 before joint k moves, in its group frame, from its parent's."""
     segment = tree.segments[k]
     if segment.starts_group:
         motion = motion.rotated(tape, segment.turn.inverse)
@@ -84,16 +69,7 @@ def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Mot
 def before_joints(
     tape: Scalars, tree: SegmentTree, root_motion: Motion, motions: Sequence[Motion]
 ) -> list[Motion]:
-    """Motion of every segment before its joint moves it, of which `outward` has made the motions.
-
-    Args:
-        tree: The tree.
-        root_motion: Motion of the root's group frame, in its own axes.
-        motions: That of each segment, in its working frame.
-
-    Returns:
-        A motion for each segment, in its group frame.
-    """
+    """Motion of every segment before its joint moves it, in its group frame, from `outward`'s."""
     before = [root_motion]
     for k, segment in enumerate(tree.segments[1:], start=1):
         with tape.group(f"motion of {segment.name}"):
@@ -102,18 +78,10 @@ def before_joints(
 
 
 def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wrench:
-    """𝒮 and ℛ of segment k (eq. 6).
+    """𝒮 and ℛ of segment k (eq. 6) about its joint, in its working frame (N, N m).
 
     The root's B₀r̈ is left out: regrouping brings most of the mass there, and it is cheapest in
     world axes.
-
-    Args:
-        tree: The tree.
-        k: Index of the segment.
-        motion: Its motion, in its working frame.
-
-    Returns:
-        Inertia force and moment about the joint, in the working frame (N, N m).
     """
     segment = tree.segments[k]
     inertia = tree.working_inertia(tape, k)
@@ -138,14 +106,10 @@ def inward(
     motions: Sequence[Motion],
     loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> tuple[Wrench, list[sp.Expr]]:
-    """∂S/∂θ̈ of the tree (eq. 5): every segment adds its inertia forces to its parent's.
+    """∂S/∂θ̈ of the tree (eq. 5): 𝒮 and ℛ of it all at the root, and the rows of the joints.
 
-    Args:
-        tree, motions, loads: As of `subtree_wrenches`.
-
-    Returns:
-        The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
-        root's B₀r̈, which the caller adds; and the row of each joint after the root.
+    They are about the root in its group frame, without its B₀r̈, which the caller adds. The
+    arguments are those of `subtree_wrenches`.
     """
     root, *others = subtree_wrenches(tape, tree, motions, loads)
     # Neither component along the joint is turned by what turns about it.
@@ -160,17 +124,11 @@ def subtree_wrenches(
     motions: Sequence[Motion],
     loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> list[Wrench]:
-    """𝒮 and ℛ of every segment and all that it supports: what its joint has to supply.
+    """𝒮 and ℛ of each segment with all that it supports: what its joint has to supply.
 
-    Args:
-        tree: The tree.
-        motions: That of each segment, in its working frame.
-        loads: Wrenches on segments after the root, by their index, which are subtracted: about the
-            joint, in the segment's own frame (N, N m).
-
-    Returns:
-        For each segment the sum over its subtree about its joint, in its working frame; that of the
-        root without its B₀r̈.
+    They are about the joint in the working frame, as `motions` are; the root's are without its
+    B₀r̈. `loads` act on segments after the root, by their index, about the joint in the segment's
+    own frame (N, N m), and are subtracted.
     """
     received = [NO_WRENCH for _ in tree.segments]
     for k in range(tree.joints, -1, -1):
@@ -191,15 +149,7 @@ def subtree_wrenches(
 
 
 def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Motion]) -> sp.Expr:
-    """Σ of eq. 2 over the links.
-
-    Args:
-        tree: The tree.
-        motions: That of each segment, in its working frame.
-
-    Returns:
-        S up to terms free of accelerations.
-    """
+    """Σ of eq. 2 over the links, up to terms free of accelerations."""
     terms = []
     for k, motion in enumerate(motions):
         with tape.group(f"Gibbs function of {tree.segments[k].name}"):

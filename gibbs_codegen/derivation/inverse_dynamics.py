@@ -10,14 +10,7 @@ from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 
 
 def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """M a − R = ∂S/∂θ̈ at the given accelerations.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One force for each velocity (N m or N).
-    """
+    """M a − R = ∂S/∂θ̈ at the given accelerations (N m or N), in the order of v."""
     tape = symbolic.tape
     forces = generalised_inertia_forces(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
     base, joints = symbolic.places.split(forces)

@@ -37,11 +37,7 @@ class InverseDynamicsDerivatives:
 def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDerivatives:
     """Derivatives of inverse dynamics, from the moments of all subtrees.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        The forces, their derivatives and M; columns of the position in ∂τ/∂q are zero.
+    Columns of the position in ∂τ/∂q are zero.
     """
     force = inverse_dynamics(symbolic)
     tree, of_base = symbolic.reduced_tree, base_derivatives(symbolic)
@@ -51,14 +47,7 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
 
 
 def base_derivatives(symbolic: SymbolicRobot) -> BaseDerivatives:
-    """How forces depend on the motion of the base.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        What makes the derivatives in the state that the symbols are.
-    """
+    """How forces depend on the motion of the base, in the state that the symbols are."""
     places, state = symbolic.places, symbolic.state
     rates, accelerations = (
         places.split(values)[0] for values in (state.rates, state.accelerations)
@@ -70,16 +59,7 @@ def base_derivatives(symbolic: SymbolicRobot) -> BaseDerivatives:
 def inertial_derivatives(
     symbolic: SymbolicRobot, tree: SegmentTree, of_base: BaseDerivatives
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Derivatives of the inertia forces.
-
-    Args:
-        symbolic: The robot in symbols.
-        tree: Its reduced tree, with any inertias.
-        of_base: How forces depend on the motion of the base.
-
-    Returns:
-        Derivatives by q, v and a.
-    """
+    """Derivatives of the inertia forces by q, v and a, for the reduced tree with any inertias."""
     tape, root, places = symbolic.tape, symbolic.root, symbolic.places
     moving = _moving_tree(symbolic, tree)
     joints = joint_derivatives(tape, moving)
@@ -123,17 +103,10 @@ def _assembled(
     rows: Sequence[Values],
     entries: Entries,
 ) -> Matrix:
-    """A matrix of the base and the joints.
+    """A matrix in the order of v, of the base and the joints.
 
-    Args:
-        places: Places of both in v.
-        block: Of the base by itself.
-        columns: Entries on the base, for each joint's column.
-        rows: Entries in the base's columns, for each joint's row.
-        entries: Between joints, by their segments.
-
-    Returns:
-        The matrix, rows and columns in the order of v.
+    `block` is that of the base by itself, `columns` are the joints' columns on the base, `rows` the
+    joints' rows in its columns, and `entries` are between joints, by their segments.
     """
     base, joints = places.base, places.joint_places
     matrix = zeros(places.size, places.size)

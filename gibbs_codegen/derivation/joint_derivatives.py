@@ -53,14 +53,8 @@ class MovingTree:
     ) -> MovingTree:
         """A tree by its motions.
 
-        Args:
-            tree: The tree.
-            root_motion: Motion of the root's group frame, in its own axes.
-            motions: Motion of each segment, in its working frame.
-            rates: Rate of every segment's joint (rad/s or m/s).
-
-        Returns:
-            The tree in motion.
+        `root_motion` is of the root's group frame in its own axes, `motions` are those of the
+        segments in their working frames.
         """
         before = before_joints(tape, tree, root_motion, motions)
         velocities = joint_velocities(tape, tree, before, motions, rates)
@@ -100,14 +94,7 @@ class JointDerivatives:
 
 
 def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
-    """Derivatives of the forces of all joints by their angles and rates, and M between them.
-
-    Args:
-        moving: The tree in motion.
-
-    Returns:
-        The entries, and the columns at the root.
-    """
+    """Derivatives of the forces of all joints by their angles and rates, and M between them."""
     tree, found = moving.tree, JointDerivatives()
     offsets = _offsets_from_lead(tape, tree)
     units = [unit.about(tape, arm) for unit, arm in zip(moving.units, offsets, strict=True)]
@@ -133,13 +120,9 @@ def _add_row_entries(
     j: int,
     units: Sequence[UnitMotion],
 ) -> None:
-    """Add the entries in the row of a joint and the column of one that carries it.
+    """Add to `found` the entries in the row of joint i and the column of joint j, which carries it.
 
-    Args:
-        tree: The tree.
-        found: What the entries are added to; the column of the joint has come to the other's group.
-        i, j: Segments of the row and of the column.
-        units: What the joints do, about the leads of their groups.
+    The column of joint i has come to j's group; `units` are about the leads of their groups.
     """
     own, motion = found.columns[i], units[j]
     by_angle = by_rate = sp.S.Zero
@@ -162,17 +145,9 @@ def _passed_in(
     passage: GroupPassage,
     own: Column,
 ) -> Column:
-    """Pass a column in to the lead of a group, and put its entries where they belong.
+    """Pass column i in to the lead of a group, and put its entries where they belong.
 
-    Args:
-        tree: The tree.
-        found: What the entries are added to.
-        i: Index of the column's segment.
-        passage: The way into and through the group.
-        own: The column where the way begins.
-
-    Returns:
-        The column about the lead, in the group frame.
+    `own` is the column where the way begins; the result is about the lead, in the group frame.
     """
     at_lead = []
     for wrench, entries in (

@@ -24,12 +24,8 @@ from gibbs_codegen.symbolic.vectors import Vector, Wrench, minus
 def joint_wrenches(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """The wrench that every joint passes on to the body that it carries.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        A row for each of BODIES: force and moment about the joint (N, N m), in the axes of the
-        frame that the robot file gives the body.
+    There is a row for each of BODIES: force and moment about the joint (N, N m), in the axes of the
+    frame that the robot file gives the body.
     """
     return [wrench.entries for wrench in (*_on_rods(symbolic), *_on_links(symbolic))]
 
@@ -63,15 +59,7 @@ def _on_links(symbolic: SymbolicRobot) -> list[Wrench]:
 
 
 def _seen(tape: Scalars, frame: BodyFrame, wrench: Wrench) -> Wrench:
-    """A wrench about the origin of a body's frame, in its axes.
-
-    Args:
-        frame: Where the frame is in that of the segment.
-        wrench: About the segment's joint, in its own frame.
-
-    Returns:
-        The wrench in the body's frame.
-    """
+    """A wrench about a segment's joint, about the origin of a body's frame in its axes."""
     about = wrench.shifted(tape, minus(frame.origin))
     turn = back(frame.turn)
 

@@ -53,16 +53,9 @@ def jointed_bodies(
 ) -> JointedBodies:
     """Bodies by the joints that carry them.
 
-    Args:
-        parameters: The symbols of a robot.
-        centre: The base centre from the origin of the coordinates, in the base's axes.
-        coordinates: Coordinate of each link whose joint counts, by its number; zero where the joint
-            is held.
-        links: Numbers of the links that there are.
-        massive: Numbers of those whose mass counts.
-
-    Returns:
-        The bodies.
+    `centre` is the base centre from the origin of the coordinates, in the base's axes; a coordinate
+    is zero where the joint is held. `links` are the numbers of the links that there are, `massive`
+    of those whose mass counts.
     """
     robot = parameters.robot
     # Each body's frame in the frame that the file gives the link which it belongs to.
@@ -98,29 +91,13 @@ def jointed_bodies(
 
 
 def label(robot: Robot, i: int) -> str:
-    """What comments call a link.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-
-    Returns:
-        Its name as an identifier, or "link 2".
-    """
+    """What comments call link i, from 1: its name as an identifier, or "link 2"."""
     name = robot.links[i - 1].name
     return identifier(name) if name else f"link {i}"
 
 
 def _together(tape: Scalars, name: str, parts: list[Inertia]) -> Inertia:
-    """Inertia of a link and of what is welded to it, about its joint.
-
-    Args:
-        name: The link's, for a comment.
-        parts: The inertias, about the joint, in the link's frame.
-
-    Returns:
-        Their sum.
-    """
+    """Inertia about its joint, in its frame, of a link and of what is welded to it."""
     if len(parts) == 1:
         return parts[0]
     with tape.group(f"inertia of {name}, with what is welded to it", Stage.PARAMETER):
@@ -135,15 +112,9 @@ def _placed(
     mount: BodyFrame,
     coordinate: sp.Expr,
 ) -> PlacedLink:
-    """A link on the segment that carries it.
+    """Link i on the segment that carries it, without inertia.
 
-    Args:
-        robot, i, symbols: The link, by its number, and its symbols.
-        mount: The frame of the body that it is on, in the file's frame of the segment's link.
-        coordinate: Its coordinate, or zero.
-
-    Returns:
-        The link, without inertia.
+    `mount` is the frame of the body that it is on, in the file's frame of the segment's link.
     """
     link = robot.links[i - 1]
     given = None

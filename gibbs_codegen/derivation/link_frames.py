@@ -95,51 +95,23 @@ class BodyFrame:
     origin: Vector = ZERO
 
     def direction(self, vector: Vector) -> Vector:
-        """A direction of the body, in the segment's own frame.
-
-        Args:
-            vector: Components in the body's frame.
-
-        Returns:
-            Linear combinations of them.
-        """
+        """A direction of the body, in the segment's own frame."""
         return vector if self.turn == NO_TURN else applied(self.turn, vector)
 
     def point(self, tape: Scalars, vector: Vector) -> Vector:
-        """A point of the body, from the segment's joint in its own frame.
-
-        Args:
-            vector: The point in the body's frame (m).
-
-        Returns:
-            Its components, named on the tape.
-        """
+        """A point of the body, from the segment's joint in its own frame (m), named on the tape."""
         x, y, z = self.direction(vector)
         a, b, c = self.origin
         return (tape.let(a + x), tape.let(b + y), tape.let(c + z))
 
     def inertia(self, tape: Scalars, inertia: Inertia) -> Inertia:
-        """The inertia of the body, in the segment's own frame.
-
-        Args:
-            inertia: About the origin of the body's frame, in its axes.
-
-        Returns:
-            The inertia about the segment's joint.
-        """
+        """An inertia about the origin of the body's frame, about the joint in the segment's own."""
         for rotation in elementary(self.turn):
             inertia = inertia.rotated(tape, rotation)
         return inertia.shifted(tape, self.origin)
 
     def within(self, tape: Scalars, outer: BodyFrame) -> BodyFrame:
-        """The frame seen in what its segment's frame lies in.
-
-        Args:
-            outer: Where the frame that this one is given in lies.
-
-        Returns:
-            Where this one lies.
-        """
+        """The frame, given in `outer`, as seen in what `outer` lies in."""
         turn = product(outer.turn, self.turn)
         return BodyFrame(outer.segment, turn, outer.point(tape, self.origin))
 
@@ -147,14 +119,10 @@ class BodyFrame:
 def framed(
     tape: Scalars, links: Sequence[PlacedLink], base: BodyFrame
 ) -> tuple[list[JointedLink], list[BodyFrame]]:
-    """Choose the frames that links are derived in.
+    """Choose the frames that links are derived in; every parent stands before its children.
 
-    Args:
-        links: Every parent before its children.
-        base: Where the robot file's frame of the base is in that of the root segment.
-
-    Returns:
-        The links in those frames; for the base and each link, where the robot file's frame is.
+    `base` says where the robot file's frame of the base is in that of the root segment. The second
+    list says for the base and each link where the robot file's frame is.
     """
     turns = _turns(links)
     frames = [base]
@@ -194,16 +162,10 @@ def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
 def _framed(
     tape: Scalars, link: PlacedLink, turn: Turn | None, parent: BodyFrame, segment: int
 ) -> tuple[JointedLink, BodyFrame]:
-    """A link in its own frame.
+    """A link in its own frame, and where the file's frame is in that.
 
-    Args:
-        link: As the robot file places it.
-        turn: Its own axes in the file's, or None where it keeps the file's frame.
-        parent: Where the file's frame of its parent is in the parent's own frame.
-        segment: Index of its segment.
-
-    Returns:
-        The link, and where the file's frame is in its own.
+    `turn` are its own axes in the file's, or None where it keeps the file's frame; `parent` says
+    where the file's frame of its parent is in the parent's own.
     """
     if turn is None:
         return _by_parameters(link, parent), BodyFrame(segment)
@@ -229,14 +191,9 @@ def _framed(
 
 
 def _by_parameters(link: PlacedLink, parent: BodyFrame) -> JointedLink:
-    """A link where Denavit–Hartenberg parameters place it, if it has any.
+    """A link where Denavit–Hartenberg parameters place it, if it has any, in the file's frame.
 
-    Args:
-        link: The link.
-        parent: Where the file's frame of its parent is, which is not turned.
-
-    Returns:
-        The link in the frame that the robot file gives it.
+    The frame of its parent is not turned.
     """
     given = link.parameters or _AT_PARENT
     x, y, z = parent.origin

@@ -39,42 +39,21 @@ class Moments:
     rows: Block
 
     def plus(self, tape: Scalars, other: Moments) -> Moments:
-        """Moments of both bodies about their common point.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """Moments of both bodies about their common point, in one frame."""
         first, second, third = (
             add(tape, mine, its) for mine, its in zip(self.rows, other.rows, strict=True)
         )
         return Moments(add(tape, self.momentum, other.momentum), (first, second, third))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Moments:
-        """The moments in another frame: P' = RP, D' = RDRᵀ.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The moments in the frame that `rotation` turns from.
-        """
+        """The same in another frame, to which `rotation` takes components: P' = RP, D' = RDRᵀ."""
         if rotation.is_identity:
             return self
         rows = rotated_block(tape, rotation, self.rows)
         return Moments(rotation.vector(tape, self.momentum), rows)
 
     def shifted(self, tape: Scalars, arm: Vector) -> Moments:
-        """The moments about another point: D' = D + rPᵀ.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The moments about the new point.
-        """
+        """The moments about another point: D' = D + rPᵀ; r, `arm`, is the old from the new (m)."""
         first, second, third = (
             add(tape, row, scale(tape, r, self.momentum))
             for r, row in zip(arm, self.rows, strict=True)
@@ -88,16 +67,10 @@ NO_MOMENTS = Moments(ZERO, (ZERO, ZERO, ZERO))
 def link_moments(
     tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector, fixed: bool
 ) -> Moments:
-    """Moments of one link: 2P = ω×2C + B₀2V, and row i of 2D is ω×2E_i + C_i2V.
+    """Moments of one link about its joint: 2P = ω×2C + B₀2V, and row i of 2D is ω×2E_i + C_i2V.
 
-    Args:
-        inertia: About the link's joint.
-        omega: Angular velocity (rad/s), in the same frame.
-        velocity: 2V, twice the velocity of the joint (m/s), likewise.
-        fixed: Whether the inertia is of parameters alone, which are doubled for nothing.
-
-    Returns:
-        The moments about the joint, in that frame.
+    `velocity` is 2V, twice the velocity of the joint; `fixed` says that the inertia is of
+    parameters alone, which are doubled for nothing.
     """
     rows = [tuple(inertia.entry(i, j) for j in range(3)) for i in range(3)]
     moment = inertia.moment
@@ -132,17 +105,7 @@ def joint_velocities(
     motions: Sequence[Motion],
     rates: Sequence[sp.Expr],
 ) -> list[JointVelocity]:
-    """Velocities of all joints.
-
-    Args:
-        tree: The tree.
-        before, motions: Motion of each segment before its joint moves it, in its group frame, and
-            after, in its working frame.
-        rates: Rate of every segment's joint (rad/s or m/s).
-
-    Returns:
-        The velocities of each segment's joint.
-    """
+    """2V of all joints; `before` and `motions` are the segments' before and after joints move."""
     velocities = [JointVelocity(ZERO, ZERO)]
     for k, segment in enumerate(tree.segments[1:], start=1):
         with tape.group(f"velocity of {segment.joint_name}"):
@@ -161,16 +124,10 @@ def joint_velocities(
 def _passed_out(
     tape: Scalars, tree: SegmentTree, k: int, turning: tuple[Vector, Vector], velocity: Vector
 ) -> Vector:
-    """2V of joint k before it moves, from its parent's.
+    """2V of joint k ≥ 1 before it moves, in the group frame of segment k, from its parent's (m/s).
 
-    Args:
-        tree, k: The tree and the index of the segment, 1 or more.
-        turning: Angular velocity of the parent, in its working frame and in the group frame of
-            segment k (rad/s).
-        velocity: 2V of the parent, in its working frame (m/s).
-
-    Returns:
-        The velocity in the group frame of segment k (m/s).
+    `turning` is ω of the parent in its working frame and in that group frame (rad/s); `velocity` is
+    2V of the parent in its working frame.
     """
     segment, two = tree.segments[k], sp.Integer(2)
     omega, omega_in_group = turning
@@ -191,16 +148,7 @@ def subtree_moments(
     motions: Sequence[Motion],
     velocities: Sequence[JointVelocity],
 ) -> list[Moments]:
-    """Moments of every segment and all that it supports.
-
-    Args:
-        tree: The tree.
-        motions: Motion of each segment, in its working frame.
-        velocities: 2V of each segment.
-
-    Returns:
-        The moments about each segment's joint, in its group frame.
-    """
+    """Moments of each segment and all that it supports, about its joint in its group frame."""
     moments = [NO_MOMENTS for _ in tree.segments]
     for k in range(tree.joints, -1, -1):
         with tape.group(f"moments of velocity of {tree.subtree_about_joint(k)}"):

@@ -17,14 +17,7 @@ from gibbs_codegen.symbolic.vectors import Matrix, Vector, add, minus, scale
 
 
 def centre_of_mass(symbolic: SymbolicRobot) -> Vector:
-    """The centre of mass.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Its world position (m).
-    """
+    """World position of the centre of mass (m)."""
     tape = symbolic.tape
     centre = _centre(symbolic, whole_inertia(tape, symbolic.reduced_tree))
     with tape.group("centre of mass in the world"):
@@ -39,16 +32,10 @@ def _centre(symbolic: SymbolicRobot, whole: Inertia) -> Vector:
 
 
 def centre_of_mass_jacobian(symbolic: SymbolicRobot) -> Matrix:
-    """Jacobian of the centre of mass.
+    """Jacobian of the centre of mass: 3 rows in world axes, columns in the order of v.
 
     A joint moves the composite body that it carries, whose linear momentum is the force of its
     column of the mass matrix.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        3 rows, in world axes; columns in the order of v.
     """
     _, columns = _columns(symbolic)
     return [[column[i] for column in columns] for i in range(3)]
@@ -73,14 +60,7 @@ def _columns(symbolic: SymbolicRobot) -> tuple[sp.Expr, list[Vector]]:
 
 
 def gravity_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Generalised forces of gravity: the weight at the centre of mass.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One force for each velocity (N m or N).
-    """
+    """Generalised forces of gravity (N m or N): the weight at the centre of mass."""
     tape = symbolic.tape
     mass, columns = _columns(symbolic)
     with tape.group("weight at the centre of mass"):
@@ -89,15 +69,10 @@ def gravity_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 
 def centroidal_momentum(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Momentum about the centre of mass: inertia forces at rest, with v for a.
+    """Linear and angular momentum about the centre of mass, in world axes (kg m/s, kg m²/s).
 
-    The motion of the origin adds to the linear momentum alone.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Linear and then angular momentum, in world axes (kg m/s, kg m²/s).
+    They are inertia forces at rest, with v for a. The motion of the origin adds to the linear
+    momentum alone.
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     still = [sp.S.Zero] * len(symbolic.v)

@@ -30,15 +30,7 @@ class Motion:
 
     @classmethod
     def of(cls, tape: Scalars, omega: Vector, omega_dot: Vector, acceleration: Vector) -> Motion:
-        """Motion with the gradient that belongs to ω and dω/dt.
-
-        Args:
-            omega, omega_dot: Angular velocity and its derivative (rad/s, rad/s²).
-            acceleration: r̈ of the joint (m/s²), in the same frame.
-
-        Returns:
-            The motion in that frame.
-        """
+        """Motion with the gradient A that belongs to ω and dω/dt, and r̈ (m/s²) of the joint."""
         products = [[tape.let(p * q) for q in omega] for p in omega]
         columns = []
         for j in range(3):
@@ -54,14 +46,7 @@ class Motion:
         return cls(omega, omega_dot, acceleration, (columns[0], columns[1], columns[2]))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Motion:
-        """The same motion in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The motion in the frame that `rotation` turns from.
-        """
+        """The same motion in another frame, to which `rotation` takes components."""
         if rotation.is_identity:
             return self
         return Motion.of(
@@ -72,14 +57,7 @@ class Motion:
         )
 
     def displaced(self, tape: Scalars, step: Vector) -> Motion:
-        """Motion of another point of the same link.
-
-        Args:
-            step: The point from this one (m), in the motion's frame.
-
-        Returns:
-            The motion with that point's r̈, in the same frame.
-        """
+        """Motion of another point of the same link, by the step to it (m)."""
         columns = [
             tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
         ]
@@ -90,29 +68,16 @@ class Motion:
         return Motion(self.omega, self.omega_dot, (x, y, z), self.gradient)
 
     def displaced_along(self, tape: Scalars, rotation: Rotation, length: sp.Expr) -> Motion:
-        """Motion of another point, on the x axis of a frame that is turned about z.
-
-        Args:
-            rotation: Turns the x axis, about z of the motion's frame.
-            length: Distance to the point (m).
-
-        Returns:
-            The motion with that point's r̈, in the same frame.
-        """
+        """Motion of another point, `length` (m) along the x axis of a frame turned about z."""
         if length == 0:
             return self
         step = scale(tape, length, self.along_x(tape, rotation))
         return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
 
     def stepped(self, tape: Scalars, rotation: Rotation, step: Vector) -> Motion:
-        """Motion of another point of the same link.
+        """Motion of another point of the same link, in this one's frame.
 
-        Args:
-            rotation: The frame of `step`, turned about z of the motion's frame.
-            step: To the point (m), in that frame.
-
-        Returns:
-            The motion with that point's r̈, in the same frame.
+        The step (m) to it is in a frame that `rotation` turns about z.
         """
         x, y, z = step
         if y == z == 0:  # What the kinematics has along x, the inertia force of a rod has too.
@@ -120,14 +85,7 @@ class Motion:
         return self.displaced(tape, rotation.vector(tape, step))
 
     def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
-        """What the acceleration gains per unit of length along a turned x axis.
-
-        Args:
-            rotation: Turns the x axis, about z of the motion's frame.
-
-        Returns:
-            A applied to that axis (1/s²), in the motion's frame.
-        """
+        """A applied to an x axis that is turned about z: what r̈ gains per length (1/s²)."""
         first, second, _ = self.gradient
         x, y, z = (
             tape.let(rotation.cos * p + rotation.sin * q)
@@ -136,14 +94,7 @@ class Motion:
         return (x, y, z)
 
     def spun(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
-        """Motion of a link that turns about z on this one.
-
-        Args:
-            rate, acceleration: Those of the angle (rad/s, rad/s²).
-
-        Returns:
-            The link's motion in this one's frame.
-        """
+        """Motion of a link that turns about z on this one, in this one's frame; by θ̇ and θ̈."""
         if rate == 0 and acceleration == 0:
             return self
         let = tape.let
@@ -166,14 +117,7 @@ class Motion:
         return Motion((x, y, spin), omega_dot, self.acceleration, (first, second, (xz, yz, zz)))
 
     def slid(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
-        """Motion of a link that moves along z on this one: r̈ gains 2ω×żz + z̈z.
-
-        Args:
-            rate, acceleration: Those of the travel (m/s, m/s²).
-
-        Returns:
-            The link's motion in this one's frame.
-        """
+        """Motion of a link that moves along z on this one: r̈ gains 2ω×żz + z̈z."""
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
         gain = (tape.let(twice * y), -tape.let(twice * x), acceleration)
@@ -189,14 +133,7 @@ class Acceleration:
 
     @classmethod
     def of(cls, entries: Sequence[sp.Expr]) -> Acceleration:
-        """An acceleration by its components.
-
-        Args:
-            entries: The six components, r̈ and then ω̇.
-
-        Returns:
-            The acceleration.
-        """
+        """An acceleration by its six components, r̈ and then ω̇."""
         x, y, z, p, q, r = entries
         return cls((x, y, z), (p, q, r))
 
@@ -206,37 +143,16 @@ class Acceleration:
         return [*self.linear, *self.angular]
 
     def plus(self, tape: Scalars, other: Acceleration) -> Acceleration:
-        """Sum of two accelerations.
-
-        Args:
-            other: Of the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """Sum of two accelerations of one point, in one frame."""
         linear = add(tape, self.linear, other.linear)
         return Acceleration(linear, add(tape, self.angular, other.angular))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
-        """The same acceleration in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The acceleration in the frame that `rotation` turns from.
-        """
+        """The same acceleration in another frame, to which `rotation` takes components."""
         return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
 
     def passed_out(self, tape: Scalars, transform: Transform) -> Acceleration:
-        """The acceleration of a frame that is fixed to this one.
-
-        Args:
-            transform: Takes what is in that frame to this one.
-
-        Returns:
-            The acceleration where the transform begins.
-        """
+        """Acceleration of a frame fixed to this one; `transform` takes what is there to here."""
         here = self
         for step in reversed(transform):
             if isinstance(step, Rotation):

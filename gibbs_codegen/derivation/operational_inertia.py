@@ -30,28 +30,15 @@ def inertia_is_shorter(tree: SegmentTree) -> bool:
     """Whether operational-space inertias are likely to take fewer operations.
 
     That is estimated from how many joints are inboard of a joint; neither way is counted.
-
-    Args:
-        tree: The tree.
-
-    Returns:
-        False where, on average, few joints are inboard of a joint.
     """
     return sum(len(tree.path(k)) - 2 for k in range(1, len(tree.segments))) > _FEW * tree.joints
 
 
 def passed_out(tape: Scalars, inverse: ArticulatedInertia, transform: Transform) -> Rows:
-    """Y of a segment at a joint of its children.
+    """Y of a segment at a child's joint: rows in the child's working frame, r̈ first.
 
-    An acceleration (ω̇, r̈) moves outwards as a wrench (force, moment) moves inwards; so does Y, with
-    ω̇ before r̈.
-
-    Args:
-        inverse: Y of the segment, ω̇ first.
-        transform: Takes what is in the child's working frame to the segment's.
-
-    Returns:
-        Rows of Y in the child's working frame, r̈ first.
+    An acceleration (ω̇, r̈) moves outwards as a wrench (force, moment) moves inwards; so does Y,
+    with ω̇ before r̈. `transform` takes what is in the child's working frame to the segment's.
     """
     steps = [
         step.inverse if isinstance(step, Rotation) else minus(step) for step in reversed(transform)
@@ -60,28 +47,12 @@ def passed_out(tape: Scalars, inverse: ArticulatedInertia, transform: Transform)
 
 
 def response(tape: Scalars, rows: Rows, wrench: Sequence[sp.Expr]) -> Acceleration:
-    """What a parent's acceleration is where a joint takes a wrench from it.
-
-    Args:
-        rows: Its accelerations per unit of wrench, as of `passed_out`.
-        wrench: What the parent has to supply at the joint.
-
-    Returns:
-        The acceleration, at the joint.
-    """
+    """A parent's acceleration at a joint that takes a wrench from it; rows as of `passed_out`."""
     return Acceleration.of([-sum_of_products(tape, row, wrench) for row in rows])
 
 
 def with_joint(tape: Scalars, joint: SolvedJoint, rows: Rows) -> ArticulatedInertia:
-    """What a wrench on a segment does to it, from what one on its parent does to the parent.
-
-    Args:
-        joint: The joint's solved equation.
-        rows: Accelerations of the parent per unit of wrench, at the joint.
-
-    Returns:
-        Those of the segment, ω̇ first.
-    """
+    """Accelerations of a segment per unit of wrench, ω̇ first, from the parent's at the joint."""
     direction, ratios = joint.direction, joint.ratios
     rest = [sp.S.Zero if i == direction else ratio for i, ratio in enumerate(ratios)]
     left = tape.let(times(joint.armature, joint.lightness))  # 1 − u_d, which would cancel.

@@ -17,14 +17,7 @@ from gibbs_codegen.graph.optimise import operations
 
 
 def parameter_jacobian(systems: Systems) -> Matrix:
-    """Derivatives of inverse dynamics by the parameters.
-
-    Args:
-        systems: The robot.
-
-    Returns:
-        A row for each force, a column for each parameter.
-    """
+    """Derivatives of inverse dynamics by the parameters: a row for each force."""
     imported = systems.imported
     graph, forces = imported.graph, systems.generic.refs(systems.inverse_dynamics)
     constants = _constants(graph, forces)
@@ -34,14 +27,7 @@ def parameter_jacobian(systems: Systems) -> Matrix:
 
 
 def parameter_gradient(systems: Systems) -> list[Ref]:
-    """Derivatives of the sum of the accelerations with the weights w, by the parameters.
-
-    Args:
-        systems: The robot.
-
-    Returns:
-        One for each parameter.
-    """
+    """Derivatives by the parameters of the sum of the accelerations with the weights w."""
     imported, generic = systems.imported, systems.generic
     graph, accelerations = imported.graph, generic.refs(systems.dynamics[1])
     constants = _constants(graph, accelerations)
@@ -62,19 +48,11 @@ def _constants(graph: Graph, outputs: Sequence[Ref]) -> list[Ref]:
 
 
 def _by_parameters(systems: Systems, constants: Sequence[Ref], rows: Matrix) -> Matrix:
-    """Derivatives by the parameters, from those by the constants.
+    """Derivatives of outputs (rows) by the parameters, from `rows`, those by the constants.
 
     Either the derivatives of the constants by the parameters are there as numbers, or the sums go
     back from constant to constant, and those of many parameters have parts in common: which is
     shorter differs from robot to robot.
-
-    Args:
-        systems: The robot.
-        constants: Those that a function reads.
-        rows: Derivatives by them, a row for each output.
-
-    Returns:
-        Derivatives by the parameters, a row for each output.
     """
     graph, parameters = systems.imported.graph, [*systems.parameters.values()]
     with systems.imported.group("derivatives by the parameters"):

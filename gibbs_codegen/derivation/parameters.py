@@ -82,14 +82,7 @@ class Parameters:
         }
 
     def arm(self, k: int) -> BodySymbols:
-        """Symbols of a base arm.
-
-        Args:
-            k: Its number, 1 … N.
-
-        Returns:
-            Its length, and its inertia about its start, in its own frame.
-        """
+        """Length of base arm k = 1 … N, and its inertia about its start, in its own frame."""
         return self._arms[k - 1]
 
     @property
@@ -98,62 +91,26 @@ class Parameters:
         return self._central.inertia if self._central else None
 
     def rotor(self, k: int) -> tuple[Vector, sp.Expr]:
-        """Symbols of a placed rotor.
-
-        Args:
-            k: Its number, 1 … N.
-
-        Returns:
-            Its position in the frame of the body that it is on (m), and its drag (m).
-        """
+        """Position (m) of rotor k = 1 … N in the frame of the body that it is on; its drag (m)."""
         return self._rotors[k - 1]
 
     def frame(self, name: str) -> Vector:
-        """Symbols of a named frame.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            Its position in the frame of the body that it is on (m).
-        """
+        """Position of a named frame in the frame of the body that it is on (m)."""
         return self._frames[name]
 
     def drag(self, k: int) -> sp.Expr:
-        """Reaction torque of a motor per unit of thrust.
-
-        Args:
-            k: Its number, 1 … N.
-
-        Returns:
-            The ratio (m).
-        """
+        """Reaction torque of motor k = 1 … N per unit of thrust (m)."""
         return self._drags[k - 1]
 
     def link(self, i: int) -> LinkSymbols:
-        """Symbols of a link of the arm.
-
-        Args:
-            i: Its number, 1 … n.
-
-        Returns:
-            Its lengths and its body.
-        """
+        """Symbols of link i = 1 … n of the arm."""
         return self._links[i - 1]
 
     def _arm_prefix(self, k: int) -> str:
         return "base_arm" if self.robot.base.shares_one_arm else f"base_arm{k}"
 
     def _value(self, name: str, default: float, unit: str) -> sp.Expr:
-        """The symbol of a parameter, or zero where it is structural.
-
-        Args:
-            name, unit: As the generated module gives them.
-            default: Its value in the robot file.
-
-        Returns:
-            The symbol, whose default and unit are noted, or zero.
-        """
+        """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
                 self.folded.append(name)
@@ -217,12 +174,7 @@ class Parameters:
     def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
         """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃.
 
-        Args:
-            prefix: Of its parameters' names.
-            rod, length: The rod, and the symbol of its length.
-
-        Returns:
-            Inertia about its start, in its own frame.
+        It is about the rod's start, in its own frame; `prefix` begins its parameters' names.
         """
         density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
         x, y, z = (
@@ -261,12 +213,6 @@ class Parameters:
         of inertia is larger than the sum of the other two. So where the rounding of first − whole
         is too large for that, `first` is less than half of `whole`, and the rounding can be
         computed exactly and added (Dekker's sum of two numbers).
-
-        Args:
-            first, second, whole: Moments of inertia about the three axes (kg m²).
-
-        Returns:
-            The second moment along the axis of `whole` (kg m²).
         """
         let = self._tape.let
         difference = let(first - whole)

@@ -14,38 +14,17 @@ from gibbs_codegen.symbolic.tape import Scalars
 
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
-    """What acts on each joint by itself.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        The symbols of each joint that moves.
-    """
+    """Symbols of what acts by itself on each joint that moves."""
     return [symbolic.parameters.link(i).passive for i in symbolic.robot.moving]
 
 
 def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Inertia of what turns or slides with each joint alone.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One for each joint that moves (kg m² or kg).
-    """
+    """Inertia of what turns or slides with each joint alone, of those that move (kg m² or kg)."""
     return [joint.armature for joint in passive_symbols(symbolic)]
 
 
 def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Forces of dampers and springs: −damping·v − stiffness·(q − rest).
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        One for each joint that moves (N m or N).
-    """
+    """Forces (N m or N) of the joints' dampers and springs: −damping·v − stiffness·(q − rest)."""
     tape = symbolic.tape
     q = symbolic.coordinates.values()
     _, v = symbolic.places.split(symbolic.v)
@@ -58,14 +37,7 @@ def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 
 def passive_gibbs_function(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """What armature, dampers and springs add to S: ½ armature·a² − force·a.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Terms of a sum (W/s).
-    """
+    """Terms (W/s) of armature, dampers and springs in S: ½ armature·a² − force·a."""
     tape = symbolic.tape
     _, a = symbolic.places.split(symbolic.a)
     pairs = zip(a, passive_forces(symbolic), strict=True)
@@ -73,26 +45,12 @@ def passive_gibbs_function(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 
 def armature_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Kinetic energy of what turns with the joints alone.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Terms of a sum (J).
-    """
+    """Terms (J) of the kinetic energy of what turns with the joints alone."""
     return _squares(symbolic, symbolic.places.split(symbolic.v)[1])
 
 
 def spring_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Potential energy of the springs, ½ stiffness·(q − rest)².
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Terms of a sum (J).
-    """
+    """Terms (J) of the potential energy of the springs, ½ stiffness·(q − rest)²."""
     tape = symbolic.tape
     q = symbolic.coordinates.values()
     terms = []

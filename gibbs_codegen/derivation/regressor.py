@@ -20,14 +20,7 @@ from gibbs_codegen.symbolic.tape import Stage
 
 
 def base_parameters(systems: Systems) -> list[sp.Expr]:
-    """Numbers of the bodies that their joints feel.
-
-    Args:
-        systems: The robot.
-
-    Returns:
-        One for each of the base parameters, in their order.
-    """
+    """Numbers of the bodies that their joints feel, in the order of the base parameters."""
     return [
         segment.inertia.entries[place]
         for k, segment in enumerate(systems.symbolic.reduced_tree.segments)
@@ -36,14 +29,7 @@ def base_parameters(systems: Systems) -> list[sp.Expr]:
 
 
 def regressor(systems: Systems) -> Matrix:
-    """The matrix whose product with the base parameters is ∂S/∂θ̈.
-
-    Args:
-        systems: The robot.
-
-    Returns:
-        A row for each coordinate, a column for each base parameter.
-    """
+    """The matrix whose product with the base parameters is ∂S/∂θ̈; rows in the order of v."""
     symbolic, tape, imported = systems.symbolic, systems.tape, systems.imported
     symbols: list[sp.Expr] = []
     segments = []

@@ -23,12 +23,6 @@ def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
     Inertia passes between the links' own frames. What a revolute joint does not move is symmetric
     about its axis and need not be turned; what a prismatic joint does not move is turned by the
     fixed angle of the link.
-
-    Args:
-        tree: The tree with every link's own inertia.
-
-    Returns:
-        The same tree with other inertias.
     """
     segments = list(tree.segments)
     for k in range(len(segments) - 1, 0, -1):
@@ -49,16 +43,11 @@ def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
 
 
 def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a revolute joint about z moves, and what goes to its parent.
+    """What a revolute joint about z moves of a link, and what goes to its parent.
 
-    Mass on the joint's axis does not notice the joint: the mass itself, the first moment along z
-    and the second moment along z are the parent's.
-
-    Args:
-        inertia: Of the link about its joint, in its own frame.
-
-    Returns:
-        What the joint moves, and the rest; both in the same frame.
+    The inertia is about the joint, in the link's own frame. Mass on the joint's axis does not
+    notice the joint: the mass itself, the first moment along z and the second moment along z are
+    the parent's.
     """
     (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
     zero = sp.S.Zero
@@ -68,15 +57,9 @@ def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
 
 
 def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a prismatic joint moves, and what goes to its parent.
+    """What a prismatic joint moves of a link, and what goes to its parent.
 
     The link turns with its parent, so its second moments about the joint are the parent's.
-
-    Args:
-        inertia: Of the link about its joint, in its own frame.
-
-    Returns:
-        What the joint moves, and the rest; both in the same frame.
     """
     own = replace(inertia, second=NO_INERTIA.second)
     return own, replace(NO_INERTIA, second=inertia.second)

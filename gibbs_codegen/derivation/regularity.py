@@ -42,15 +42,10 @@ _LINEAR, _ANGULAR, _JOINTS = slice(0, 3), slice(3, 6), 6
 
 
 def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
-    """Refuse a robot with a massless degree of freedom, from its data alone.
+    """Raise `SingularRobotError`, with all massless motions, from a robot's data alone.
 
-    Args:
-        robot: The robot.
-        defaults: Values of its parameters by name.
-
-    Raises:
-        SingularRobotError: If it has massless motions; it names all of them.
-        UsageError: For a parameter of a size that cannot be computed with.
+    Raises `UsageError` for a parameter of a size that cannot be computed with. `defaults` are
+    values of the parameters by name.
     """
     for name, value in defaults.items():
         if fault := size_fault(value):
@@ -60,16 +55,9 @@ def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
 
 
 def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str, float]) -> None:
-    """Refuse a robot whose mass matrix is singular to the accuracy of double precision.
+    """Raise `SingularRobotError` if M is singular to the accuracy of double precision.
 
-    Args:
-        robot: The robot.
-        mass_matrix: The program of the function of that name.
-        defaults: Values of its parameters by name.
-
-    Raises:
-        SingularRobotError: If it is singular; it names the coordinate that most of the motion of
-            least inertia is made of.
+    It names the coordinate that most of the motion of least inertia is made of.
     """
     found = []
     size = len(mass_matrix.inputs["v"])
@@ -85,14 +73,9 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
 
 
 def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
-    """Refuse a robot whose emitted functions could not compute with their own parameters.
+    """Raise `UsageError` where emitted functions would overflow with the robot's own parameters.
 
-    Args:
-        robot, program: The robot and all of its functions.
-        defaults: Values of its parameters by name.
-
-    Raises:
-        UsageError: If numbers overflow; it names the parameters that are the furthest from 1.
+    It names the parameters that are the furthest from 1.
     """
     arguments = {
         "q": _configuration(len(program.inputs["q"]), 0),
@@ -135,12 +118,8 @@ def _least_inertia(matrix: NDArray[np.float64]) -> tuple[float, int]:
 def massless_motions(robot: Robot) -> list[Motion]:
     """Motions that move no mass, whatever the configuration; empty for a robot as it should be.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        Each motion by the coordinates that must move together, outermost joint first. No coordinate
-        can be left out of a motion without its moving mass.
+    Each is the coordinates that must move together, outermost joint first. No coordinate can be
+    left out of a motion without its moving mass.
     """
     found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
     fewest = min(found, key=len)
@@ -184,10 +163,10 @@ def _named(robot: Robot, motion: list[int]) -> Motion:
 
 
 def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
-    """Momenta of all bodies, each by its own mass, for unit rates: a column a coordinate.
+    """Momenta of all bodies over their own masses, for unit rates, and lengths of their roundings.
 
     Columns are the base centre's velocity, the base's angular velocity, and the joints' rates, at
-    an arbitrary configuration of the joints. With them go the lengths that rounding is relative to.
+    an arbitrary configuration of the joints. The lengths are what rounding is relative to.
     """
     joints = len(robot.moving)
     swarm, base = _Swarm(_JOINTS + joints), _Place(_JOINTS + joints)
@@ -258,17 +237,7 @@ class _Place:
         return place
 
     def moved(self, link: Link, column: int, position: float, scale: float) -> _Place:
-        """The link that a joint turns or slides here.
-
-        Args:
-            link: The link.
-            column: Of its coordinate.
-            position: Angle (rad), or travel as a share of `scale`.
-            scale: A length (m).
-
-        Returns:
-            The link's own frame.
-        """
+        """The link's frame, which a joint turns (rad) or slides (in shares of `scale`) here."""
         axis = np.array(link.axis)
         if link.joint == "prismatic":
             place = self.stepped(axis * (position * scale))
@@ -293,14 +262,9 @@ class _Swarm:
         return np.where(self._turning, self._reach, 1.0)
 
     def add(self, body: Body, place: _Place, start: Array | float = 0.0) -> None:
-        """Add linear and angular momentum of a body.
+        """Add linear and angular momentum of a body, from `start` in the base's axes (m).
 
         Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
-
-        Args:
-            body: The body.
-            place: Where it is.
-            start: Where its own frame begins from there, in the base's axes (m).
         """
         mass, com, inertia = _central(body)
         arm = start + place.attitude @ com

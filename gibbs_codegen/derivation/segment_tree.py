@@ -80,14 +80,7 @@ class Segment:
         return ANGULAR + Z if self.joint == "revolute" else LINEAR + Z
 
     def row(self, wrench: Wrench) -> sp.Expr:
-        """The component of a wrench along the joint.
-
-        Args:
-            wrench: About the joint, in the segment's group frame.
-
-        Returns:
-            The moment about z of a revolute joint, the force along z of a prismatic one.
-        """
+        """The component along the joint of a wrench about it, in the segment's group frame."""
         return wrench.entries[self.direction]
 
 
@@ -128,39 +121,18 @@ class SegmentTree:
         return tuple(map(tuple, children))
 
     def path(self, k: int) -> list[int]:
-        """The path from a segment to the root.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            Indices of the segments on it, both ends included.
-        """
+        """Indices from segment k to the root, both included."""
         path = [k]
         while path[-1] > 0:
             path.append(self.segments[path[-1]].parent)
         return path
 
     def lead(self, k: int) -> int:
-        """The first segment of a group.
-
-        Args:
-            k: Index of a segment of the group.
-
-        Returns:
-            Index of the segment that starts the group.
-        """
+        """Index of the segment that starts the group of segment k."""
         return next(j for j in self.path(k) if self.segments[j].starts_group)
 
     def subtree(self, k: int) -> list[int]:
-        """A segment and all that it supports.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            Their indices, in ascending order.
-        """
+        """Indices of segment k and all that it supports, in ascending order."""
         subtree = [k]
         for i in range(k + 1, len(self.segments)):
             if self.segments[i].parent in subtree:
@@ -168,28 +140,14 @@ class SegmentTree:
         return subtree
 
     def subtree_words(self, k: int) -> str:
-        """A segment and all that it supports, in words.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            Words such as "links 2, 4 and 5".
-        """
+        """Segment k and all that it supports in words, such as "links 2, 4 and 5"."""
         if k > 0:
             return self._words(self.subtree(k))
         root, *rest = self.subtree(k)
         return " and ".join([self.segments[root].name] + ([self._words(rest)] if rest else []))
 
     def subtree_about_joint(self, k: int) -> str:
-        """A segment and all that it supports, about its joint, in words.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            Words such as "links 2, 4 and 5, about joint 8".
-        """
+        """In words, such as "links 2, 4 and 5, about joint 8"."""
         joint = self.segments[k].joint_name
         return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
 
@@ -204,28 +162,15 @@ class SegmentTree:
         return f"{', '.join(names[:-1])} and {names[-1]}"
 
     def works_in_own_frame(self, k: int) -> bool:
-        """Whether a segment works in its own frame: its children start groups.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            False where it works in its group frame.
-        """
+        """Whether segment k works in its own, not its group's frame: its children start groups."""
         return any(self.segments[child].starts_group for child in self.children[k])
 
     def transform_in(self, tape: Scalars, k: int) -> Transform:
-        """What takes a wrench or an inertia of a segment to its parent.
+        """What takes a wrench or an inertia about joint k ≥ 1 to the parent's joint.
 
-        Within a group parent and child share the group frame, and the parent's x axis is turned in
-        it by the parent's rotation. Where a group starts, the parent works in its own frame.
-
-        Args:
-            k: Index of the segment, 1 or more.
-
-        Returns:
-            Rotations and shifts from joint k, in the segment's group frame, to the parent's joint,
-            in the parent's working frame.
+        It is from the segment's group frame to the parent's working frame. Within a group parent
+        and child share the group frame, and the parent's x axis is turned in it by the parent's
+        rotation. Where a group starts, the parent works in its own frame.
         """
         segment = self.segments[k]
         parent = self.segments[segment.parent]
@@ -236,14 +181,7 @@ class SegmentTree:
             return [offset, parent.rotation.vector(tape, segment.step)]
 
     def step_in_group(self, tape: Scalars, k: int) -> Vector:
-        """The step to a segment from its parent in the same group.
-
-        Args:
-            k: Index of the segment, which does not start a group.
-
-        Returns:
-            From the parent's joint to joint k (m), in the group frame.
-        """
+        """The step to joint k from the joint of its parent in the same group, in its frame (m)."""
         segment = self.segments[k]
         parent = self.segments[segment.parent]
         with tape.group(f"step from {parent.name} to {segment.name}"):
@@ -251,68 +189,32 @@ class SegmentTree:
             return add(tape, step, axis_vector(Z, segment.d))
 
     def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Pass a wrench or an inertia of segment k on to its parent.
+        """A wrench or an inertia about joint k ≥ 1, passed on to the joint of its parent.
 
-        Args:
-            k: Index of the segment, 1 or more.
-            item: About joint k, in the segment's group frame.
-
-        Returns:
-            The same about the parent's joint, in the parent's working frame.
+        It is in the group frame of segment k, the result in the parent's working frame.
         """
         return moved(tape, item, self.transform_in(tape, k))
 
     def to_working_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Take a wrench or an inertia of a segment from its own frame to its working frame.
-
-        Args:
-            k: Index of the segment.
-            item: About the segment's joint, in its own frame.
-
-        Returns:
-            The same in the working frame.
-        """
+        """A wrench or an inertia about joint k, from the segment's own to its working frame."""
         if self.works_in_own_frame(k):
             return item
         return item.rotated(tape, self.segments[k].rotation)
 
     def to_own_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Take a wrench or an inertia of a segment from its working frame to its own frame.
-
-        Args:
-            k: Index of the segment.
-            item: About the segment's joint, in its working frame.
-
-        Returns:
-            The same in its own frame.
-        """
+        """A wrench or an inertia about joint k, from the segment's working to its own frame."""
         if self.works_in_own_frame(k):
             return item
         return item.rotated(tape, self.segments[k].rotation.inverse)
 
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Take a wrench or an inertia of a segment from its working frame to its group frame.
-
-        Args:
-            k: Index of the segment.
-            item: About the segment's joint, in its working frame.
-
-        Returns:
-            The same in the group frame.
-        """
+        """A wrench or an inertia about joint k, from the segment's working to its group frame."""
         if self.works_in_own_frame(k):
             return item.rotated(tape, self.segments[k].rotation)
         return item
 
     def working_inertia(self, tape: Scalars, k: int) -> Inertia:
-        """Inertia of a segment by itself.
-
-        Args:
-            k: Index of the segment.
-
-        Returns:
-            The inertia about its joint, in its working frame.
-        """
+        """Inertia of segment k by itself, about its joint in its working frame."""
         segment = self.segments[k]
         with tape.group(f"inertia of {segment.name}, turned by the joints"):
             return self.to_working_frame(tape, k, segment.inertia)

@@ -24,16 +24,9 @@ def doubled_velocities(
     motions: Sequence[Motion],
     rates: Sequence[sp.Expr],
 ) -> list[Acceleration]:
-    """Twice the velocity of every segment's joint against the root's origin, and twice ω.
+    """2V and 2ω of every segment's joint against the root's origin, in its working frame.
 
-    Args:
-        articulation: The solved equations of a tree.
-        motions: That of each segment, in its working frame.
-        rates: Those of the joints (rad/s or m/s).
-
-    Returns:
-        2V and 2ω of each segment, in its working frame; those of the root where its system is
-        solved.
+    Those of the root are where its system is solved. `motions` are in the working frames too.
     """
     tree = articulation.tree
     turn = root_turn(tree).inverse
@@ -53,14 +46,9 @@ def couplings_inward(
 ) -> tuple[VelocityCoupling, list[tuple[VelocityCoupling, Vector]]]:
     """Velocity couplings of all subtrees, from the leaves inwards.
 
-    Args:
-        articulation: The solved equations of a tree.
-        doubled: Twice the velocities, as of `doubled_velocities`.
-
-    Returns:
-        That of the whole tree where the root's system is solved; and for each joint after the root,
-        in the segment's working frame, what the parent feels, and the ratios of the joint's
-        acceleration to −ε.
+    The first is that of the whole tree where the root's system is solved; then comes for each joint
+    after the root, in the segment's working frame, what the parent feels, with the ratios of the
+    joint's acceleration to −ε. `doubled` is as of `doubled_velocities`.
     """
     tree = articulation.tree
     received = [NO_COUPLING for _ in tree.segments]

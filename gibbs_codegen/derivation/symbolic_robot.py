@@ -57,15 +57,7 @@ class SymbolicRobot:
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
-        """Introduce a robot's symbols on `tape`.
-
-        Args:
-            robot: The robot.
-            keep_zeros: Whether parameters that are zero keep their symbols.
-
-        Returns:
-            The robot in symbols.
-        """
+        """Introduce a robot's symbols on `tape`; `keep_zeros`: also of parameters that are zero."""
         names = local_names(robot)
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names["q"])
         v, a, u, wrenches = (
@@ -100,14 +92,7 @@ class SymbolicRobot:
         return State(self.v, self.a, self.parameters.gravity)
 
     def state_of(self, bodies: JointedBodies) -> State:
-        """The state as a tree of some bodies takes it: joints that are held have no rates.
-
-        Args:
-            bodies: The bodies.
-
-        Returns:
-            Rates and accelerations in the order of the tree's coordinates, and gravity.
-        """
+        """The state as a tree of some bodies takes it: joints that are held have no rates."""
 
         def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
             base, joints = self.places.split(values)
@@ -118,14 +103,7 @@ class SymbolicRobot:
         return State(spread(self.v), spread(self.a), self.parameters.gravity)
 
     def coordinate_rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """Rates of the coordinates.
-
-        Args:
-            velocities: In the order of v.
-
-        Returns:
-            Rates in the order of q.
-        """
+        """Rates in the order of q, from velocities in that of v."""
         places = layout_of(self.robot)
         base, _ = places.q.split(self.q)
         rates, joints = places.v.split(velocities)
@@ -140,14 +118,7 @@ class SymbolicRobot:
         return (x, y, z)
 
     def origin_acceleration(self, state: State) -> Vector:
-        """Acceleration of the origin of the coordinates.
-
-        Args:
-            state: Rates and accelerations in the order of v, and gravity.
-
-        Returns:
-            Its components in world axes (m/s²).
-        """
+        """Acceleration of the origin of the coordinates in world axes (m/s²)."""
         rates, _ = self.places.split(state.rates)
         accelerations, _ = self.places.split(state.accelerations)
         coordinates, _ = layout_of(self.robot).q.split(self.q)
@@ -168,15 +139,9 @@ class SymbolicRobot:
         return (-x, -y, -z)
 
     def rod_frame(self, k: int) -> Rotation:
-        """Axes of a base rod against those of the base.
+        """Axes of base rod k = 1 … N against those of the base, turned about its normal.
 
         By the paper's rule rod 1, which is seen from its motor, has the base's own.
-
-        Args:
-            k: Number of the rod, 1 … N.
-
-        Returns:
-            Rotation about the base normal.
         """
         base = self.robot.base
         if k == 1 and base.azimuth_deg is None:
@@ -184,13 +149,9 @@ class SymbolicRobot:
         return Rotation.degrees(2, base.arm_angle_deg(k))
 
     def rod_reach(self, k: int) -> sp.Expr:
-        """How far along x of its frame the motor of a base rod is from the base centre.
+        """How far along x of rod k's frame its motor is from the base centre (m).
 
-        Args:
-            k: Number of the rod, 1 … N.
-
-        Returns:
-            Its length; for rod 1 by the paper's rule its opposite.
+        It is the rod's length; for rod 1 by the paper's rule its opposite.
         """
         length = self.parameters.arm(k).length
         return -length if k == 1 and self.robot.base.azimuth_deg is None else length
@@ -213,8 +174,7 @@ class SymbolicRobot:
         return total(inline, parts) if parts else NO_INERTIA
 
     def base_inertia(self) -> Inertia:
-        """Inertia of the rigid base about the origin in the base's axes: the chains' sum at the
-        root.
+        """Inertia of the rigid base about the origin in its axes: the chains' sum at the root.
 
         Rods of one table share their parameters; what vanishes by symmetry vanishes here.
         """
@@ -290,14 +250,7 @@ class SymbolicRobot:
         return self._tree(core, self.chain_bodies(chain))
 
     def chain_bodies(self, chain: Chain) -> JointedBodies:
-        """The links of an open chain, each with the mass that it has there.
-
-        Args:
-            chain: The chain.
-
-        Returns:
-            The links with all of its joints.
-        """
+        """The links of an open chain with all its joints, each with the mass that it has there."""
         return jointed_bodies(
             self.tape,
             self.parameters,
@@ -308,14 +261,9 @@ class SymbolicRobot:
         )
 
     def _tree(self, root: Inertia, bodies: JointedBodies) -> SegmentTree:
-        """The tree of the base and the links that joints carry.
+        """The tree of the base and the links that joints carry, every link with its own inertia.
 
-        Args:
-            root: Inertia of the base without what is welded to it, about the origin, in its axes.
-            bodies: The links.
-
-        Returns:
-            The tree, every link with its own inertia.
+        `root` is of the base without what is welded to it, about the origin, in its axes.
         """
         if bodies.on_base is not NO_INERTIA:
             with self.tape.group("inertia of the base, with what is welded to it", Stage.PARAMETER):

@@ -55,16 +55,9 @@ def tree_of_links(
     links: Sequence[JointedLink],
     fixed_rotation: FixedRotation = Rotation.degrees,
 ) -> SegmentTree:
-    """The tree of a root segment and of links, each after its parent.
+    """The tree of a root segment and of links, each after its parent, with their own inertias.
 
-    Args:
-        root: Segment 0.
-        root_angle: Angle of the root segment against its group frame (rad).
-        links: What segments 1 … n are made of.
-        fixed_rotation: Makes the rotations by fixed angles.
-
-    Returns:
-        The tree, every link with its own inertia.
+    `root_angle` is that of the root segment against its group frame (rad).
     """
     segments = [root]
     twisted = {link.parent for link in links if link.alpha_deg % 360 != 0}
@@ -103,16 +96,7 @@ def tree_of_links(
 def joint_rotation(
     tape: Scalars, angle: sp.Expr, fixed: Fraction, fixed_rotation: FixedRotation
 ) -> Rotation:
-    """Rotation about z by two angles.
-
-    Args:
-        angle: The one that varies (rad), or zero.
-        fixed: The one that the robot file fixes, in degrees.
-        fixed_rotation: Makes the rotation where nothing varies.
-
-    Returns:
-        The rotation by their sum.
-    """
+    """Rotation about z by an angle that varies (rad), or zero, and one that is fixed (degrees)."""
     if angle == 0:
         return fixed_rotation(Z, fixed)
     return Rotation.angle(tape, Z, angle + radians(fixed % 360))

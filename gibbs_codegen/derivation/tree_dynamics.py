@@ -40,15 +40,7 @@ class State:
 
 
 def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> list[Motion]:
-    """Motion of every segment.
-
-    Args:
-        root, tree: The tree and how its root moves.
-        state: Rates and accelerations of its coordinates, and gravity.
-
-    Returns:
-        A motion for each segment, in its working frame.
-    """
+    """Motion of every segment, in its working frame."""
     places = root.places(tree.joints)
     rates, joint_rates = places.split(state.rates)
     accelerations, joint_accelerations = places.split(state.accelerations)
@@ -68,12 +60,7 @@ def free_motions(
 ) -> list[Motion]:
     """Motions that the rates alone make about an origin at rest: every θ̈ is zero.
 
-    Args:
-        root, tree: The tree and how its root moves.
-        rates: In the order of its velocities; those of the position are left out.
-
-    Returns:
-        A motion for each segment, in its working frame.
+    Rates of the position are left out; motions are in the segments' working frames.
     """
     return motions_about_origin(tape, root, tree, State(rates, (), sp.S.Zero).unaccelerated)
 
@@ -81,15 +68,7 @@ def free_motions(
 def motions_about_origin(
     tape: Scalars, root: Root, tree: SegmentTree, state: State
 ) -> list[Motion]:
-    """Motions about the origin of the coordinates, as if it were at rest.
-
-    Args:
-        root, tree: The tree and how its root moves.
-        state: Rates and accelerations of its coordinates; those of the position are left out.
-
-    Returns:
-        A motion for each segment, in its working frame.
-    """
+    """Motions about the origin of the coordinates, as if it were at rest, in working frames."""
     rates, accelerations = [*state.rates], [*state.accelerations]
     for values in (rates, accelerations):
         values[root.places(tree.joints).position] = [sp.S.Zero] * 3
@@ -99,15 +78,7 @@ def motions_about_origin(
 def generalised_inertia_forces(
     tape: Scalars, root: Root, tree: SegmentTree, state: State
 ) -> list[sp.Expr]:
-    """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero.
-
-    Args:
-        root, tree: The tree and how its root moves.
-        state: Rates and accelerations of its coordinates, and gravity.
-
-    Returns:
-        One force for each coordinate (N m or N).
-    """
+    """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero (N m or N)."""
     motions = tree_motions(tape, root, tree, state)
     wrench, joints = inward(tape, tree, motions)
     places, mass = root.places(tree.joints), tree.segments[0].inertia.mass
@@ -121,27 +92,14 @@ def generalised_inertia_forces(
 
 
 def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> sp.Expr:
-    """S of the tree up to terms free of accelerations (eqs. 2–3).
-
-    Args:
-        root, tree: The tree and how its root moves.
-        state: Rates and accelerations of its coordinates, and gravity.
-
-    Returns:
-        S, whose derivatives by the accelerations are the generalised inertia forces.
-    """
+    """S of the tree up to terms free of accelerations (eqs. 2–3)."""
     return tree_gibbs_function(tape, tree, tree_motions(tape, root, tree, state))
 
 
 def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
-    """Mass matrix of the tree, both triangles.
+    """Mass matrix of the tree in the order of its coordinates, both triangles.
 
-    Args:
-        root, tree: The tree and how its root moves.
-
-    Returns:
-        Rows and columns in the order of the coordinates; zero between joints of which neither
-        supports the other.
+    It is zero between joints of which neither supports the other.
     """
     inertia = joint_space_inertia(tape, tree)
     places = root.places(tree.joints)

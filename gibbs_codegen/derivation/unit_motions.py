@@ -52,15 +52,9 @@ class UnitMotion:
 
     @classmethod
     def turning(cls, tape: Scalars, axis: int, motion: Motion, velocity: Vector) -> UnitMotion:
-        """A turn about an axis of a frame that moves.
+        """A turn about an axis of a frame that moves, about the frame's origin.
 
-        Args:
-            axis: X, Y or Z.
-            motion: Motion of the frame.
-            velocity: 2V, twice the velocity of its origin, in the frame (m/s).
-
-        Returns:
-            The unit motion about the frame's origin, in the frame.
+        `velocity` is 2V, twice that of the origin, in the frame (m/s).
         """
         direction = axis_vector(axis)
         rate = cross(tape, motion.omega, direction)
@@ -77,27 +71,13 @@ class UnitMotion:
 
     @classmethod
     def sliding(cls, tape: Scalars, motion: Motion) -> UnitMotion:
-        """A displacement along z of a frame that moves.
-
-        Args:
-            motion: Motion of the frame.
-
-        Returns:
-            The unit motion about any point, in the frame.
-        """
+        """A displacement along z of a frame that moves, about any point."""
         direction = axis_vector(Z)
         rate = scale(tape, sp.Integer(2), cross(tape, motion.omega, direction))
         return cls(ZERO, ZERO, ZERO, ZERO, direction, rate, motion.gradient[2])
 
     def about(self, tape: Scalars, arm: Vector) -> UnitMotion:
-        """The same motion by its linear parts about another point.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The motion about the new point.
-        """
+        """The same by its linear parts about another point; `arm`: the old from the new (m)."""
         linear, rate, acceleration = (
             add(tape, part, minus(cross(tape, turning, arm)))
             for part, turning in (
@@ -111,11 +91,7 @@ class UnitMotion:
     def beyond(self, tape: Scalars, other: UnitMotion) -> UnitMotion:
         """What a turn does beyond a turn about a parallel axis: a motion that turns nothing.
 
-        Args:
-            other: The turn about that axis, about the same point and in the same frame.
-
-        Returns:
-            The difference.
+        `other` is the turn about that axis, about the same point and in the same frame.
         """
         return replace(
             STILL,
@@ -139,14 +115,7 @@ class MovingBody:
     wrench: Wrench
 
     def turned(self, tape: Scalars, rotations: Sequence[Rotation]) -> MovingBody:
-        """The body in another frame.
-
-        Args:
-            rotations: Take components in this frame to those in the other, one after the other.
-
-        Returns:
-            The body in the other frame.
-        """
+        """The body in another frame, to which `rotations` take components one after the other."""
         return MovingBody(
             moved(tape, self.inertia, rotations),
             moved(tape, self.moments, rotations),
@@ -168,14 +137,7 @@ class Column:
     couple: Vector
 
     def turned(self, tape: Scalars, rotations: Sequence[Rotation]) -> Column:
-        """The column in another frame.
-
-        Args:
-            rotations: Take components in this frame to those in the other, one after the other.
-
-        Returns:
-            The column in the other frame.
-        """
+        """The column in another frame, to which `rotations` take components one after another."""
         mass, rate, angle = (
             moved(tape, wrench, rotations) for wrench in (self.mass, self.rate, self.angle)
         )
@@ -185,13 +147,9 @@ class Column:
         return Column(mass, rate, angle, couple)
 
     def by_angle(self, tape: Scalars, motion: UnitMotion) -> sp.Expr:
-        """How the force on this coordinate depends on a coordinate that carries it.
+        """Derivative of this coordinate's force by a coordinate that carries it.
 
-        Args:
-            motion: That of the carrying coordinate, about the column's point and in its frame.
-
-        Returns:
-            The derivative.
+        `motion` is the carrying coordinate's, about the column's point and in its frame.
         """
         turning = tape.let(
             dot_products((motion.acceleration, self.mass.moment), (motion.rate, self.couple))
@@ -199,14 +157,7 @@ class Column:
         return tape.let(turning + dot_products((motion.linear_acceleration, self.mass.force)))
 
     def by_rate(self, tape: Scalars, motion: UnitMotion) -> sp.Expr:
-        """How the force on this coordinate depends on the rate of one that carries it.
-
-        Args:
-            motion: As of `by_angle`.
-
-        Returns:
-            The derivative.
-        """
+        """Derivative of this coordinate's force by the rate of one that carries it."""
         turning = tape.let(
             dot_products((motion.twice_rate, self.mass.moment), (motion.axis, self.couple))
         )
@@ -214,15 +165,7 @@ class Column:
 
 
 def column(tape: Scalars, motion: UnitMotion, body: MovingBody) -> Column:
-    """The wrenches that a coordinate takes.
-
-    Args:
-        motion: What it does to the body that it moves.
-        body: That body, about the same point and in the same frame.
-
-    Returns:
-        The column about that point, in that frame.
-    """
+    """The column of a coordinate by its motion and the body that it moves, about one point."""
     inertia, moments, wrench = body.inertia, body.moments, body.wrench
     second = tuple(tuple(inertia.entry(i, j) for j in range(3)) for i in range(3))
     rows, columns = moments.rows, tuple(zip(*moments.rows, strict=True))
@@ -259,27 +202,12 @@ def column(tape: Scalars, motion: UnitMotion, body: MovingBody) -> Column:
 
 
 def dot_products(*pairs: tuple[Vector, Vector]) -> sp.Expr:
-    """A sum of scalar products, without a name on a tape.
-
-    Args:
-        pairs: Two vectors each, in one frame.
-
-    Returns:
-        The sum.
-    """
+    """A sum of scalar products, without a name on a tape."""
     return sp.Add(*(times(p, q) for a, b in pairs for p, q in zip(a, b, strict=True)))
 
 
 def _rest(tape: Scalars, rows: Sequence[Sequence[sp.Expr]], vector: Vector) -> Vector:
-    """(tr X·1 − Xᵀ) applied to a vector.
-
-    Args:
-        rows: Rows of X.
-        vector: The vector, in the same frame.
-
-    Returns:
-        The product in that frame.
-    """
+    """(tr X·1 − Xᵀ) applied to a vector; X by rows."""
     entries = []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

@@ -32,16 +32,7 @@ class VelocityCoupling:
     def rigid(
         cls, tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector
     ) -> VelocityCoupling:
-        """Of a rigid body.
-
-        Args:
-            inertia: The body about a point.
-            omega, velocity: Twice its angular velocity and twice the point's velocity, in the
-                same frame.
-
-        Returns:
-            The coupling about the point.
-        """
+        """Of a rigid body about a point; `omega` and `velocity` are twice its ω and the point's."""
         first = inertia.moment
         x, y, z = add(tape, cross(tape, omega, first), scale(tape, inertia.mass, velocity))
         spins = [cross(tape, omega, _row(inertia, i)) for i in range(3)]
@@ -64,25 +55,11 @@ class VelocityCoupling:
         return [*self.force, *self.moment]
 
     def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
-        """Of both subtrees.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """Of both subtrees about one point, in one frame."""
         return _of_rows([add(tape, a, b) for a, b in zip(self.rows, other.rows, strict=True)])
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> VelocityCoupling:
-        """The same in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The coupling in the frame that `rotation` turns from.
-        """
+        """The same in another frame, to which `rotation` takes components."""
         if rotation.is_identity:
             return self
         return VelocityCoupling(
@@ -90,14 +67,7 @@ class VelocityCoupling:
         )
 
     def shifted(self, tape: Scalars, arm: Vector) -> VelocityCoupling:
-        """The same about another point.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The coupling about the new point.
-        """
+        """The same about another point; `arm` is the old point from the new one (m)."""
         if arm == ZERO:
             return self
         force, moment = self.force, self.moment
@@ -117,16 +87,10 @@ class VelocityCoupling:
     def without(
         self, tape: Scalars, direction: int, ratios: Sequence[sp.Expr], left: Vector
     ) -> VelocityCoupling:
-        """What the parent feels while a joint is free.
+        """What the parent feels while a joint, of direction 0 … 5, is free.
 
-        Args:
-            direction: The joint's, 0 … 5.
-            ratios: Of the joint's solved equation, for each row.
-            left: What is left of the joint's own row, zero without armature: written as a
-                difference it would cancel.
-
-        Returns:
-            The coupling less what the joint gives way to.
+        `ratios` are those of its solved equation, row by row. `left` is what is left of the joint's
+        own row, zero without armature: written as a difference it would cancel.
         """
         own = self.rows[direction]
         return _of_rows(

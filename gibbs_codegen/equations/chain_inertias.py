@@ -16,26 +16,14 @@ AXIS_PAIRS = ("xx", "yy", "zz", "xy", "xz", "yz")
 def second_moments(
     xx: sp.Expr, yy: sp.Expr, zz: sp.Expr, xy: sp.Expr, xz: sp.Expr, yz: sp.Expr
 ) -> tuple[sp.Expr, ...]:
-    """Second moments of mass, as the derivation has them, of an inertia matrix.
-
-    Args:
-        xx, yy, zz, xy, xz, yz: Entries of the inertia matrix (kg m²).
-
-    Returns:
-        ∫x², ∫y², ∫z², ∫xy, ∫xz, ∫yz over the mass (kg m²).
-    """
+    """∫x², ∫y², ∫z², ∫xy, ∫xz, ∫yz over the mass, by the entries of the inertia matrix (kg m²)."""
     return ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
 
 
 def defined_inertias(symbolic: SymbolicRobot, chain: Chain) -> list[Inertia]:
     """Inertias of the base and of what follows it in a chain, each about its joint.
 
-    Args:
-        symbolic: The robot in symbols.
-        chain: One of its chains.
-
-    Returns:
-        The inertias, in the parameters; zero for those that have their mass in another chain.
+    They are in the parameters; zero for those that have their mass in another chain.
     """
     core = symbolic.core_inertia() if chain.has_core else NO_INERTIA
     if chain.rod is not None:

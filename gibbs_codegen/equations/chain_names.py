@@ -39,11 +39,7 @@ _RATE, _ACCELERATION = ": its rate", ": its acceleration"
 def hybrid_names(robot: Robot) -> dict[str, Name]:
     """Names of the hybrid unknowns, without their dots, and of the inputs.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        The names, by the names that generated modules have; bodies by their numbers.
+    They are by the names that generated modules have, with bodies by their numbers.
     """
     free, acting = free_unknowns(robot), inputs(robot)
     own = layout_of(robot).v
@@ -67,15 +63,7 @@ def _letter(robot: Robot, i: int) -> str:
 
 
 def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
-    """Names of everything that occurs in a chain but for fixed angles.
-
-    Args:
-        symbolic: The robot in symbols.
-        chain: One of its chains.
-
-    Returns:
-        Names of coordinates, inputs and parameters, by symbol.
-    """
+    """Names of everything that occurs in a chain but for fixed angles, by symbol."""
     robot = symbolic.robot
     base = list(_base_names(symbolic, chain.number))
     # As among the velocities: joints before the position, but after the twist of a quaternion.
@@ -94,15 +82,7 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
 
 
 def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of the base's coordinates, velocities and accelerations.
-
-    Args:
-        symbolic: The robot in symbols.
-        number: Of the chain.
-
-    Yields:
-        Each symbol and its name.
-    """
+    """Symbols and names of the base's coordinates, velocities and accelerations in a chain."""
     layout, coordinates = layout_of(symbolic.robot), reduced_coordinates(symbolic.robot)
     if layout.is_quaternion:
         for place in layout.q.base:
@@ -137,16 +117,7 @@ def _moving(
     meaning: str,
     unit: str,
 ) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of a coordinate, its rate and its acceleration.
-
-    Args:
-        symbols: All three.
-        letter, index: Of their names.
-        meaning, unit: Of the coordinate.
-
-    Yields:
-        Each symbol and its name.
-    """
+    """Symbols and names of a coordinate, its rate and its acceleration."""
     kinds = (
         (Kind.COORDINATE, "", f" ({unit})"),
         (Kind.RATE, "dot", f"{_RATE} ({unit}/s)"),
@@ -157,28 +128,12 @@ def _moving(
 
 
 def jointed_links(robot: Robot, chain: Chain) -> list[int]:
-    """Links of a chain with joints of their own.
-
-    Args:
-        robot: The robot.
-        chain: One of its chains.
-
-    Returns:
-        Numbers of the links whose joints move or are held; none for a base rod.
-    """
+    """Numbers of a chain's links whose joints move or are held; none for a base rod."""
     return [i for i in chain.path if i in robot.moving or i in robot.constrained]
 
 
 def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of the chain's joints: coordinates, rates and accelerations, or the constraint torque.
-
-    Args:
-        symbolic: The robot in symbols.
-        chain: One of its chains.
-
-    Yields:
-        Each symbol and its name.
-    """
+    """Names of the joints' coordinates, rates and accelerations, or the constraint torque."""
     robot, layout = symbolic.robot, layout_of(symbolic.robot)
     coordinates = {c.name: c for c in reduced_coordinates(robot)}
     jointed = [robot.rotors + i for i in jointed_links(robot, chain)]
@@ -204,15 +159,7 @@ def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Sym
 
 
 def _input_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of what acts in a chain: thrusts of rods by the item, others by the rotor.
-
-    Args:
-        symbolic: The robot in symbols.
-        chain: One of its chains.
-
-    Yields:
-        Each symbol and its name.
-    """
+    """Names of what acts in a chain: thrusts of rods by the item, others by the rotor."""
     robot, acting = symbolic.robot, inputs(symbolic.robot)
     for k in chain.motors:
         index = str(k)
@@ -228,15 +175,7 @@ def _input_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Sym
 
 
 def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of the parameters, but for those of frames, which no chain has.
-
-    Args:
-        robot: The robot.
-        parameters: Its parameters.
-
-    Yields:
-        Each symbol and its name.
-    """
+    """Names of the parameters, but for those of frames, which no chain has."""
     bodies: list[tuple[NamedKind, str, str | None, str]] = [
         (
             "rod" if isinstance(link.body, Rod) else "link",

@@ -64,16 +64,7 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
 def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.Expr]]:
     """I_j and R_j (eq. 15) in symbols that read well, collected by products of rates.
 
-    Args:
-        robot: The robot.
-        chain: Number of the chain, 1 to N.
-        most: Terms that both may have together.
-
-    Returns:
-        The mass matrix, and the residual.
-
-    Raises:
-        TooLongError: If they have more terms.
+    `chain` is from 1. Raises `TooLongError` if both have more than `most` terms together.
     """
     readable = readable_chain(robot, chain)
     tape, root, serial = readable.symbolic.tape, readable.symbolic.root, readable.serial

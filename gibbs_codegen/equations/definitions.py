@@ -40,10 +40,7 @@ class Definitions:
     def name(self, symbol: sp.Symbol, value: sp.Expr) -> None:
         """Define `symbol` as what the tape has for `value`, and read it in its place from now on.
 
-        Args:
-            symbol: The symbol.
-            value: An expression of the tape. One that is a number, a symbol or already has a name
-                is defined, but read by that.
+        A value that is a number, a symbol or already has a name is defined, but read by that.
         """
         sign, original = signed(value)
         if original in self._values or original not in self._tape.statements:
@@ -55,14 +52,7 @@ class Definitions:
             self._values[original] = sign * symbol
 
     def expression(self, value: sp.Expr) -> sp.Expr:
-        """Write a value in the names that are defined so far.
-
-        Args:
-            value: An expression of the tape.
-
-        Returns:
-            The same in numbered quantities, which are defined as need be, and names.
-        """
+        """A value in names, and numbered quantities, which are defined as need be."""
         leaves = {symbol: self._value(symbol) for symbol in _symbols(value)}
         return value.xreplace(leaves)
 
@@ -116,14 +106,7 @@ def _count_leaves(expression: sp.Expr) -> int:
 
 
 def step_names(lines: Iterable[Definition]) -> dict[sp.Symbol, Name]:
-    """Names of the quantities that definitions number.
-
-    Args:
-        lines: Definitions, those of other quantities among them.
-
-    Returns:
-        Names by symbol.
-    """
+    """Names, by symbol, of the quantities that definitions number."""
     return {
         symbol: name("h", symbol.name.removeprefix("h_"), Kind.STEP, "")
         for symbol, _ in lines

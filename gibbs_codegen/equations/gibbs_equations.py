@@ -17,15 +17,10 @@ from gibbs_codegen.robot.model import Robot
 
 
 def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
-    """S_j, up to terms free of accelerations where it is closed: ½θ̈ᵀI_jθ̈ − R_jᵀθ̈.
+    """S_j (eq. 2), up to terms free of accelerations where it is closed: ½θ̈ᵀI_jθ̈ − R_jᵀθ̈.
 
-    Args:
-        robot: The robot.
-        chain: Number of the chain, 1 to N.
-        most: Terms of I_j and R_j together, at most, in a closed form.
-
-    Returns:
-        Eq. 2, as definitions if it has more terms: S_j is then the sum of the items' own.
+    If I_j and R_j have more than `most` terms together, it is definitions: S_j is then the sum of
+    the items' own.
     """
     readable = readable_chain(robot, chain)
     total, accelerations = sp.Symbol("S"), readable.state.accelerations
@@ -64,15 +59,9 @@ def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
 
 
 def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
-    """∂S_j/∂θ̈_{j,i} = I_jθ̈_j − R_j, row by row.
+    """∂S_j/∂θ̈_{j,i} = I_jθ̈_j − R_j (eq. 5), row by row.
 
-    Args:
-        robot: The robot.
-        chain: Number of the chain, 1 to N.
-        most: Terms of I_j and R_j together, at most, in a closed form.
-
-    Returns:
-        Eq. 5, as definitions if it has more terms.
+    If I_j and R_j have more than `most` terms together, it is definitions.
     """
     readable = readable_chain(robot, chain)
     closed, names, accelerations = True, readable.names, readable.state.accelerations

@@ -19,13 +19,7 @@ from gibbs_codegen.robot.model import Robot
 def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
     """I_jθ̈_j − ζ_{j,4}τ'_j = R_j + F_j with ζᵀθ̈_j = 0, or without τ'_j in the last chain.
 
-    Args:
-        robot: The robot.
-        chain: Number of the chain, 1 to N.
-        most: Terms of I_j and R_j together, at most, in a closed form.
-
-    Returns:
-        Eq. 15, with I_j and R_j as definitions if they have more terms.
+    This is eq. 15, with I_j and R_j as definitions if they have more than `most` terms together.
     """
     readable = readable_chain(robot, chain)
     forces = [collected(f, readable.symbolic.u, 1000) for f in generalised_forces(readable)]
@@ -74,16 +68,7 @@ class _NamedEntries:
         self.lines = lines
 
     def entry(self, letter: str, places: Iterable[int], value: sp.Expr) -> sp.Expr:
-        """Define an entry.
-
-        Args:
-            letter: I, R or F.
-            places: Its row, or its row and column, counted from 0.
-            value: What it is.
-
-        Returns:
-            Its symbol, or zero.
-        """
+        """Symbol of an entry of I, R or F at its places from 0, which it defines, or zero."""
         if value == 0:
             return value
         text = ",".join(str(place + 1) for place in places)

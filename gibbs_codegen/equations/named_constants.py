@@ -36,15 +36,7 @@ class Made:
         self._names = names
 
     def inertia(self, item: int, inertia: Inertia) -> Inertia:
-        """Name the entries of an inertia.
-
-        Args:
-            item: Number of the item in the chain, counted from 1.
-            inertia: The item's inertia about its joint, in the parameters.
-
-        Returns:
-            The inertia in symbols, those that are zero left out.
-        """
+        """Inertia of an item, from 1, about its joint, with entries named that are not zero."""
         of_item = f"of item {item}"
         mass = self._inertial("B_0", item, "", inertia.mass, f"mass {of_item} (kg)")
         words = f"first moment of mass {of_item}, whose skew matrix is B_1 (kg m)"
@@ -74,14 +66,7 @@ class Made:
     ) -> sp.Expr:
         """Name an entry of an inertia, unless it is zero.
 
-        Args:
-            letter, item, axes: Of its name.
-            value: The entry in the parameters.
-            meaning: For the legend.
-            known: Symbols by their values; one that has the same value is read in place of this.
-
-        Returns:
-            Its symbol, or zero.
+        A symbol in `known` that has the same value is read in place of this.
         """
         value = _settled(value)
         if value == 0:
@@ -93,15 +78,7 @@ class Made:
         return same
 
     def placed(self, item: int, link: JointedLink) -> JointedLink:
-        """Name the places of a link's joint that are more than a parameter.
-
-        Args:
-            item: Number of the item in the chain, counted from 1.
-            link: The link, in the parameters.
-
-        Returns:
-            The link in symbols.
-        """
+        """A link with those places of its joint named that are more than a parameter."""
         words = f"place of the joint of item {item}, in the frame of item {item - 1}"
         if link.turn_deg % 360:
             words += f" turned by {_degrees(link.turn_deg)} about z"
@@ -114,15 +91,7 @@ class Made:
         return replace(link, step=(step[0], step[1], step[2]), d=d)
 
     def wrench(self, k: int, mounted: MountedWrench) -> MountedWrench:
-        """Name the components of a rotor's wrench that hold numbers of the robot file.
-
-        Args:
-            k: Number of the rotor, from 1.
-            mounted: The wrench per unit of thrust, in the parameters.
-
-        Returns:
-            The wrench in symbols.
-        """
+        """Wrench of rotor k ≥ 1 per unit of thrust, numbers of the file in it named."""
         item = 3 + mounted.segment
         parts = {
             "e": (mounted.wrench.force, f"direction of thrust {k} in the frame of item {item}"),
@@ -145,14 +114,8 @@ class Made:
     ) -> sp.Expr:
         """Name a constant, unless it is a parameter or an exact number.
 
-        Args:
-            letter, index: Of its name; the index without the chain.
-            value: The constant in the parameters.
-            meaning: For the legend.
-            numeric: Whether it keeps its own form if there are no floating-point numbers in it.
-
-        Returns:
-            Its symbol, or the value.
+        `index` is without the chain. With `numeric` the value keeps its own form if there are no
+        floating-point numbers in it.
         """
         value = _settled(value)
         if (signed(value)[1].is_Atom or numeric) and not value.has(sp.Float):
@@ -165,15 +128,7 @@ class Made:
     def _symbol(
         self, internal: str, letter: str, index: str, kind: Kind, meaning: str
     ) -> sp.Symbol:
-        """A symbol on the tape, with its name.
-
-        Args:
-            internal: The symbol's own name.
-            letter, index, kind, meaning: As `notation.name` takes them.
-
-        Returns:
-            The symbol.
-        """
+        """A symbol on the tape, with a name as `notation.name` composes it."""
         symbol: sp.Symbol = self._tape.symbol(internal, Stage.PARAMETER)
         self._names[symbol] = name(letter, index, kind, meaning)
         return symbol
@@ -193,13 +148,7 @@ def fixed_rotation(
 ) -> Rotation:
     """Rotation by an angle that the robot file fixes: exact, or with the angle as a symbol.
 
-    Args:
-        names: Takes the name of the symbol: the angle in degrees.
-        axis: 0 or 2 for x or z.
-        degrees: The angle.
-
-    Returns:
-        The rotation.
+    `names` takes the name of the symbol; the angle is in degrees, about x (0) or z (2).
     """
     degrees %= 360
     if degrees % 30 == 0 or degrees % 45 == 0:

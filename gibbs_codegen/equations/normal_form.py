@@ -26,17 +26,9 @@ class TooLongError(Exception):
 def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.Expr:
     """The expression multiplied out and collected by products of `keys`.
 
-    Args:
-        expression: Rational numbers and their square roots, symbols, sines and cosines, sums,
-            products and positive powers.
-        keys: The symbols by whose products to collect.
-        most: Terms in any step, at most.
-
-    Returns:
-        An equal expression; in each coefficient common factors stand before the sum.
-
-    Raises:
-        TooLongError: If a step has more terms.
+    It is made of rational numbers and their square roots, symbols, sines and cosines, sums,
+    products and positive powers. In each coefficient common factors stand before the sum. Raises
+    `TooLongError` if a step has more than `most` terms.
     """
     found = _leaves(expression)
     if not found:
@@ -60,14 +52,7 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
 
 
 def count_terms(expression: sp.Expr) -> int:
-    """Count the terms of an expression.
-
-    Args:
-        expression: The expression.
-
-    Returns:
-        How many terms are added anywhere in it, one at least.
-    """
+    """How many terms are added anywhere in an expression, one at least."""
     if expression.is_Add or expression.is_Mul:
         counts = [count_terms(argument) for argument in expression.args]
         return sum(counts) if expression.is_Add else max(counts)
@@ -205,15 +190,9 @@ class _Expansion:
 
 
 def _square_replaced(terms: Terms, place: int, value: list[tuple[int | None, int]]) -> Terms:
-    """Replace the square of a leaf.
+    """Replace the square of the leaf at a place, which then has no power above one.
 
-    Args:
-        terms: A polynomial.
-        place: Of the leaf.
-        value: What the square is: a sum of numbers (None) and numbers times squares of leaves.
-
-    Returns:
-        An equal polynomial in which that leaf has no power above one.
+    `value` is a sum of numbers (None) and numbers times squares of leaves.
     """
     while any(monomial[place] > 1 for monomial in terms):
         replaced: Terms = defaultdict(lambda: sp.QQ(0))
@@ -234,13 +213,7 @@ def _square_replaced(terms: Terms, place: int, value: list[tuple[int | None, int
 def _folded(terms: Terms, kept: int, folded: int) -> Terms:
     """Write p·(1 − x²) as p·y², where x and y are cosine and sine or the other way round.
 
-    Args:
-        terms: A polynomial.
-        kept: Place of x.
-        folded: Place of y.
-
-    Returns:
-        An equal polynomial.
+    `kept` is the place of x, `folded` that of y.
     """
     result = dict(terms)
     for monomial in sorted(terms, reverse=True):
@@ -260,13 +233,7 @@ def _folded(terms: Terms, kept: int, folded: int) -> Terms:
 def _merged(terms: Terms, cos_a: int, sin_a: int, cos_b: int, sin_b: int, c: int, s: int) -> Terms:
     """Write cos a·cos b + sin a·sin b as cos(a − b), sin a·cos b − cos a·sin b as sin(a − b).
 
-    Args:
-        terms: A polynomial.
-        cos_a, sin_a, cos_b, sin_b: Places of the functions of a and b.
-        c, s: Places of cos(a − b) and sin(a − b).
-
-    Returns:
-        An equal polynomial.
+    The arguments are places of these functions; `c` and `s` those of a − b.
     """
     result = dict(terms)
     for (first, second), (third, fourth), sign, merged in (

@@ -63,19 +63,10 @@ _MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
 def name(
     letter: str, index: str, kind: Kind, meaning: str, mark: str = "", prime: bool = False
 ) -> Name:
-    """Compose a name.
+    """Compose a name of a letter with a dot, ddot or bar above, an index and a prime.
 
-    Args:
-        letter: Such as theta or l; one with a digit, such as B_0, stands in parentheses if it has
-            an index, which would look like part of the digit.
-        index: The subscript, or "".
-        kind: What the symbol stands for.
-        meaning: For the legend, with the unit.
-        mark: What stands above the letter: dot, ddot, bar or nothing.
-        prime: Whether a prime follows the letter.
-
-    Returns:
-        The name.
+    A letter with a digit, such as B_0, stands in parentheses if it has an index, which would look
+    like part of the digit. The meaning is for the legend, with the unit.
     """
     greek = _GREEK.get(letter, letter)
     text, latex = (
@@ -93,27 +84,13 @@ def name(
 
 
 def latex_index(index: str) -> str:
-    """A subscript in LaTeX.
-
-    Args:
-        index: Its text, or "".
-
-    Returns:
-        The subscript, or "".
-    """
+    """A subscript in LaTeX, or ""."""
     degrees = r"^{\circ}"
     return f"_{{{index.replace('°', degrees)}}}" if index else ""
 
 
 def text_index(index: str) -> str:
-    """A subscript in plain text.
-
-    Args:
-        index: Its text, or "".
-
-    Returns:
-        The subscript, or "".
-    """
+    """A subscript in plain text, or ""."""
     return "" if not index else f"_{index}" if len(index) == 1 else f"_{{{index}}}"
 
 
@@ -142,18 +119,9 @@ _PARAMETERS = (
 def parameter_name(internal: str, rotors: int, default: float, unit: str, whose: str = "") -> Name:
     """Name of a parameter: g, l_k, μ_k, m_k … by the number k of its arm.
 
-    Args:
-        internal: The name in the derivation of a robot whose links and rotors have no names.
-        rotors: N; the arm's first link is arm N + 1.
-        default: Value in the robot file.
-        unit: Of the value, with ^2 for squares.
-        whose: What the link or rotor is called, if it has a name.
-
-    Returns:
-        The name.
-
-    Raises:
-        ValueError: If there is no such parameter.
+    `internal` is its name in a robot whose links and rotors have none, `whose` the link's or
+    rotor's; the arm's first link is arm N + 1. Value and unit, with ^2 for squares, go into the
+    meaning. Raises `ValueError` if there is no such parameter.
     """
     value = f" ({default:.6g} {unit.replace('^2', '²')})"
     if internal == "gravity":
@@ -179,15 +147,7 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str, whose:
 
 
 def hybrid_name(internal: str, meaning: str) -> Name:
-    """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k.
-
-    Args:
-        internal: The derivation's name.
-        meaning: For the legend, with the unit.
-
-    Returns:
-        The name.
-    """
+    """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k."""
     if internal in _LINEAR:
         return name(internal, "", Kind.COORDINATE, meaning)
     if internal.startswith("tau_prime_"):
@@ -200,14 +160,7 @@ def hybrid_name(internal: str, meaning: str) -> Name:
 
 
 def accelerated(unknown: Name) -> Name:
-    """The hybrid unknown that belongs to a hybrid coordinate.
-
-    Args:
-        unknown: A coordinate, or a constraint torque.
-
-    Returns:
-        A coordinate with two dots, a velocity with one, or the torque as it is.
-    """
+    """The unknown of a hybrid coordinate: two dots, one of a velocity, none of a torque."""
     if unknown.kind is Kind.INPUT:
         return unknown
     letter, separator, index = unknown.latex.partition("_")

@@ -145,26 +145,14 @@ def _form_legend(equations: Sequence[ChainEquation]) -> list[tuple[str, str, str
 def filled_form(form: str, equation: ChainEquation) -> str:
     """A form of the paper with the number of the chain, and the unknowns of the robot.
 
-    Args:
-        form: The form, in LaTeX or text.
-        equation: The equation that it is of.
-
-    Returns:
-        The form; with a quaternion the unknowns are rates of velocities.
+    With a quaternion these are rates of velocities.
     """
     form = form.replace("@", str(equation.chain))
     return form.replace(r"\ddot{\theta}", r"\dot{v}").replace("θ̈", "v̇") if equation.quasi else form
 
 
 def held_indices(equation: ChainEquation) -> list[str]:
-    """Indices of the constraint torques of a chain.
-
-    Args:
-        equation: Eq. 15 of the chain.
-
-    Returns:
-        Such as "2,4", by the items that are held.
-    """
+    """Indices, such as "2,4", of a chain's constraint torques, by the items that are held."""
     return [equation.names[torque].index for torque in equation.torques]
 
 

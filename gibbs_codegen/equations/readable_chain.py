@@ -92,15 +92,7 @@ class ReadableChain:
 
 
 def check_chain(robot: Robot, number: int) -> None:
-    """Check that a robot has a chain.
-
-    Args:
-        robot: The robot.
-        number: Of the chain.
-
-    Raises:
-        UsageError: If there is no such chain.
-    """
+    """Raise `UsageError` if a robot has no chain of a number."""
     chains = len(decompose(robot))
     if not 1 <= number <= chains:
         only = "only chain 1" if chains == 1 else f"chains 1 to {chains}"
@@ -108,15 +100,9 @@ def check_chain(robot: Robot, number: int) -> None:
 
 
 def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> ReadableChain:
-    """An open chain in symbols that read well.
+    """Open chain `number`, from 1, in symbols that read well.
 
-    Args:
-        robot: The robot.
-        number: Of the chain, 1 to N.
-        tape: The tape; without one, on a tape that names nothing.
-
-    Returns:
-        The chain.
+    Without a tape it is on one that names nothing.
     """
     tape = tape or InlineTape()
     symbolic = SymbolicRobot.of(robot, tape)
@@ -172,12 +158,6 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
 
     The derivation keeps segments on parallel axes in one frame, and a last segment in that of its
     parent, which saves operations and takes explaining.
-
-    Args:
-        readable: The chain.
-
-    Returns:
-        The chain of n segments as n + 1.
     """
     symbolic, serial = readable.symbolic, readable.serial
     segments = [serial.segments[0]]
@@ -202,14 +182,7 @@ def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
-    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13).
-
-    Args:
-        readable: The chain.
-
-    Returns:
-        An entry for each of its coordinates.
-    """
+    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13)."""
     chain, symbolic, serial = readable.chain, readable.symbolic, readable.serial
     tape, u = symbolic.tape, symbolic.u
     places = symbolic.root.places(serial.joints)
@@ -228,18 +201,10 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
 
 
 def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> MountedWrench:
-    """Wrench of motor k per unit of thrust, in the frame of what it is on.
+    """Wrench of motor k ≥ 1 per unit of thrust, in the frame of what it is on (1 and m).
 
     That of a rod's motor is about the rod's joint; for motor 1 it is about the origin of the
     coordinates, at its seat or one rod from it.
-
-    Args:
-        symbolic: The robot in symbols.
-        chain: The chain in which it acts.
-        k: Number of the motor, from 1.
-
-    Returns:
-        The wrench (1 and m).
     """
     if symbolic.robot.thrusters:
         return rotor_wrench(symbolic, symbolic.chain_bodies(chain), k)
@@ -271,14 +236,6 @@ def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -
 
     Where θ_{j,3} turns about the base normal as well, their sum turns the arm, as in an arm's
     links.
-
-    Args:
-        symbolic: The robot in symbols.
-        segment: The arm as the derivation has it.
-        angle: θ_{j,4}.
-
-    Returns:
-        The arm with that angle.
     """
     root = symbolic.root
     rotation = Rotation.angle(symbolic.tape, Z, root.segment_angle + angle)
@@ -288,12 +245,7 @@ def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -
 def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
     """The state of an open chain in symbols.
 
-    Args:
-        symbolic: The robot in symbols.
-        chain: One of its chains.
-
-    Returns:
-        Rates, zero where a joint is constrained, and accelerations, which constrained joints keep.
+    Rates are zero where a joint is constrained; accelerations are kept there.
     """
     names = layout_of(symbolic.robot).v.names
     free_rates = dict(zip(names, symbolic.v, strict=True))

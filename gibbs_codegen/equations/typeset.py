@@ -49,14 +49,7 @@ def _latex_width(text: str) -> int:
 
 
 def text_width(text: str) -> int:
-    """Width of plain text.
-
-    Args:
-        text: The text.
-
-    Returns:
-        As many letters as are seen: dots above take no room.
-    """
+    """Width of plain text: as many letters as are seen, since dots above take no room."""
     return sum(not unicodedata.combining(letter) for letter in text)
 
 
@@ -100,36 +93,15 @@ class Writer:
         self.angles: dict[str, sp.Expr] = {}
 
     def line(self, expression: sp.Expr) -> str:
-        """An expression on one line.
-
-        Args:
-            expression: The expression.
-
-        Returns:
-            The line.
-        """
+        """An expression on one line."""
         return " ".join(self.pieces(expression))
 
     def pieces(self, expression: sp.Expr) -> list[str]:
-        """An expression cut where a line may end.
-
-        Args:
-            expression: The expression.
-
-        Returns:
-            Its pieces, each but the first beginning with the sign of a term.
-        """
+        """An expression cut where a line may end; pieces after the first begin with a sign."""
         return [piece for term in self.terms(expression) for piece in term]
 
     def terms(self, expression: sp.Expr) -> list[list[str]]:
-        """Terms of an expression.
-
-        Args:
-            expression: The expression.
-
-        Returns:
-            The terms in order, each cut where a line may end within it.
-        """
+        """Terms of an expression in order, each cut where a line may end within it."""
         terms: list[list[str]] = []
         for term in sorted(sp.Add.make_args(expression), key=self._term_key):
             number, factors = _number_and_factors(term)
@@ -195,14 +167,7 @@ class Writer:
         raise TypeError(f"no way to write {type(base).__name__}: {base}")
 
     def angle_index(self, angle: sp.Expr) -> str:
-        """The index of s and c.
-
-        Args:
-            angle: A sum of coordinates and a fixed angle.
-
-        Returns:
-            The index of the angle; that of a sum as j,3+4, a fixed part in degrees.
-        """
+        """The index of s and c; that of a sum of angles as j,3+4, a fixed part in degrees."""
         fixed, moving = angle.as_independent(*angle.free_symbols, as_Add=True)
         symbols = sp.Add.make_args(moving) if moving != 0 else ()
         indices = [self._names[s].index for s in sorted(symbols, key=self._places.__getitem__)]
@@ -215,14 +180,7 @@ class Writer:
         return text
 
     def angle(self, angle: sp.Expr) -> str:
-        """An angle itself, for a legend.
-
-        Args:
-            angle: A sum of coordinates and a fixed angle.
-
-        Returns:
-            The sum, with the fixed angle as a multiple of π.
-        """
+        """An angle itself, for a legend: a sum, with the fixed part as a multiple of π."""
         fixed, symbols = angle.as_independent(*angle.free_symbols, as_Add=True)
         ordered = sorted(sp.Add.make_args(symbols), key=lambda s: self._places.get(s, 0))
         parts = [self._dialect.symbol(self._names[s]) for s in ordered if s.is_Symbol]
@@ -276,19 +234,11 @@ def _number_and_factors(term: sp.Expr) -> tuple[sp.Expr, tuple[sp.Expr, ...]]:
 def filled(
     terms: Sequence[Sequence[str]], first: int, width: int, visible: Callable[[str], int]
 ) -> list[tuple[int, str]]:
-    """Put terms on lines.
+    """Put terms, each in pieces, on lines of a width, of which the first has room for `first`.
 
     Terms that are longer than a line, and what follows them, begin lines of their own; within a
-    piece no line ends.
-
-    Args:
-        terms: Each in pieces.
-        first: Letters on the first line, at most.
-        width: Letters on the others, at most.
-        visible: Tells how many letters of a text are seen.
-
-    Returns:
-        The lines, each with its depth: 0 if it begins a term, 1 if it goes on within one.
+    piece no line ends. `visible` tells how many letters of a text are seen. A line comes with its
+    depth: 0 if it begins a term, 1 if it goes on within one.
     """
     lines: list[tuple[int, str]] = []
     room, broken = first, False

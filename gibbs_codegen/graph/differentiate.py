@@ -21,15 +21,7 @@ Matrix: TypeAlias = list[list[Ref]]
 
 
 def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
-    """Derivatives of a node by its operands.
-
-    Args:
-        graph: The graph; derivatives are made in it.
-        node: The node.
-
-    Returns:
-        Operands by their nodes, each with the derivative; an operand twice where it stands twice.
-    """
+    """Operands of a node, each with the derivative by it; twice where it stands twice."""
     kind, operands = graph.kinds[node], graph.operands[node]
     if kind is Kind.SUM:
         return [(ref >> 1, graph.one ^ (ref & 1)) for ref in operands]
@@ -47,18 +39,9 @@ def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
 
 
 def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -> Ref:
-    """The derivative of a function at its argument.
+    """The derivative of a function at its argument, zero for a sign, constant wherever it has one.
 
-    Args:
-        graph: The graph.
-        node: The call.
-        function, argument: Its function and argument.
-
-    Returns:
-        The derivative, zero for a sign, which is constant wherever it has one.
-
-    Raises:
-        ValueError: The derivative of the function is not known.
+    `node` is the call. Raises `ValueError` where the derivative of the function is not known.
     """
     match function:
         case "sin":
@@ -77,30 +60,12 @@ def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -
 
 
 def jvp(graph: Graph, outputs: Sequence[Ref], direction: Direction) -> list[Ref]:
-    """Derivatives of outputs in one direction: J·d.
-
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        direction: The rates of the inputs.
-
-    Returns:
-        One derivative for each output.
-    """
+    """Derivatives of outputs in one direction, the rates of the inputs: J·d."""
     return _pushed(graph, outputs, [direction])[0]
 
 
 def jacobian(graph: Graph, outputs: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:
-    """Derivatives of outputs in several directions, forward.
-
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        directions: One for each column.
-
-    Returns:
-        A row for each output.
-    """
+    """Derivatives of outputs (rows) in several directions (columns), forward."""
     columns = _pushed(graph, outputs, directions)
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -108,16 +73,7 @@ def jacobian(graph: Graph, outputs: Sequence[Ref], directions: Sequence[Directio
 def _pushed(
     graph: Graph, outputs: Sequence[Ref], directions: Sequence[Direction]
 ) -> list[list[Ref]]:
-    """Derivatives of outputs in several directions.
-
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        directions: The rates of the inputs, once for each direction.
-
-    Returns:
-        For each direction one derivative for each output.
-    """
+    """For each direction, the rates of the inputs, the derivatives of the outputs."""
     order = graph.reached(outputs)
     inputs = {node for direction in directions for node in direction}
     moving = set(inputs)
@@ -140,16 +96,7 @@ def _pushed(
 
 
 def _signed(graph: Graph, rate: Ref | None, output: Ref) -> Ref:
-    """The rate of an output.
-
-    Args:
-        graph: The graph.
-        rate: That of its node, or None where it does not move.
-        output: The output, which may be the node's opposite.
-
-    Returns:
-        The rate.
-    """
+    """The rate of an output, which may be its node's opposite, from the node's; None is zero."""
     if rate is None:
         return graph.zero
     return graph.minus(rate) if output & 1 else rate
@@ -160,14 +107,7 @@ def vjp(
 ) -> list[Ref]:
     """Derivatives of a weighted sum of outputs by inputs, backward: Jᵀ·w.
 
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        weights: One for each output.
-        inputs: What it is differentiated by, references without signs.
-
-    Returns:
-        One derivative for each input.
+    Inputs are references without signs.
     """
     order = graph.reached(outputs)
     ends = {ref >> 1 for ref in inputs}
@@ -196,13 +136,7 @@ def vjp(
 def hessian(graph: Graph, gradient: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:
     """Second derivatives of a function, forward over its gradient: the lower triangle, mirrored.
 
-    Args:
-        graph: The graph.
-        gradient: Its derivatives in the directions, as `vjp` gives them.
-        directions: One for each entry of the gradient.
-
-    Returns:
-        The symmetric matrix.
+    The gradient is in the directions, as `vjp` gives it.
     """
     size = len(directions)
     matrix = [[graph.zero] * size for _ in range(size)]

@@ -18,16 +18,7 @@ from gibbs_codegen.graph.rebuilding import Rebuilding
 
 
 def factored(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
-    """Factor the sums of a function.
-
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-        origins: Of each node that a pass has made, the one in whose place it stands; added to.
-
-    Returns:
-        The same values, in the same order.
-    """
+    """Factor the sums of a function; `origins` is as of `optimised`."""
     return _Factoring(graph, outputs).rebuilt(origins)
 
 

@@ -26,14 +26,7 @@ class ImportedTape:
         self._words: list[str] = [""]
 
     def ref(self, expression: sp.Expr) -> Ref:
-        """The graph's reference to an expression on the tape.
-
-        Args:
-            expression: A number, a symbol of the tape, or an expression of such.
-
-        Returns:
-            The reference.
-        """
+        """The graph's reference to a number, a symbol of the tape, or an expression of such."""
         self._catch_up()
         found = self._refs.get(expression)
         if found is None:
@@ -41,14 +34,7 @@ class ImportedTape:
         return found
 
     def words(self, groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
-        """Words of groups by node.
-
-        Args:
-            groups: Words by symbol of the tape.
-
-        Returns:
-            The words of every node that is a statement of the tape, the first that it was given.
-        """
+        """First words of each node that is a statement of the tape, by its symbols' groups."""
         found: dict[int, str] = {}
         for symbol, words in groups.items():
             found.setdefault(self.ref(symbol) >> 1, words)
@@ -56,13 +42,9 @@ class ImportedTape:
 
     @contextmanager
     def group(self, words: str) -> Iterator[None]:
-        """Say what the nodes are that are made in a `with` block, and are no statements.
+        """Say, as a comment, what nodes are that are made in a `with` block and are no statements.
 
-        Args:
-            words: As a comment of the emitted code says it.
-
-        Yields:
-            Nothing; what was said before is said again after the block.
+        After the block counts again what was said before.
         """
         outer = self._words[-1]
         self._say(words)
@@ -76,14 +58,7 @@ class ImportedTape:
         self._words.append(words)
 
     def said(self, node: int) -> str:
-        """The words of the block in which a node was made.
-
-        Args:
-            node: The node.
-
-        Returns:
-            The words, or "".
-        """
+        """The words of the block in which a node was made, or ""."""
         return self._words[bisect_right(self._starts, node) - 1]
 
     def _catch_up(self) -> None:

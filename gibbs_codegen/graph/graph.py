@@ -43,26 +43,12 @@ EVEN = ("cos",)
 
 
 def node_of(ref: Ref) -> int:
-    """The node that a reference is to.
-
-    Args:
-        ref: The reference.
-
-    Returns:
-        The number of the node.
-    """
+    """The node that a reference is to."""
     return ref >> 1
 
 
 def opposite(ref: Ref) -> Ref:
-    """The value with the other sign.
-
-    Args:
-        ref: A reference to the value; not to zero, which `Graph.minus` knows.
-
-    Returns:
-        A reference to its opposite.
-    """
+    """The value with the other sign; not of zero, which `Graph.minus` knows."""
     return ref ^ 1
 
 
@@ -91,14 +77,7 @@ class Graph:
     def _node(
         self, kind: Kind, operands: tuple[Ref, ...], label: str | float | None, constant: bool
     ) -> Ref:
-        """A node, made once.
-
-        Args:
-            kind, operands, label, constant: As the class says of nodes.
-
-        Returns:
-            A reference to it.
-        """
+        """A node, made once; the class says what its parts are."""
         key = (kind, operands, label)
         node = self._known.get(key)
         if node is None:
@@ -113,74 +92,31 @@ class Graph:
         return all(self.constant[ref >> 1] for ref in refs)
 
     def symbol(self, name: str, constant: bool = False) -> Ref:
-        """An entry of an argument, or a parameter.
-
-        Args:
-            name: Its name in the program.
-            constant: Whether it is a parameter.
-
-        Returns:
-            A reference to it.
-        """
+        """An entry of an argument, or a parameter if constant, by its name in the program."""
         return self._node(Kind.INPUT, (), name, constant)
 
     def number(self, value: float) -> Ref:
-        """A literal.
-
-        Args:
-            value: Its value.
-
-        Returns:
-            A reference to it.
-        """
+        """A literal."""
         ref = self._node(Kind.NUMBER, (), abs(value), True)
         return ref ^ 1 if value < 0 else ref
 
     def value(self, ref: Ref) -> float | None:
-        """The value of a number.
-
-        Args:
-            ref: A reference.
-
-        Returns:
-            The number with its sign, or None where the node is no number.
-        """
+        """The value of a number with its sign, or None where the node is no number."""
         label = self.labels[ref >> 1]
         if not isinstance(label, float):
             return None
         return -label if ref & 1 else label
 
     def is_zero(self, ref: Ref) -> bool:
-        """Whether a value is zero whatever the arguments.
-
-        Args:
-            ref: A reference.
-
-        Returns:
-            True for the number zero alone.
-        """
+        """Whether a value is zero whatever the arguments: the number zero alone."""
         return ref >> 1 == self.zero >> 1
 
     def minus(self, ref: Ref) -> Ref:
-        """The opposite of a value; zero has none.
-
-        Args:
-            ref: A reference.
-
-        Returns:
-            A reference to the opposite.
-        """
+        """The opposite of a value; zero has none."""
         return ref if self.is_zero(ref) else ref ^ 1
 
     def sum(self, terms: Iterable[Ref]) -> Ref:
-        """A sum; like terms are put together, and so are constants.
-
-        Args:
-            terms: References, signs included.
-
-        Returns:
-            A reference to the sum.
-        """
+        """A sum; like terms are put together, and so are constants."""
         counts = self._coefficients(terms)
         number = 0.0
         constants: list[Ref] = []
@@ -219,14 +155,7 @@ class Graph:
         return self._node(Kind.SUM, refs, None, self._all_constant(refs)) ^ sign
 
     def product(self, first: Ref, second: Ref) -> Ref:
-        """A product of two values; constant factors are put together first.
-
-        Args:
-            first, second: The factors.
-
-        Returns:
-            A reference to the product.
-        """
+        """A product of two values; constant factors are put together first."""
         if self.is_zero(first) or self.is_zero(second):
             return self.zero
         sign = (first ^ second) & 1
@@ -255,28 +184,14 @@ class Graph:
         return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1])
 
     def products(self, factors: Sequence[Ref]) -> Ref:
-        """A product of any number of values.
-
-        Args:
-            factors: References.
-
-        Returns:
-            A reference to their product, or one where there are none.
-        """
+        """A product of any number of values, one where there are none."""
         result = self.one
         for factor in factors:
             result = self.product(result, factor)
         return result
 
     def reciprocal(self, ref: Ref) -> Ref:
-        """One over a value.
-
-        Args:
-            ref: The value.
-
-        Returns:
-            A reference to its reciprocal.
-        """
+        """One over a value."""
         value = self.value(ref)
         if value is not None:
             return self.number(1.0 / value)
@@ -284,15 +199,7 @@ class Graph:
         return self._node(Kind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
 
     def call(self, function: str, ref: Ref) -> Ref:
-        """A function of one value.
-
-        Args:
-            function: One of those that `program.nodes.Call` knows.
-            ref: Its argument.
-
-        Returns:
-            A reference to what it gives.
-        """
+        """A function of one value, of those that `program.nodes.Call` knows."""
         constant = self.constant[ref >> 1]
         if function in ODD:
             return self._node(Kind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
@@ -300,15 +207,7 @@ class Graph:
         return self._node(Kind.CALL, (argument,), function, constant)
 
     def remade(self, node: int, operands: Sequence[Ref]) -> Ref:
-        """The same operation on other operands.
-
-        Args:
-            node: A node with operands.
-            operands: As many references.
-
-        Returns:
-            A reference to the operation on them.
-        """
+        """The same operation of a node on as many other operands."""
         kind, label = self.kinds[node], self.labels[node]
         if kind is Kind.SUM:
             return self.sum(operands)
@@ -319,14 +218,7 @@ class Graph:
         return self.call(str(label), operands[0])
 
     def reached(self, refs: Iterable[Ref]) -> list[int]:
-        """Nodes that some values are made of.
-
-        Args:
-            refs: The values.
-
-        Returns:
-            Their nodes and all nodes that those are made of, in ascending order.
-        """
+        """Nodes that some values are made of, theirs included, in ascending order."""
         found: set[int] = set()
         stack = [ref >> 1 for ref in refs]
         while stack:
@@ -337,14 +229,7 @@ class Graph:
         return sorted(found)
 
     def reached_varying(self, refs: Iterable[Ref]) -> list[int]:
-        """Nodes that a function computes: those reached that are not constant.
-
-        Args:
-            refs: What the function returns.
-
-        Returns:
-            Their numbers in ascending order, inputs included.
-        """
+        """Nodes that a function computes, inputs included: those reached that are not constant."""
         found: set[int] = set()
         stack = [ref >> 1 for ref in refs]
         constant, operands = self.constant, self.operands
@@ -358,12 +243,7 @@ class Graph:
     def uses(self, nodes: Iterable[int], outputs: Iterable[Ref]) -> Counter[int]:
         """How often each node is used.
 
-        Args:
-            nodes: The nodes that use others.
-            outputs: What is returned, which counts as two uses: it must not be computed twice.
-
-        Returns:
-            Uses by node.
+        A node that is returned counts as used twice: it must not be computed twice.
         """
         counts: Counter[int] = Counter()
         for node in nodes:

@@ -21,12 +21,7 @@ _LONGEST = 10_000
 def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
     """Operations that a function takes, as the emitted program counts them.
 
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-
-    Returns:
-        All operations but the sine–cosine pairs and arctangents.
+    Sine–cosine pairs and arctangents are not among them.
     """
     return _without_signs(graph, outputs) + Polarity(graph, outputs).changes
 
@@ -45,16 +40,10 @@ def optimised(
     origins: MutableMapping[int, int],
     repeats: bool = True,
 ) -> Shortened:
-    """Shorten a function.
+    """Shorten a function: the same values in the same order.
 
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-        origins: Of each node that a pass has made, the one in whose place it stands; added to.
-        repeats: Whether the lines of a long function repeat, which passes would hide.
-
-    Returns:
-        The same values, in the same order.
+    `origins` has for each node that a pass has made the one in whose place it stands; it is added
+    to. `repeats`: whether the lines of a long function repeat, which passes would hide.
     """
     present = list(outputs)
     if repeats and _without_signs(graph, present) > _LONGEST:

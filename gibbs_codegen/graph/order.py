@@ -8,15 +8,10 @@ from gibbs_codegen.graph.graph import Graph, Ref
 
 
 def in_order(graph: Graph, outputs: Sequence[Ref], origins: Mapping[int, int]) -> list[int]:
-    """Nodes that a function computes, each in the place of what it was made for.
+    """Nodes that a function computes, inputs included, each in the place of what it was made for.
 
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-        origins: Of each node that a pass has made, the one in whose place it stands.
-
-    Returns:
-        The nodes that vary, inputs included, each after those that it is made of.
+    `origins` has for each node that a pass has made the one in whose place it stands. A node comes
+    after those that it is made of.
     """
     nodes = graph.reached_varying(outputs)
     stack = sorted(nodes, key=lambda node: (origins.get(node, node), node), reverse=True)

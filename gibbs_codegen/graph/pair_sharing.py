@@ -28,16 +28,7 @@ _MOST_TERMS = 200
 
 
 def shared(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
-    """Share pairs of terms between the sums of a function.
-
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-        origins: Of each node that a pass has made, the one in whose place it stands; added to.
-
-    Returns:
-        The same values, in the same order.
-    """
+    """Share pairs of terms between the sums of a function; `origins` is as of `optimised`."""
     return _Sharing(graph, outputs).rebuilt(origins)
 
 
@@ -124,15 +115,7 @@ def _users(sums: Mapping[int, Mapping[int, int]]) -> dict[_Pair, list[int]]:
 
 
 def _pair(first: int, second: int, sign: int) -> _Pair:
-    """A pair as one number.
-
-    Args:
-        first, second: The terms, the older first.
-        sign: The sign between them, 1 for minus.
-
-    Returns:
-        The pair.
-    """
+    """A pair of terms, the older first, as one number; the sign between them is 1 for minus."""
     return first << _BITS + 1 | second << 1 | sign
 
 

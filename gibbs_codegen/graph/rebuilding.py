@@ -20,24 +20,10 @@ class Rebuilding(ABC):
 
     @abstractmethod
     def sum(self, node: int) -> Ref:
-        """What is computed in the place of a sum.
-
-        Args:
-            node: The sum.
-
-        Returns:
-            The same value, made of what its operands have become.
-        """
+        """What is computed in the place of a sum, from what its operands have become."""
 
     def rebuilt(self, origins: MutableMapping[int, int]) -> list[Ref]:
-        """Rebuild the function.
-
-        Args:
-            origins: Of each node that a pass has made, the one in whose place it stands; added to.
-
-        Returns:
-            What the outputs have become.
-        """
+        """What the outputs have become; `origins` is as of `optimised`."""
         graph, new = self.graph, self._new
         for node in self.nodes:
             size = len(graph)
@@ -50,43 +36,21 @@ class Rebuilding(ABC):
         return [self.new(output) for output in self.outputs]
 
     def new(self, ref: Ref) -> Ref:
-        """What a value has become.
-
-        Args:
-            ref: A value of the function as it was.
-
-        Returns:
-            The value that stands for it now.
-        """
+        """The value that stands now for a value of the function as it was."""
         found = self._new.get(ref >> 1)
         if found is None:
             return ref
         return self.graph.minus(found) if ref & 1 else found
 
     def remade(self, node: int) -> Ref:
-        """The same operation on what its operands have become.
-
-        Args:
-            node: A node.
-
-        Returns:
-            The operation, the node itself where no operand has changed.
-        """
+        """A node on what its operands have become, itself where none has changed."""
         operands = self.graph.operands[node]
         if self._new.keys().isdisjoint([operand >> 1 for operand in operands]):
             return 2 * node
         return self.graph.remade(node, [self.new(operand) for operand in operands])
 
     def single(self, ref: Ref, kind: Kind) -> bool:
-        """Whether a value is an operation of a kind that varies and is used once.
-
-        Args:
-            ref: The value.
-            kind: The kind.
-
-        Returns:
-            Whether it can be taken apart where it is used.
-        """
+        """Whether a value is of a kind, varies and is used once: it can be taken apart there."""
         node = ref >> 1
         graph = self.graph
         return self.uses[node] == 1 and graph.kinds[node] is kind and not graph.constant[node]

@@ -28,11 +28,9 @@ class Conditions:
         self.changed: set[int] = set()
 
     def add(self, signs: Sequence[int], choices: Iterable[Iterable[int]]) -> None:
-        """Add a condition.
+        """Add a condition by its signs if nothing is changed, 1 for minus.
 
-        Args:
-            signs: Signs as they are if nothing is changed, 1 for minus.
-            choices: Of each sign, what changes it; each choice once.
+        `choices` are what changes each sign; each choice stands there once.
         """
         places: dict[int, list[int]] = {}
         for i, found in enumerate(choices):
@@ -45,11 +43,7 @@ class Conditions:
         self._plus.append(len(signs) - sum(signs))
 
     def broken(self) -> list[int]:
-        """Find the conditions of which every sign is minus.
-
-        Returns:
-            Their numbers.
-        """
+        """Numbers of the conditions of which every sign is minus."""
         return [condition for condition, plus in enumerate(self._plus) if plus == 0]
 
     def search(self) -> None:

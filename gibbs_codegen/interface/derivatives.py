@@ -23,15 +23,7 @@ TANGENT = (
 
 
 def _hessian(name: str, rows: str, columns: str) -> Output:
-    """A block of second derivatives of inverse dynamics.
-
-    Args:
-        name: Of the output.
-        rows, columns: By what they are derivatives.
-
-    Returns:
-        The output.
-    """
+    """A block of second derivatives of inverse dynamics by `rows` and `columns`."""
     entries = f"{_WEIGHTED}, by {rows} and {columns}; rows by {rows}"
     return Output(name, "vv", "N m or N", f"inverse_dynamics_{name}", entries)
 

@@ -52,27 +52,12 @@ class Output:
     by: str = ""
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
-        """The shape in numbers.
-
-        Args:
-            lengths: The length that each letter stands for.
-
-        Returns:
-            The size of each axis.
-        """
+        """The shape in numbers, given the length that each letter stands for."""
         return sizes(self.shape, lengths)
 
 
 def sizes(shape: str, lengths: Mapping[str, int]) -> tuple[int, ...]:
-    """A shape in numbers.
-
-    Args:
-        shape: Letters and digits, one for each axis.
-        lengths: The length that each letter stands for.
-
-    Returns:
-        The size of each axis.
-    """
+    """A shape of letters and digits, one for each axis, in numbers."""
     return tuple(int(x) if x.isdigit() else lengths[x] for x in shape)
 
 

@@ -27,14 +27,7 @@ class Signature:
 
 
 def module_signatures(module: Any) -> list[Signature]:
-    """Signatures of the functions of a module.
-
-    Args:
-        module: A generated module, or what lists the same constants.
-
-    Returns:
-        The signatures, in the order of the table.
-    """
+    """Signatures of a module, or of what lists the same constants, in the order of the table."""
     lists = {name: getattr(module, name, ()) for name in LISTS.values()}
     return signatures(lists, module.DERIVATIVES)
 
@@ -42,14 +35,10 @@ def module_signatures(module: Any) -> list[Signature]:
 def signatures(
     lists: Mapping[str, Collection[str]], derivatives: Collection[str] = ()
 ) -> list[Signature]:
-    """Signatures of the functions that a robot has.
+    """Signatures of the functions that a robot has, in the order of the table.
 
-    Args:
-        lists: What its module lists, by the names of `table.LISTS`; those left out are empty.
-        derivatives: Names of the functions that were asked for.
-
-    Returns:
-        The signatures, in the order of the table.
+    `lists` is what its module lists, by the names of `table.LISTS`; those left out are empty.
+    `derivatives` names the functions that were asked for.
     """
     lengths = {letter: len(lists.get(name, ())) for letter, name in LISTS.items()}
     lengths["c"] = (lengths["h"] - lengths["v"]) // 2

@@ -17,16 +17,10 @@ _SLOPES = (
 
 
 def _step(name: str, method: str, composed: dict[str, int], details: str) -> tuple[Row, Row]:
-    """A time step by itself, and with its derivatives.
+    """Rows of a time step by itself, and with its derivatives.
 
-    Args:
-        name: Of the function.
-        method: The numerical method in words.
-        composed: How often it calls forward_dynamics and integrate.
-        details: What is to be said of the method.
-
-    Returns:
-        Two rows.
+    `method` is the numerical method in words; `composed` says how often it calls forward_dynamics
+    and integrate, `details` what is to be said of the method.
     """
     after = (
         Output("q_next", "q", "rad or m", entries="{coordinates}"),

@@ -40,14 +40,8 @@ def inline_single_uses(
 ) -> list[Statement]:
     """Write what is used once where it is used, as long as the line stays short.
 
-    Args:
-        statements: Statements of a function, in order.
-        outputs: Its outputs; their entries stay as they are.
-        products_only: Whether sums stay as they are too, where their rounding is arranged with
-            care.
-
-    Returns:
-        The statements that are left, in order.
+    The outputs stay as they are, and with `products_only` sums do too, where their rounding is
+    arranged with care.
     """
     uses: Counter[str] = Counter()
     for statement in statements:
@@ -88,13 +82,7 @@ def _restored(
 ) -> list[Statement]:
     """Restore, in place, the definitions of pending names that found no room.
 
-    Args:
-        kept: The statements that are left.
-        pending: Definitions of names that were to be inlined.
-        statements: All statements, in order.
-
-    Returns:
-        The statements that are left and those restored, in order.
+    `kept` are the statements that are left of all `statements`.
     """
     used = {name for statement in kept for name in names_in(statement.value)}
     missing = [name for name in used if name in pending]
@@ -116,12 +104,7 @@ def _with_value(statement: Statement, value: Node) -> Statement:
 def substituted(node: Node, values: Mapping[str, Node]) -> Node:
     """Substitute nodes for names, and open up sums in sums and products in products.
 
-    Args:
-        node: The node.
-        values: What to put in place of a name; other names stay.
-
-    Returns:
-        The node that takes the same operations as both together, or fewer.
+    It takes the same operations as both together, or fewer.
     """
     if isinstance(node, Name):  # By far the most frequent.
         return values.get(node.name, node)

@@ -63,25 +63,11 @@ class LiveRanges:
         ]
 
     def is_loop(self, section: int) -> bool:
-        """Whether a section is a loop.
-
-        Args:
-            section: Its number.
-
-        Returns:
-            True for a loop, False for straight-line steps.
-        """
+        """Whether a section is a loop, not straight-line steps."""
         return section in self._defining
 
     def can_share(self, first: str, second: str) -> bool:
-        """Whether two names can have one slot: one is no longer used when the other is defined.
-
-        Args:
-            first, second: The names, in any order.
-
-        Returns:
-            True if their live ranges do not overlap.
-        """
+        """Whether two names can have one slot: one is no longer used when the other is defined."""
         if self.first_definition[first] > self.first_definition[second]:
             first, second = second, first
         start, end = self.first_definition[second], self.last_use[first]

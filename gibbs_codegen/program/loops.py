@@ -35,14 +35,10 @@ from gibbs_codegen.program.steps import Item, Loop, Step, Store
 
 
 def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
-    """Turn repeated blocks into loops.
+    """Turn repeated blocks of a schedule into loops, and give each name a sign, +1 or −1.
 
-    Args:
-        steps: A schedule without loops.
-
-    Returns:
-        The schedule with loops, and the sign of each name, +1 or −1. What a loop reads and writes
-        in rows are names times their signs; what all its iterations read are the names themselves.
+    What a loop reads and writes in rows are names times their signs; what all its iterations read
+    are the names themselves.
     """
     last_use: dict[str, int] = {}
     for i, step in enumerate(steps):
@@ -106,15 +102,9 @@ class _Signs:
 
 
 def _consistent(steps: Sequence[Step], repeated: RepeatedBlocks, signs: _Signs) -> int:
-    """Count the iterations, up to the last block, that can have the same signs.
+    """How many of the last iterations can have the same signs, as loops before have them.
 
-    Args:
-        steps: The schedule.
-        repeated: Repeated blocks in it.
-        signs: Takes the equations of these iterations.
-
-    Returns:
-        How many iterations at the end are consistent with each other and with loops before.
+    `signs` takes the equations of these iterations.
     """
     pattern: list[int] = []
     for done, block in enumerate(reversed(repeated.blocks)):
@@ -137,17 +127,9 @@ def _loop(
     signs: Mapping[str, int],
     last_use: Mapping[str, int],
 ) -> Loop:
-    """Make the loop of repeated blocks; its names are those of the last block.
+    """The loop of the last `iterations` of repeated blocks; its names are those of the last block.
 
-    Args:
-        steps: The schedule.
-        repeated: Repeated blocks in it.
-        iterations: How many of the last blocks the loop is for.
-        signs: Of all names.
-        last_use: The last step that uses a name.
-
-    Returns:
-        The loop.
+    `last_use` has the last step that uses a name.
     """
     firsts = range(repeated.stop - iterations * repeated.length, repeated.stop, repeated.length)
     blocks = [steps[first : first + repeated.length] for first in firsts]
@@ -189,16 +171,10 @@ def _node(
     shared: set[str],
     operands: dict[str, tuple[str, ...]],
 ) -> Node:
-    """A factor of the body.
+    """A factor of the body: a number or a name, by that factor in each block.
 
-    Args:
-        column: That factor in each block.
-        defined: Names that the last block defines.
-        shared: Names that all blocks read.
-        operands: Takes the row of names, if they differ from block to block.
-
-    Returns:
-        A number, or a name of the body.
+    `defined` are names that the last block defines, `shared` those that all blocks read. `operands`
+    takes the row of names, if they differ from block to block.
     """
     names = tuple(factor for factor in column if isinstance(factor, str))
     if not names:

@@ -67,16 +67,10 @@ def lower(
     parameters: Sequence[str],
     slices: Sequence[Slice],
 ) -> Program:
-    """Lower every slice of the tape into one program.
+    """Lower every slice of the tape, or of its graph, into one program.
 
-    Args:
-        tape: The tape, or its graph, of which slices may have nodes.
-        inputs: Names of the scalars in each argument.
-        parameters: Names of all parameters, in order.
-        slices: The functions.
-
-    Returns:
-        The program. Of `parameters` it has those that a function depends on.
+    `inputs` names the scalars in each argument. Of `parameters` the program has those that a
+    function depends on, in their order.
     """
     lowering = _Lowering(_graph_of(tape))
     graph = lowering.graph
@@ -113,14 +107,9 @@ def lower(
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
-    """Operations that a function with certain entries takes, before it is shortened.
+    """Operations of a function with certain entries before it is shortened.
 
-    Args:
-        tape: The tape, or its graph.
-        entries: What the function returns.
-
-    Returns:
-        All operations but the sine–cosine pairs and arctangents.
+    Sine–cosine pairs and arctangents are not among them.
     """
     imported = _graph_of(tape)
     return graph_operations(imported.graph, [imported.ref(entry) for entry in entries])
@@ -172,12 +161,7 @@ class _Lowering:
     def prepare(self, nodes: Sequence[int], needed: set[int]) -> list[Statement]:
         """Lower what parameters determine; what is used once is written where it is used.
 
-        Args:
-            nodes: Constant nodes, in order.
-            needed: Those that functions read.
-
-        Returns:
-            The statements.
+        `nodes` are constant, in order; `needed` are those that functions read.
         """
         words = self._words_of(nodes, {}, {})
         statements = [
@@ -204,13 +188,8 @@ class _Lowering:
     ) -> dict[int, str]:
         """Words of the groups that nodes belong to; what has none belongs to its first user's.
 
-        Args:
-            nodes: The nodes of a function, in order.
-            groups: Words by symbol of the tape, as the function's derivation says them.
-            origins: Of nodes that passes have made, those in whose place they stand.
-
-        Returns:
-            The words of each node.
+        `groups` are by symbol of the tape, as the function's derivation says them; `origins` are,
+        of nodes that passes have made, those in whose place they stand.
         """
         said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}

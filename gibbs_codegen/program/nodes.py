@@ -198,25 +198,11 @@ class Program:
     functions: tuple[Function, ...]
 
     def function(self, name: str) -> Function:
-        """The function of a name.
-
-        Args:
-            name: One of the program's functions.
-
-        Returns:
-            The function.
-        """
+        """The function of a name."""
         return next(function for function in self.functions if function.name == name)
 
     def prepared(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Interpret `prepare`.
-
-        Args:
-            parameters: A value for each parameter of the program.
-
-        Returns:
-            Values by name: the parameters, and all that `prepare` computes from them.
-        """
+        """Values by name of the parameters and of all that `prepare` computes from them."""
         values = dict(parameters)
         for statement in self.prepare:
             values[statement.name] = node_value(statement.value, values)
@@ -228,16 +214,7 @@ class Program:
         parameters: Mapping[str, float],
         arguments: Mapping[str, Sequence[float]],
     ) -> list[list[float]]:
-        """Interpret a function.
-
-        Args:
-            name: One of the program's functions.
-            parameters: A value for each parameter of the program.
-            arguments: The entries of each argument of the function.
-
-        Returns:
-            The entries of each output, in C order.
-        """
+        """Interpret a function: the entries of each output, in C order."""
         values = self.prepared(parameters)
         function = self.function(name)
         for argument in function.arguments:
@@ -250,15 +227,7 @@ class Program:
 
 
 def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
-    """Replace nodes within a node, outermost first.
-
-    Args:
-        node: The node.
-        values: What to put in place of a node.
-
-    Returns:
-        The node with every node that `values` maps replaced.
-    """
+    """The node with every node that `values` maps replaced, outermost first."""
     if node in values:
         return values[node]
     match node:
@@ -275,39 +244,17 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
 
 
 def calls_in(node: Node) -> tuple[Call, ...]:
-    """Calls in a node.
-
-    Args:
-        node: The node.
-
-    Returns:
-        Calls from left to right, as often as they stand there.
-    """
+    """Calls in a node from left to right, as often as they stand there."""
     return node.calls
 
 
 def names_in(node: Node) -> tuple[str, ...]:
-    """Names in a node.
-
-    Args:
-        node: The node.
-
-    Returns:
-        Names from left to right, as often as they stand there.
-    """
+    """Names in a node from left to right, as often as they stand there."""
     return node.names
 
 
 def node_value(node: Node, values: Mapping[str, float]) -> float:
-    """Evaluate a node.
-
-    Args:
-        node: The node.
-        values: Values of the names in it.
-
-    Returns:
-        Its value.
-    """
+    """The value of a node, given those of the names in it."""
     match node:
         case Name(name):
             return values[name]

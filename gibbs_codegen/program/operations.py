@@ -44,12 +44,8 @@ class Operations:
 def count_operations(nodes: Iterable[Node]) -> Operations:
     """Operations that it takes to compute each of some nodes once.
 
-    Args:
-        nodes: The nodes; what they have in common counts as often as it occurs, but for sine–cosine
-            pairs, which are counted once per angle.
-
-    Returns:
-        The counts.
+    What they have in common counts as often as it occurs, but for sine–cosine pairs, which are
+    counted once per angle.
     """
     additions = subtractions = multiplications = divisions = 0
     others: Counter[str] = Counter()

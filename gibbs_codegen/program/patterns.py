@@ -25,14 +25,7 @@ class Pattern:
 
 
 def matrices(model: Model) -> dict[str, list[str]]:
-    """Which outputs of the functions that were derived on request are matrices.
-
-    Args:
-        model: The derived robot.
-
-    Returns:
-        Names of the matrices of each function that has any.
-    """
+    """Names of the matrices of each function that was derived on request and has any."""
     found = {
         signature.name: [
             output.name
@@ -48,14 +41,9 @@ def matrices(model: Model) -> dict[str, list[str]]:
 
 
 def patterns(model: Model) -> dict[str, Pattern]:
-    """The patterns of all matrices that are derivatives, from the program's own zeros.
+    """Patterns, by output, of all matrices that are derivatives, from the program's own zeros.
 
-    Args:
-        model: The derived robot.
-
-    Returns:
-        Patterns by the names of the outputs. Functions that share a name of one share the pattern,
-        which has the entries of all of them.
+    Functions that share a name of one share the pattern, with the entries of all of them.
     """
     places: dict[str, set[tuple[int, int]]] = {}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -76,13 +64,9 @@ def patterns(model: Model) -> dict[str, Pattern]:
 
 
 def nonzeros(output: Output) -> set[tuple[int, int]]:
-    """Which entries of an output are not zero at every state.
+    """Row and column of each entry of an output that is not zero at every state.
 
-    Args:
-        output: Of a function of the program.
-
-    Returns:
-        Row and column of each, in its matrix; a vector is one row.
+    A vector is one row.
     """
     width = math.prod(output.shape[-1:])
     zero = Number(0.0)

@@ -51,26 +51,14 @@ class RepeatedBlocks:
 
 
 def is_profitable(count: int, length: int) -> bool:
-    """Whether blocks are worth a loop.
-
-    Args:
-        count: Number of blocks.
-        length: Steps in a block.
-
-    Returns:
-        True if there are enough blocks, and enough steps in all.
-    """
+    """Whether `count` blocks of `length` steps are worth a loop."""
     return count >= _FEWEST_BLOCKS and count * length >= _FEWEST_STEPS
 
 
 def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
-    """Find repeated blocks that do not overlap; candidates that cover most are tried first.
+    """Repeated blocks of a schedule worth a loop, in order; they do not overlap.
 
-    Args:
-        steps: A schedule without loops.
-
-    Returns:
-        The repeated blocks that are worth a loop, in order.
+    Candidates that cover most are tried first.
     """
     matcher = _Matcher(steps)
     queue = list(matcher.candidates())
@@ -95,15 +83,9 @@ def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
 
 
 def _free_stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int, int]]:
-    """Stretches of free blocks.
+    """First step and number of blocks of each stretch of blocks of which no step is taken.
 
-    Args:
-        free: Of each block, whether none of its steps is taken.
-        start: First step of the first block.
-        length: Steps in a block.
-
-    Returns:
-        Of each stretch, its first step and its number of blocks.
+    `free` says that of each block; the first block begins at step `start`.
     """
     found = []
     for is_free, group in groupby(free):
@@ -141,15 +123,8 @@ class _Matcher:
     def _same_sources(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
         """Whether two blocks agree in what they read of shared names and of their own.
 
-        This is quickly told, and mostly false.
-
-        Args:
-            first: First step of one block.
-            last: First step of the last block.
-            shared: Of each step of a block, the names that all blocks read.
-
-        Returns:
-            False if the blocks cannot match.
+        This is quickly told, and mostly false. `first` is the first step of one block, `last` that
+        of the last; `shared` has for each step of a block the names that all blocks read.
         """
         return all(
             names <= self._names[first + i]
@@ -161,13 +136,8 @@ class _Matcher:
     def match(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
         """Match the last blocks of a candidate, as many as do the same independently.
 
-        Args:
-            start: First step of the candidate.
-            length: Steps in a block.
-            count: Number of blocks, all of one signature.
-
-        Returns:
-            The blocks that match, or None if they are not worth a loop.
+        It begins at step `start`, and its blocks are of one signature. None if they are not worth a
+        loop.
         """
         last = start + (count - 1) * length
         shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
@@ -228,18 +198,10 @@ def _signature(step: Step, terms: Terms | None) -> object:
 def _canonical(
     parts: Terms, defined: Mapping[str, int], first: int, shared: frozenset[str]
 ) -> tuple[object, Terms]:
-    """Put terms in an order that is the same in isomorphic blocks.
+    """What must be equal in all blocks, and terms in an order that isomorphic blocks share.
 
     Names that are others in each block go by age, which is a guess, and any order is right.
-
-    Args:
-        parts: Terms of a step.
-        defined: The step that defines a name.
-        first: First step of the block.
-        shared: Names that all blocks read in this step.
-
-    Returns:
-        What has to be equal in all blocks, and the terms in order.
+    `defined` has the step that defines a name, `first` is the first of the block.
     """
 
     def key(factor: Factor) -> tuple[int, float, str]:

@@ -32,22 +32,14 @@ class SlotTuples:
         self._places: dict[str, tuple[int, int]] = {}
 
     def add(self, name: str) -> None:
-        """Put a name into a tuple of its own, unless it is in one.
-
-        Args:
-            name: The name.
-        """
+        """Put a name into a tuple of its own, unless it is in one."""
         if name not in self._places:
             number = len(self._places)
             self._places[name] = (number, 0)
             self.members[number] = {0: [name]}
 
     def keep(self, names: Container[str]) -> None:
-        """Forget all names but some.
-
-        Args:
-            names: Those that stay.
-        """
+        """Forget all names but some."""
         for number, members in self.members.items():
             kept = {offset: [n for n in there if n in names] for offset, there in members.items()}
             self.members[number] = {offset: there for offset, there in kept.items() if there}
@@ -56,15 +48,9 @@ class SlotTuples:
     def coalesce(
         self, first: str, second: str, distance: int, can_share: Callable[[str, str], bool]
     ) -> bool:
-        """Join the tuples of two names, unless that puts names together that cannot share a slot.
+        """Join the tuples of two names, unless names would share a slot that cannot.
 
-        Args:
-            first, second: The names; each is in a tuple.
-            distance: Slots from the first to the second.
-            can_share: Tells of two names whether they can have one slot.
-
-        Returns:
-            Whether the two names are now at that distance.
+        `distance` is in slots from the first to the second; the result tells whether it holds now.
         """
         (number, offset), (other, other_offset) = self._places[first], self._places[second]
         shift = offset + distance - other_offset
@@ -85,12 +71,8 @@ class SlotTuples:
 def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item], dict[str, str]]:
     """Put copies before the loops whose operands do not lie side by side, or unroll the loops.
 
-    Args:
-        items: Steps and loops in order.
-        tuples: Takes the rows of all loops that are kept.
-
-    Returns:
-        The items with the copies, and what each copy is a copy of.
+    `tuples` takes the rows of all loops that are kept; the second result says what each copy is a
+    copy of.
     """
     defined = {name for item in items for name in defined_names(item)}
     placed: list[Item] = []
@@ -119,17 +101,10 @@ def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item]
 def _place_row(
     row: tuple[str, ...], prefix: str, defined: set[str], copies: dict[str, str], tuples: SlotTuples
 ) -> tuple[str, ...]:
-    """Put a row into one tuple, with copies of those names that cannot lie in it.
+    """Put a row, one name an iteration, into one tuple, with copies of names that cannot lie in it.
 
-    Args:
-        row: Names, one an iteration.
-        prefix: How the names of copies begin.
-        defined: Those names of the row that are defined by steps and therefore can have slots.
-        copies: Takes the copies, each with what it is a copy of.
-        tuples: Takes the row.
-
-    Returns:
-        The row with copies in it, or nothing if the place of a copy is not free.
+    `defined` are the names of the row that steps define, which therefore can have slots. Empty if
+    the place of a copy is not free.
     """
     found: list[str] = []
     for i, name in enumerate(reversed(row)):

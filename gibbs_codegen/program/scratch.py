@@ -49,28 +49,15 @@ class Allocation:
     negated: frozenset[str]
 
     def sign(self, name: str) -> str:
-        """Sign between a name and what its slot holds.
-
-        Args:
-            name: A name that is not the row of a loop.
-
-        Returns:
-            "-" or "".
-        """
+        """Sign, "-" or "", between a name that is not the row of a loop and what its slot holds."""
         return "-" if name in self.negated else ""
 
 
 def allocate_scratch(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Allocation:
     """Split a schedule into sections, and give slots to the values that they hand on.
 
-    Args:
-        items: Steps and loops in order.
-        signs: Of each name, +1 or −1; the rows of loops hold the names times their signs. Empty if
-            there are no loops.
-        limit: Memory references in a section, at most.
-
-    Returns:
-        The sections with their slots.
+    The rows of loops hold the names times their `signs`, +1 or −1; without loops these may be
+    empty. A section has at most `limit` memory references.
     """
     tuples = SlotTuples()
     placed, copies = insert_copies(items, tuples)
@@ -138,17 +125,7 @@ def _joined(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 def _section(
     number: int, items: Sequence[Item], slots: Mapping[str, int], live: LiveRanges
 ) -> Section:
-    """A section with its slots.
-
-    Args:
-        number: Of the section, counted from 0.
-        items: Its steps, or its loop.
-        slots: Of all names that have one.
-        live: The live ranges of names.
-
-    Returns:
-        The section.
-    """
+    """Section `number`, from 0, of steps or a loop, with the slots of all names that have one."""
     if items and isinstance(items[0], Loop):
         loop = items[0]
         reloads = {name: slots[name] for name in loop.invariants if name in slots}

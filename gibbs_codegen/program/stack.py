@@ -27,14 +27,9 @@ _FRAME = 128
 
 
 def stack_bytes(function: GatheredFunction) -> int:
-    """Stack that a call for one state takes, compiled with optimisation.
+    """Stack that a call for one state of doubles takes, compiled with optimisation (bytes).
 
-    Args:
-        function: The function.
-
-    Returns:
-        Bytes, for doubles; half of it serves for floats. What the library's sine and cosine take
-        comes on top.
+    Half of it serves for floats. What the library's sine and cosine take comes on top.
     """
     last_use: dict[str, int] = {}
     for i, statement in enumerate(function.statements):

@@ -75,28 +75,14 @@ Item = Step | Loop
 
 
 def used_names(item: Item) -> Sequence[str]:
-    """Names that a step or a loop uses.
-
-    Args:
-        item: The step, or the loop, which does not count what it defines itself.
-
-    Returns:
-        The names, as often as they are read.
-    """
+    """Names that a step or a loop reads, as often as it does; a loop's own are not counted."""
     if not isinstance(item, Loop):
         return names_in(item.value)
     return [*item.invariants, *(name for row in item.operands.values() for name in row)]
 
 
 def defined_names(item: Item) -> list[str]:
-    """Names that a step or a loop defines for others.
-
-    Args:
-        item: A step or a loop.
-
-    Returns:
-        The names; none for a store.
-    """
+    """Names that a step or a loop defines for others; none for a store."""
     if isinstance(item, Loop):
         return [name for row in item.results.values() for name in row]
     return [item.name] if isinstance(item, Statement) else []
@@ -105,15 +91,9 @@ def defined_names(item: Item) -> list[str]:
 def schedule_stores(
     statements: Sequence[Statement], outputs: Sequence[Output], zeros_stored: Sequence[bool]
 ) -> list[Step]:
-    """Store each entry right after the statement that completes it.
+    """The statements in their order, and right after each the stores of the entries it completes.
 
-    Args:
-        statements: The statements of a function, in order.
-        outputs: Its outputs.
-        zeros_stored: For each output, whether its zero entries are stored too.
-
-    Returns:
-        The statements in the same order, with the stores among them.
+    `zeros_stored` says of each output whether its zero entries are stored too.
     """
     places = {statement.name: i for i, statement in enumerate(statements)}
     ready: dict[int, list[Store]] = {}
@@ -130,13 +110,9 @@ def schedule_stores(
 
 
 def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
-    """Put the words of each group at the step with which the group begins.
+    """Each step with the words of the group that begins with it, or "".
 
-    Args:
-        steps: Steps in order; a store belongs to the group of the statement before it.
-
-    Yields:
-        The words, or "" within a group, and the step.
+    A store belongs to the group of the statement before it.
     """
     last = ""
     for step in steps:
@@ -148,15 +124,9 @@ def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
 def split_into_sections(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:
     """Split a schedule into sections, each as long as the limit permits.
 
-    Args:
-        items: Steps and loops in order.
-        limit: Memory references in a section, at most: names read that no step in it defines,
-            inputs and constants too; names that a later section reads; entries stored. A step that
-            exceeds it is a section of its own.
-
-    Returns:
-        The sections, in order; a single empty one if there are no items. A loop is always a
-        section of its own.
+    The limit is of memory references: names read that no step in the section defines, inputs and
+    constants too; names that a later section reads; entries stored. A step that exceeds it is a
+    section of its own, and so is every loop. Without items there is a single empty section.
     """
     defined = {name: i for i, item in enumerate(items) for name in defined_names(item)}
     last_use: dict[str, int] = {}

@@ -40,38 +40,17 @@ class GatheredFunction:
 
 
 def sine_name(i: int) -> str:
-    """Name of the sine of an angle.
-
-    Args:
-        i: Number of the angle, counted from 0.
-
-    Returns:
-        The name.
-    """
+    """Name of the sine of angle i, counted from 0."""
     return f"s{i + 1}"
 
 
 def cosine_name(i: int) -> str:
-    """Name of the cosine of an angle.
-
-    Args:
-        i: Number of the angle, counted from 0.
-
-    Returns:
-        The name.
-    """
+    """Name of the cosine of angle i, counted from 0."""
     return f"c{i + 1}"
 
 
 def gather_angles(function: Function) -> GatheredFunction:
-    """Gather the sines and cosines of a function.
-
-    Args:
-        function: The function.
-
-    Returns:
-        Its angles in the order of their first use, and the rest of it without calls.
-    """
+    """A function without calls, and its angles in the order of their first use."""
     calls = [
         call
         for node in function.nodes()

@@ -19,14 +19,7 @@ _FRACTION = sp.Integer(24)
 
 @cache
 def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
-    """Cosine and sine of a structural angle.
-
-    Args:
-        angle: The angle in degrees.
-
-    Returns:
-        Exact for multiples of 30° and 45°, else to forty digits.
-    """
+    """Cosine and sine of an angle in degrees: exact for n·30° and n·45°, else to forty digits."""
     angle %= 360
     exact = radians(angle)
     if angle % 30 == 0 or angle % 45 == 0:
@@ -40,26 +33,13 @@ def structural_number(number: sp.Float) -> sp.Expr:
 
     SymPy drops a factor of one only where it is an integer; whether 1.0 equals 1 depends on its
     version.
-
-    Args:
-        number: The number.
-
-    Returns:
-        The same number as SymPy should see it.
     """
     whole = sp.Integer(int(number))
     return whole if (number - whole).is_zero else number
 
 
 def radians(angle: Fraction) -> sp.Expr:
-    """An angle in radians, as an exact multiple of π.
-
-    Args:
-        angle: The angle in degrees.
-
-    Returns:
-        The angle in radians.
-    """
+    """An angle of degrees in radians, as an exact multiple of π."""
     return sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
 
 
@@ -68,12 +48,6 @@ def gather(expression: sp.Expr) -> sp.Expr:
 
     Whether a coefficient such as Σ cos² θ_k was summed exactly or to forty digits makes no
     difference: what is within 1e-25 of a multiple of 1/24 is that multiple.
-
-    Args:
-        expression: A polynomial in symbols, with structural coefficients.
-
-    Returns:
-        The polynomial with each product of symbols once.
     """
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):

@@ -13,37 +13,15 @@ class InlineTape:
     """A tape that names nothing: the derivation's results are closed-form expressions."""
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input.
-
-        Args:
-            name: Its name.
-            stage: Not used.
-
-        Returns:
-            Its symbol.
-        """
+        """An input; its stage is not used."""
         return sp.Symbol(name)
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Leave a result as it is.
-
-        Args:
-            expression: The result.
-
-        Returns:
-            The expression itself.
-        """
+        """The expression itself."""
         return expression
 
     def group(
         self, words: str, earliest: Stage = Stage.CONFIGURATION
     ) -> AbstractContextManager[None]:
-        """Nothing is named, so there is nothing to say of it.
-
-        Args:
-            words, earliest: Not used.
-
-        Returns:
-            A context that does nothing.
-        """
+        """A context that does nothing: nothing is named, so there is nothing to say of it."""
         return nullcontext()

@@ -22,17 +22,10 @@ class ZeroPivotError(Exception):
 def solve_symmetric(
     tape: Scalars, matrix: Rows, right: Sequence[sp.Expr], order: Sequence[int]
 ) -> list[sp.Expr]:
-    """Solve a symmetric system by LDLᵀ; zeros of the matrix cost nothing.
+    """Unknowns of a symmetric system by LDLᵀ; zeros of the matrix cost nothing.
 
-    Args:
-        matrix, right: The system: rows with both triangles, and the right-hand side.
-        order: The order in which the unknowns are eliminated.
-
-    Returns:
-        The unknowns in the order of the rows.
-
-    Raises:
-        ZeroPivotError: For a pivot that is zero whatever the numbers.
+    `matrix` has both triangles, by rows; unknowns are eliminated in `order` and returned in that of
+    the rows. Raises `ZeroPivotError` for a pivot that is zero whatever the numbers.
     """
     lower = [list(row) for row in matrix]
     rest = list(right)
@@ -61,14 +54,7 @@ def solve_symmetric(
 
 
 def minimum_degree(matrix: Rows) -> list[int]:
-    """Order of elimination that takes, each time, an unknown coupled to the fewest others.
-
-    Args:
-        matrix: Rows with both triangles.
-
-    Returns:
-        The unknowns by their row, in that order.
-    """
+    """Order of elimination that takes, each time, an unknown coupled to the fewest others."""
     graph = _graph(matrix)
     order: list[int] = []
     while graph:
@@ -78,15 +64,7 @@ def minimum_degree(matrix: Rows) -> list[int]:
 
 
 def operations_to_solve(matrix: Rows, order: Sequence[int]) -> int:
-    """Operations that `solve_symmetric` takes, signs apart, from where the zeros are alone.
-
-    Args:
-        matrix: Rows with both triangles.
-        order: The order in which the unknowns are eliminated.
-
-    Returns:
-        Their number.
-    """
+    """Operations of `solve_symmetric`, signs apart, from where the zeros are alone."""
     graph = _graph(matrix)
     operations = 0
     for unknown in order:

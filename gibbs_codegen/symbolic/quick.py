@@ -12,14 +12,7 @@ import sympy as sp
 
 
 def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
-    """SymPy's a·b.
-
-    Args:
-        a, b: Any expressions.
-
-    Returns:
-        The product.
-    """
+    """SymPy's a·b."""
     if a is sp.S.Zero or b is sp.S.Zero:
         return sp.S.Zero
     if a.is_Symbol and b.is_Symbol and a is not b:
@@ -33,14 +26,7 @@ def times(a: sp.Expr, b: sp.Expr) -> sp.Expr:
 
 
 def sum_of_signed(terms: Sequence[tuple[int, sp.Expr]]) -> sp.Expr:
-    """SymPy's sum of numbers and symbols.
-
-    Args:
-        terms: Two or more: signs, 1 or −1, each with a symbol or a number; every symbol once.
-
-    Returns:
-        The sum.
-    """
+    """SymPy's sum of two or more symbols, each once, and numbers, with their signs 1 or −1."""
     numbers = [sign * term for sign, term in terms if not term.is_Symbol]
     if len(numbers) > 1 or not all(number.is_Number for number in numbers):  # As √2 is not.
         return sp.Add(*(sign * term for sign, term in terms))
@@ -51,14 +37,7 @@ def sum_of_signed(terms: Sequence[tuple[int, sp.Expr]]) -> sp.Expr:
 
 
 def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
-    """Sign and magnitude of what `let` returns.
-
-    Args:
-        atom: A symbol, a symbol with a minus sign, or a number.
-
-    Returns:
-        1 or −1, and the symbol or the number without its sign.
-    """
+    """Sign, 1 or −1, and magnitude of what `let` returns."""
     if atom.is_Symbol:
         return 1, atom
     if is_minus_symbol(atom):
@@ -67,14 +46,7 @@ def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
 
 
 def is_minus_symbol(term: sp.Expr) -> bool:
-    """Whether an expression is a symbol with a minus sign.
-
-    Args:
-        term: Any expression.
-
-    Returns:
-        True for −x alone.
-    """
+    """Whether an expression is a symbol with a minus sign."""
     if not term.is_Mul or len(term.args) != 2:
         return False
     sign, rest = term.args
@@ -82,16 +54,9 @@ def is_minus_symbol(term: sp.Expr) -> bool:
 
 
 def whole_power(factor: sp.Expr) -> tuple[sp.Expr, int]:
-    """Base and exponent of a factor, its exponent a whole number.
+    """√x and n of a factor x^(n/2), x and n of xⁿ.
 
-    Args:
-        factor: A power, x^(n/2) or xⁿ, or what is none.
-
-    Returns:
-        √x and n, or x and n.
-
-    Raises:
-        TypeError: Twice the exponent is not a whole number.
+    Raises `TypeError` where twice the exponent is not a whole number.
     """
     base, exponent = factor.as_base_exp()
     if exponent.is_Integer:

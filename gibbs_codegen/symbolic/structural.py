@@ -30,15 +30,7 @@ NO_TURN: Turn = (
 
 
 def turn_about(axis: int, angle: Fraction) -> Turn:
-    """Rotation about a coordinate axis.
-
-    Args:
-        axis: X, Y or Z.
-        angle: The angle in degrees.
-
-    Returns:
-        Its matrix.
-    """
+    """Matrix of a rotation about axis X, Y or Z by an angle in degrees."""
     cos, sin = cos_sin_deg(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3
     rows = [list(row) for row in NO_TURN]
@@ -48,26 +40,15 @@ def turn_about(axis: int, angle: Fraction) -> Turn:
 
 
 def turned_by_rpy(angles: Sequence[Fraction]) -> Turn:
-    """Rotation by roll, pitch and yaw, R_z·R_y·R_x.
-
-    Args:
-        angles: Roll, pitch and yaw in degrees.
-
-    Returns:
-        Its matrix.
-    """
+    """Matrix of a rotation by roll, pitch and yaw in degrees, R_z·R_y·R_x."""
     x, y, z = (turn_about(axis, angle) for axis, angle in enumerate(angles))
     return product(z, product(y, x))
 
 
 def z_onto(direction: Sequence[float]) -> Turn:
-    """A rotation R_z·R_x that takes the z axis to a direction.
+    """A rotation R_z·R_x that takes the z axis to a direction, any vector but zero.
 
-    Args:
-        direction: Any vector but zero.
-
-    Returns:
-        Its matrix; the identity for z.
+    For z it is the identity.
     """
     x, y, z = (sp.Float(entry, _GUARD) for entry in direction)
     about_x = _degrees(sp.sqrt(x**2 + y**2), z)
@@ -76,14 +57,7 @@ def z_onto(direction: Sequence[float]) -> Turn:
 
 
 def product(first: Turn, second: Turn) -> Turn:
-    """The rotation `second`, seen in the frame that `first` turns from.
-
-    Args:
-        first, second: Two rotations.
-
-    Returns:
-        The matrix product.
-    """
+    """The rotation `second`, seen in the frame that `first` turns from: the matrix product."""
     columns = list(zip(*second, strict=True))
     return _turn(
         [
@@ -97,40 +71,18 @@ def product(first: Turn, second: Turn) -> Turn:
 
 
 def back(turn: Turn) -> Turn:
-    """The rotation back.
-
-    Args:
-        turn: A rotation.
-
-    Returns:
-        Its transpose.
-    """
+    """The rotation back, its transpose."""
     return _turn(list(zip(*turn, strict=True)))
 
 
 def applied(turn: Turn, vector: Vector) -> Vector:
-    """A vector in the frame turned from, without names on a tape.
-
-    Args:
-        turn: The rotation.
-        vector: Components in the turned frame.
-
-    Returns:
-        Linear combinations of them.
-    """
+    """A vector of the turned frame in the frame turned from, without names on a tape."""
     x, y, z = (sp.Add(*(p * q for p, q in zip(row, vector, strict=True))) for row in turn)
     return (x, y, z)
 
 
 def euler_zxz(turn: Turn) -> tuple[Fraction, Fraction, Fraction]:
-    """Angles γ, α, β of R_z(γ)·R_x(α)·R_z(β).
-
-    Args:
-        turn: A rotation.
-
-    Returns:
-        The angles in degrees; γ is zero where the two z axes are in line.
-    """
+    """Angles γ, α, β (degrees) of R_z(γ)·R_x(α)·R_z(β); γ is zero where both z axes are in line."""
     (xx, _, xz), (yx, _, yz), (zx, zy, zz) = turn
     alpha = _degrees(sp.sqrt(_number(xz) ** 2 + _number(yz) ** 2), zz)
     if alpha % 180:
@@ -139,13 +91,9 @@ def euler_zxz(turn: Turn) -> tuple[Fraction, Fraction, Fraction]:
 
 
 def elementary(turn: Turn) -> list[Rotation]:
-    """Rotations about coordinate axes that one after the other take a vector where `turn` does.
+    """Rotations about axes, the innermost first, that one after the other do what `turn` does.
 
-    Args:
-        turn: A rotation.
-
-    Returns:
-        At most three, the innermost first.
+    There are at most three.
     """
     gamma, alpha, beta = euler_zxz(turn)
     steps = (Rotation.degrees(Z, beta), Rotation.degrees(X, alpha), Rotation.degrees(Z, gamma))

@@ -45,37 +45,18 @@ class Scalars(Protocol):
     """What a derivation needs of a tape."""
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input of the program.
-
-        Args:
-            name: Its name in the program.
-            stage: When its value is known.
-
-        Returns:
-            Its symbol.
-        """
+        """An input of the program by its name, with the stage at which its value is known."""
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name a result.
-
-        Args:
-            expression: A sum of products of what earlier calls returned.
-
-        Returns:
-            What stands for it from now on.
-        """
+        """Name a sum of products of what earlier calls returned; the result stands for it."""
 
     def group(
         self, words: str, earliest: Stage = Stage.CONFIGURATION
     ) -> AbstractContextManager[None]:
         """Say what is computed in a `with` block; of nested blocks the innermost counts.
 
-        Args:
-            words: What is computed, as a comment of the emitted code says it.
-            earliest: What is made there of an earlier stage belongs to the constants.
-
-        Returns:
-            The context of the block.
+        The words are those of a comment of the emitted code. What is made there of a stage before
+        `earliest` belongs to the constants.
         """
 
 
@@ -102,41 +83,22 @@ class Tape:
         self._names: dict[sp.Expr, sp.Symbol] = {}
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input of the program.
-
-        Args:
-            name: Its name in the program.
-            stage: When its value is known.
-
-        Returns:
-            Its symbol.
-        """
+        """An input of the program by its name, with the stage at which its value is known."""
         symbol = sp.Symbol(name)
         if symbol not in self.stages:
             self._register(symbol, stage)
         return symbol
 
     def stage(self, symbol: sp.Symbol) -> Stage:
-        """When the value of a symbol is known.
-
-        Args:
-            symbol: An input or a temporary.
-
-        Returns:
-            Its stage.
-        """
+        """When the value of an input or a temporary is known."""
         return self.stages[symbol]
 
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
-        """Put what is first named in a `with` block into a group.
+        """Put what is first named in a `with` block into a group, by the words of a comment.
 
-        Args:
-            words: What is computed, as a comment of the emitted code says it.
-            earliest: What is made there of an earlier stage belongs to the constants.
-
-        Yields:
-            Nothing; the outer group counts again after the block.
+        What is made there of a stage before `earliest` belongs to the constants. The outer group
+        counts again after the block.
         """
         outer, self._group = self._group, (words, earliest)
         try:
@@ -148,8 +110,7 @@ class Tape:
     def function(self) -> Iterator[dict[sp.Symbol, str]]:
         """Derive one function: what has a name keeps it, but its words are said anew.
 
-        Yields:
-            The words of the groups, as they are said in the `with` block.
+        Yields the words of the groups as they are said in the `with` block.
         """
         outer = self._said, self._results
         self._said, self._results = {}, {}
@@ -159,15 +120,9 @@ class Tape:
             self._said, self._results = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name a result, once for the same expression.
+        """Name a result, once for the same expression: a number, or a symbol, maybe with a minus.
 
         Later passes may regroup sums of what varies: a compensated sum of such does not survive.
-
-        Args:
-            expression: A sum of products of what earlier calls returned.
-
-        Returns:
-            A number, a symbol, or a symbol with a minus sign.
         """
         if expression.is_Symbol or expression.is_Number:
             return expression

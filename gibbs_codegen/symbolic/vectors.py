@@ -21,104 +21,47 @@ X, Y, Z = 0, 1, 2
 
 
 def zeros(rows: int, columns: int) -> Matrix:
-    """A matrix of zeros, to be filled.
-
-    Args:
-        rows, columns: Their numbers.
-
-    Returns:
-        The matrix, by rows.
-    """
+    """A matrix of zeros by rows, to be filled."""
     return [[sp.S.Zero] * columns for _ in range(rows)]
 
 
 def identity(size: int) -> Matrix:
-    """An identity matrix.
-
-    Args:
-        size: Number of its rows.
-
-    Returns:
-        The matrix, by rows.
-    """
+    """An identity matrix, by rows."""
     return [[sp.Integer(i == j) for j in range(size)] for i in range(size)]
 
 
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
-    """A vector along a coordinate axis.
-
-    Args:
-        axis: X, Y or Z.
-        length: Its component there.
-
-    Returns:
-        The vector.
-    """
+    """A vector along X, Y or Z."""
     x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
     return (x, y, z)
 
 
 def add(tape: Scalars, *vectors: Vector) -> Vector:
-    """Sum of vectors.
-
-    Args:
-        vectors: In one frame.
-
-    Returns:
-        The sum in that frame.
-    """
+    """Sum of vectors in one frame."""
     x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
     return (x, y, z)
 
 
 def minus(vector: Vector) -> Vector:
-    """The opposite vector.
-
-    Args:
-        vector: Of symbols and numbers, whose signs need no names on a tape.
-
-    Returns:
-        The vector in the same frame.
-    """
+    """The opposite of a vector of symbols and numbers, whose signs need no names on a tape."""
     x, y, z = vector
     return (-x, -y, -z)
 
 
 def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
-    """Vector times scalar.
-
-    Args:
-        factor, vector: The scalar and the vector.
-
-    Returns:
-        The product in the vector's frame.
-    """
+    """Vector times scalar."""
     x, y, z = (tape.let(times(factor, entry)) for entry in vector)
     return (x, y, z)
 
 
 def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
-    """Vector product a × b.
-
-    Args:
-        a, b: In one frame.
-
-    Returns:
-        The product in that frame.
-    """
+    """Vector product a × b, in one frame."""
     x, y, z = (tape.let(times(a[i - 2], b[i - 1]) - times(a[i - 1], b[i - 2])) for i in range(3))
     return (x, y, z)
 
 
 def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
-    """Scalar product a·b.
-
-    Args:
-        a, b: In one frame.
-
-    Returns:
-        The product.
-    """
+    """Scalar product a·b, in one frame."""
     return tape.let(sp.Add(*map(times, a, b)))
 
 
@@ -135,28 +78,12 @@ class Rotation:
 
     @classmethod
     def degrees(cls, axis: int, angle: Fraction) -> Rotation:
-        """Rotation by a structural angle.
-
-        Args:
-            axis: X, Y or Z.
-            angle: The angle in degrees.
-
-        Returns:
-            The rotation, exact where the sine and cosine are.
-        """
+        """Rotation by a structural angle in degrees, exact where its sine and cosine are."""
         return cls(axis, *cos_sin_deg(angle))
 
     @classmethod
     def angle(cls, tape: Scalars, axis: int, angle: sp.Expr) -> Rotation:
-        """Rotation by an angle that varies.
-
-        Args:
-            axis: X, Y or Z.
-            angle: The angle (rad).
-
-        Returns:
-            The rotation, with sine and cosine named on the tape.
-        """
+        """Rotation by an angle that varies (rad), with sine and cosine named on the tape."""
         angle = tape.let(angle)
         return cls(axis, tape.let(sp.cos(angle)), tape.let(sp.sin(angle)))
 
@@ -176,26 +103,12 @@ class Rotation:
         return (self.axis + 1) % 3, (self.axis + 2) % 3
 
     def turned(self, tape: Scalars, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-        """Two components in the plane of the rotation, turned.
-
-        Args:
-            p, q: Components along the two axes of the plane, in the turned frame.
-
-        Returns:
-            The components in the frame that the rotation turns from.
-        """
+        """Two components along the plane's axes, from the turned frame to the one turned from."""
         c, s = self.cos, self.sin
         return tape.let(times(c, p) - times(s, q)), tape.let(times(s, p) + times(c, q))
 
     def vector(self, tape: Scalars, v: Vector) -> Vector:
-        """A vector in the frame turned from.
-
-        Args:
-            v: Its components in the turned frame.
-
-        Returns:
-            Its components in the frame that the rotation turns from.
-        """
+        """A vector of the turned frame in the frame turned from."""
         p, q = self.plane
         turned = list(v)
         turned[p], turned[q] = self.turned(tape, v[p], v[q])
@@ -206,14 +119,7 @@ NO_ROTATION = Rotation(Z, sp.S.One, sp.S.Zero)
 
 
 def turned_axes(tape: Scalars, rotations: Sequence[Rotation]) -> tuple[Vector, Vector, Vector]:
-    """Axes of a frame in another.
-
-    Args:
-        rotations: Take components in the frame to those in the other, one after the other.
-
-    Returns:
-        The axes x, y and z of the frame.
-    """
+    """Axes of a frame in another, to which `rotations` take components one after the other."""
     axes = [axis_vector(axis) for axis in (X, Y, Z)]
     for rotation in rotations:
         axes = [rotation.vector(tape, axis) for axis in axes]
@@ -229,14 +135,7 @@ class Wrench:
 
     @classmethod
     def of(cls, entries: Iterable[sp.Expr]) -> Wrench:
-        """A wrench by its components.
-
-        Args:
-            entries: The six components, of the force and then of the moment.
-
-        Returns:
-            The wrench.
-        """
+        """A wrench by its six components, of the force and then of the moment."""
         x, y, z, p, q, r = entries
         return cls((x, y, z), (p, q, r))
 
@@ -251,25 +150,11 @@ class Wrench:
         return Wrench(minus(self.force), minus(self.moment))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Wrench:
-        """The same wrench in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-
-        Returns:
-            The wrench in the frame that `rotation` turns from.
-        """
+        """The same wrench in another frame, to which `rotation` takes components."""
         return Wrench(rotation.vector(tape, self.force), rotation.vector(tape, self.moment))
 
     def shifted(self, tape: Scalars, arm: Vector) -> Wrench:
-        """The same wrench about another point.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-
-        Returns:
-            The wrench about the new point.
-        """
+        """The same wrench about another point; `arm` is the old point from the new one (m)."""
         lever = tuple(
             times(arm[i - 2], self.force[i - 1]) - times(arm[i - 1], self.force[i - 2])
             for i in range(3)
@@ -278,14 +163,7 @@ class Wrench:
         return Wrench(self.force, (x, y, z))
 
     def plus(self, tape: Scalars, other: Wrench) -> Wrench:
-        """Sum of two wrenches.
-
-        Args:
-            other: About the same point, in the same frame.
-
-        Returns:
-            The sum.
-        """
+        """Sum of two wrenches about one point, in one frame."""
         return Wrench(add(tape, self.force, other.force), add(tape, self.moment, other.moment))
 
 
@@ -296,18 +174,10 @@ class Movable(Protocol):
     """What is seen from a frame and about its origin, such as a wrench or an inertia."""
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Self:
-        """The same in another frame.
-
-        Args:
-            rotation: Takes components in this frame to those in the other.
-        """
+        """The same in another frame, to which `rotation` takes components."""
 
     def shifted(self, tape: Scalars, arm: Vector) -> Self:
-        """The same about another point.
-
-        Args:
-            arm: The old point from the new one (m), in the same frame.
-        """
+        """The same about another point; `arm` is the old point from the new one (m)."""
 
 
 # Rotations and shifts, one after the other, from one frame to another.
@@ -316,15 +186,7 @@ Moved = TypeVar("Moved", bound=Movable)
 
 
 def moved(tape: Scalars, item: Moved, transform: Transform) -> Moved:
-    """Take something to another frame and point.
-
-    Args:
-        item: Seen from where the transform begins.
-        transform: Rotations and shifts.
-
-    Returns:
-        The same, seen from where the transform ends.
-    """
+    """The same from where a transform ends as an item from where it begins."""
     for step in transform:
         item = item.rotated(tape, step) if isinstance(step, Rotation) else item.shifted(tape, step)
     return item

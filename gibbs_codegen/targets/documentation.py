@@ -31,15 +31,9 @@ HANGING = "    "
 
 
 def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
-    """Documentation of a Python function, as it stands between quotes.
+    """Documentation of a Python function as it stands between quotes, without indentation.
 
-    Args:
-        robot: Whose function it is.
-        signature: Of the function.
-        work: What a call takes: what `operations` or `calls` returns.
-
-    Returns:
-        Lines without indentation.
+    `work` is what a call takes: what `operations` or `calls` returns.
     """
     row = FUNCTIONS[signature.name]
     takes = [f"{a}: {meaning(robot, a)}, {argument_text(robot, a)}" for a in signature.arguments]
@@ -58,16 +52,9 @@ def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
 
 
 def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[str]:
-    """Documentation of a C function, as it stands in a comment.
+    """Documentation of a C function as it stands in a comment, without what that begins with.
 
-    Args:
-        robot: Whose function it is.
-        signature: Of the function.
-        work: What a call takes: what `operations` or `calls` returns.
-        stack: How much of the stack it takes for one state of doubles (bytes).
-
-    Returns:
-        Lines without what a comment begins with.
+    `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes).
     """
     row = FUNCTIONS[signature.name]
     items = [
@@ -94,13 +81,8 @@ def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[s
 def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) -> list[str]:
     """Documentation of a C function that writes matrices without their zeros.
 
-    Args:
-        signature: Of the function that writes whole matrices.
-        lengths: How many entries it writes of each matrix, by the matrix's name.
-        stack: How much of the stack it takes for one state of doubles (bytes).
-
-    Returns:
-        Lines without what a comment begins with.
+    The signature is that of the function that writes whole matrices; `lengths` are how many entries
+    it writes of each matrix, `stack` is as of `doxygen`.
     """
     as_there = f"as of {signature.name}"
     items = [f"@param[in] {name} {as_there}" for name in ("constants", *signature.arguments)]
@@ -119,29 +101,13 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) ->
 
 
 def meaning(robot: Robot, argument: str) -> str:
-    """What an argument is.
-
-    Args:
-        robot: Whose functions take it.
-        argument: One of `interface.ARGUMENTS`.
-
-    Returns:
-        Words that its entries follow.
-    """
+    """Words for an argument, one of `interface.ARGUMENTS`, that its entries follow."""
     row = ARGUMENTS[argument]
     return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
 
 
 def details(robot: Robot, row: Row) -> str:
-    """What is to be said of a function beyond its summary.
-
-    Args:
-        robot: Whose function it is.
-        row: Of the function.
-
-    Returns:
-        Sentences; "" where there is nothing to say.
-    """
+    """What is to be said of a function beyond its summary, or ""."""
     return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
 
 
@@ -152,29 +118,14 @@ _SINGULARITY = (
 
 
 def operations(function: Function) -> str:
-    """How many operations a function takes.
-
-    Args:
-        function: One of a program's.
-
-    Returns:
-        Counts in words.
-    """
+    """How many operations a function takes, in words."""
     counts = count_operations(function.nodes())
     arctangents = f", {counts.arctangents} arctangents" if counts.arctangents else ""
     return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
 
 
 def calls(robot: Robot, name: str) -> str:
-    """Which functions one that is composed calls, and how often.
-
-    Args:
-        robot: Whose function it is.
-        name: Of the function.
-
-    Returns:
-        Counts in words.
-    """
+    """Which functions one that is composed calls, and how often, in words."""
     counts = {**FUNCTIONS[name].composed}
     if not layout_of(robot).is_quaternion:  # Sums need no matrices.
         counts.pop("integrate_derivatives", None)
@@ -182,31 +133,14 @@ def calls(robot: Robot, name: str) -> str:
 
 
 def wrapped(items: list[str], width: int, hanging: str) -> list[str]:
-    """Lines of items, each on lines of its own.
-
-    Args:
-        items: Text.
-        width: Characters in a line.
-        hanging: What the lines of an item after its first begin with.
-
-    Returns:
-        Lines.
-    """
+    """Items, each on lines of its own; those after an item's first begin with `hanging`."""
     return [
         line for item in items for line in textwrap.wrap(item, width, subsequent_indent=hanging)
     ]
 
 
 def argument_text(robot: Robot, argument: str) -> str:
-    """Entries of an argument with their units, in order.
-
-    Args:
-        robot: Whose entries they are.
-        argument: One of `interface.ARGUMENTS`.
-
-    Returns:
-        Names with units, as "theta_m1 [rad], theta_0 [rad]".
-    """
+    """Entries of an argument with units, as "theta_m1 [rad], theta_0 [rad]"."""
     row, shape = ARGUMENTS[argument], ARGUMENTS[argument].shape
     if shape == "f6":
         return f"force [N] and torque [N m], a row for each of {', '.join(frame_names(robot))}"
@@ -221,15 +155,7 @@ def argument_text(robot: Robot, argument: str) -> str:
 
 
 def output_text(robot: Robot, output: Output) -> str:
-    """What the entries of a function's output are, with their units.
-
-    Args:
-        robot: Whose function it is.
-        output: One of the function's row.
-
-    Returns:
-        Names with units, or the units alone.
-    """
+    """What the entries of an output are: names with units, or the units alone."""
     return output.entries.format(unit=output.unit, **_entry_lists(robot))
 
 
@@ -265,14 +191,7 @@ def _forces(unknowns: tuple[Coordinate, ...]) -> str:
 
 
 def attitude_text(robot: Robot) -> str:
-    """The attitude as a product of rotations, such as R_x(theta_m1) R_y(theta_0) R_z(theta_1).
-
-    Args:
-        robot: Whose attitude it is.
-
-    Returns:
-        The product, or the quaternion, as text.
-    """
+    """The attitude as a product, as R_x(theta_m1) R_y(theta_0) R_z(theta_1), or a quaternion."""
     layout = layout_of(robot)
     names = layout.q.names[layout.q.attitude]
     if layout.is_quaternion:
@@ -285,25 +204,14 @@ def attitude_text(robot: Robot) -> str:
 def base_frame(robot: Robot) -> str:
     """What the frame of the base is called.
 
-    Args:
-        robot: Whose base it is.
-
-    Returns:
-        That of arm 1 where the base is made of rods by the paper's rule.
+    It is that of arm 1 where the base is made of rods by the paper's rule.
     """
     by_rule = robot.base.rotors and robot.base.azimuth_deg is None
     return "base arm 1's frame" if by_rule else "the base's frame"
 
 
 def attitude_lines(robot: Robot) -> list[str]:
-    """What the attitude of a module is, as a comment says it.
-
-    Args:
-        robot: Whose attitude it is.
-
-    Returns:
-        Lines without the sign of a comment.
-    """
+    """What the attitude of a module is, as a comment says it, without the comment's sign."""
     says = f"From {base_frame(robot)} to the world the attitude is"
     if not layout_of(robot).is_quaternion:
         says = f"Intrinsic sequence of the attitude angles. {says}"
@@ -311,14 +219,7 @@ def attitude_lines(robot: Robot) -> list[str]:
 
 
 def state_tables(robot: Robot) -> dict[str, list[str]]:
-    """What explains the entries of q, v and a.
-
-    Args:
-        robot: Whose entries they are.
-
-    Returns:
-        A line for each entry, by headings.
-    """
+    """Lines that explain the entries of q, v and a, by headings."""
     coordinates = coordinate_table(reduced_coordinates(robot))
     if not layout_of(robot).is_quaternion:
         title = "Coordinates q, in order (v: their rates, a: their accelerations)"
@@ -339,14 +240,7 @@ _DERIVATIVES = {
 
 
 def unknown_table(robot: Robot) -> list[str]:
-    """What explains the unknowns of the hybrid system: accelerations, then constraint torques.
-
-    Args:
-        robot: Whose unknowns they are.
-
-    Returns:
-        A line for each, as of `coordinate_table`.
-    """
+    """What explains the unknowns of the hybrid system: accelerations, then constraint torques."""
     unknowns = []
     for entry in hybrid_coordinates(robot):
         unit, what = _DERIVATIVES[entry.unit]
@@ -355,14 +249,7 @@ def unknown_table(robot: Robot) -> list[str]:
 
 
 def entry_lines(tables: dict[str, list[str]]) -> list[str]:
-    """Tables one below the other.
-
-    Args:
-        tables: Lines by headings.
-
-    Returns:
-        Headings, each with its lines, and empty lines between; no table without lines.
-    """
+    """Tables one below the other, under their headings; none without lines."""
     lines = []
     for heading, entries in ((h, e) for h, e in tables.items() if e):
         lines += ["", f"{heading}:", "", *(f"    {entry}" for entry in entries)]
@@ -370,13 +257,6 @@ def entry_lines(tables: dict[str, list[str]]) -> list[str]:
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
-    """Lines that explain coordinates one by one.
-
-    Args:
-        coordinates: In order.
-
-    Returns:
-        A line each: name, unit, meaning.
-    """
+    """Lines that explain coordinates one by one: name, unit, meaning."""
     width = max((len(c.name) for c in coordinates), default=0)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]

@@ -17,48 +17,19 @@ class InfixPrinter:
     OVER = "/"
 
     def name(self, name: str) -> str:
-        """A variable of the language.
-
-        Args:
-            name: What the program calls it.
-
-        Returns:
-            What it is called in the language.
-        """
+        """A variable of the language, by what the program calls it."""
         return name
 
     def number(self, value: float) -> str:
-        """A literal of the language.
-
-        Args:
-            value: Its value.
-
-        Returns:
-            Text that reads back as the same double.
-        """
+        """A literal of the language that reads back as the same double."""
         return repr(value)
 
     def call(self, function: str, argument: str) -> str:
-        """A call of a function.
-
-        Args:
-            function: One of those of `nodes.Call`.
-            argument: The number that it takes, as text.
-
-        Returns:
-            The call as text.
-        """
+        """A call of a function of `nodes.Call`, its argument as text."""
         return f"{function}({argument})"
 
     def expression(self, node: Node) -> str:
-        """A node as an expression.
-
-        Args:
-            node: What is computed.
-
-        Returns:
-            Text without outer parentheses.
-        """
+        """A node as an expression without outer parentheses."""
         match node:
             case Name(name):
                 return self.name(name)
@@ -101,25 +72,13 @@ class CPrinter(InfixPrinter):
     """Prints nodes as C, with every literal of the type that the module is compiled for."""
 
     def number(self, value: float) -> str:
-        """A literal within the macro that gives it its type.
-
-        Args:
-            value: Its value.
-
-        Returns:
-            Text of 17 digits at most.
-        """
+        """A literal, of 17 digits at most, within the macro that gives it its type."""
         return f"-R({c_literal(-value)})" if value < 0 else f"R({c_literal(value)})"
 
     def call(self, function: str, argument: str) -> str:
         """A call of a function of <math.h>, by the macro that takes the one of the right type.
 
-        Args:
-            function: "sqrt", "atan" or "sign": sines and cosines are computed before.
-            argument: The number that it takes, as text.
-
-        Returns:
-            The call as text.
+        The function is "sqrt", "atan" or "sign": sines and cosines are computed before.
         """
         if function == "sign":
             return f"LIBRARY(copysign)({self.number(1.0)}, {argument})"
@@ -127,13 +86,6 @@ class CPrinter(InfixPrinter):
 
 
 def c_literal(value: float) -> str:
-    """A floating literal of C.
-
-    Args:
-        value: Its value.
-
-    Returns:
-        Text of 17 digits at most, which reads back as the same double.
-    """
+    """A floating literal of C, of 17 digits at most, that reads back as the same double."""
     text = format(value, ".17g")
     return text if "." in text or "e" in text else f"{text}.0"

@@ -94,16 +94,9 @@ DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_de
 
 
 def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
-    """Targets by their names.
+    """Rows of `TARGETS` by their names, in that order; without names those by default.
 
-    Args:
-        names: Of targets; without them those that are emitted by default.
-
-    Returns:
-        Rows of `TARGETS`, in the order of the names.
-
-    Raises:
-        UsageError: A name is unknown, or a target is missing that another needs.
+    Raises `UsageError` where a name is unknown, or a target is missing that another needs.
     """
     for name in names:
         if name not in TARGETS:
@@ -122,16 +115,7 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
 
 
 def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
-    """Text of every file of a generated module; the robot file is one of them.
-
-    Args:
-        model: The derived robot.
-        robot_text: Its robot file.
-        targets: What is emitted.
-
-    Returns:
-        Texts by file name.
-    """
+    """Texts of a generated module's files by name; the robot file is one of them."""
     files = {"robot.toml": robot_text}
     opening = header(model, robot_text, targets)
     for target in targets.values():
@@ -146,13 +130,7 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
 def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list[str]:
     """Lines that open every emitted file: what it is, what it was made from, whose it is.
 
-    Args:
-        model: The derived robot.
-        robot_text: Its robot file.
-        targets: What is emitted.
-
-    Returns:
-        Lines without the signs of a comment.
+    They are without the signs of a comment.
     """
     command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
     if model.keeps_zeros:

@@ -23,14 +23,7 @@ class PythonSource:
 
 
 def python_source(*names: str) -> PythonSource:
-    """Python files of the folder as one.
-
-    Args:
-        names: Of the files, each after those that it imports from.
-
-    Returns:
-        Their parts.
-    """
+    """Python files of the folder as one, each after those that it imports from."""
     lines: list[str] = []
     bodies = []
     for name in names:
@@ -45,11 +38,7 @@ def python_source(*names: str) -> PythonSource:
 def _imports(lines: Iterable[str]) -> str:
     """Imports in the order that linters want, those from one module in one line.
 
-    Args:
-        lines: Imports of the standard library and of NumPy, some of them twice.
-
-    Returns:
-        Their text.
+    They are of the standard library and of NumPy, some of them twice.
     """
     names: dict[str, set[str]] = {}
     for line in lines:
@@ -64,27 +53,14 @@ def _imports(lines: Iterable[str]) -> str:
 
 
 def c_source(name: str) -> str:
-    """A C file of the folder, with the files of the folder that it includes in their places.
-
-    Args:
-        name: Of the file.
-
-    Returns:
-        Its text.
-    """
+    """A C file of the folder, with the files of the folder that it includes in their places."""
     return _INCLUDE.sub(lambda match: c_source(match[1]), _text(name))
 
 
 def c_joined(folder: str, names: Iterable[str], rooms: Mapping[str, str]) -> str:
     """Files of a subfolder one after the other, each once, and after those that it includes.
 
-    Args:
-        folder: The subfolder.
-        names: Of the files.
-        rooms: Folders that stand for others in what files include, such as those of one base.
-
-    Returns:
-        Their text.
+    `rooms` are folders that stand for others in what files include, such as those of one base.
     """
     texts: dict[str, str] = {}
 
@@ -103,14 +79,7 @@ def c_joined(folder: str, names: Iterable[str], rooms: Mapping[str, str]) -> str
 
 
 def matlab_source(name: str) -> list[str]:
-    """A file of the folder's functions in MATLAB.
-
-    Args:
-        name: Of the function.
-
-    Returns:
-        Its lines.
-    """
+    """Lines of a file of the folder's functions in MATLAB."""
     return _text(f"matlab/{name}.m").splitlines()
 
 

@@ -15,15 +15,7 @@ from gibbs_codegen.symbolic.tape import Scalars
 
 
 def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
-    """The root of a robot: a quaternion, or Tait–Bryan angles in the robot's sequence.
-
-    Args:
-        robot: The robot.
-        q: Its coordinates.
-
-    Returns:
-        The root.
-    """
+    """The root of a robot: a quaternion, or Tait–Bryan angles in the robot's sequence."""
     layout = layout_of(robot)
     attitude = q[layout.q.attitude]
     if layout.is_quaternion:

@@ -21,14 +21,7 @@ _TINY = sp.Rational(1, 2**120)
 
 
 def rotation_columns(tape: Scalars, q: Quaternion) -> tuple[Vector, Vector, Vector]:
-    """Columns of the rotation matrix of a unit quaternion.
-
-    Args:
-        q: The quaternion.
-
-    Returns:
-        The base's axes in the world.
-    """
+    """Columns of a unit quaternion's rotation matrix: the base's axes in the world."""
     let, (x, y, z, w) = tape.let, q
     dx, dy, dz = (let(2 * part) for part in (x, y, z))
     xx, yy, zz = let(x * dx), let(y * dy), let(z * dz)
@@ -42,44 +35,20 @@ def rotation_columns(tape: Scalars, q: Quaternion) -> tuple[Vector, Vector, Vect
 
 
 def upward(tape: Scalars, q: Quaternion, length: sp.Expr) -> Vector:
-    """A vector along the world's Z in the base's frame.
-
-    Args:
-        q: The quaternion.
-        length: Its length.
-
-    Returns:
-        The last row of the rotation matrix, `length` times.
-    """
+    """A vector of a length along the world's Z in the base's frame."""
     let, (x, y, z, w) = tape.let, q
     a, b = let(2 * length * x), let(2 * length * y)
     return (let(a * z - b * w), let(b * z + a * w), let(length - a * x - b * y))
 
 
 def turned(tape: Scalars, columns: tuple[Vector, Vector, Vector], vector: Vector) -> Vector:
-    """A vector in the world.
-
-    Args:
-        columns: The base's axes in the world.
-        vector: Components in the base's frame.
-
-    Returns:
-        Components in the world.
-    """
+    """A vector of the base's frame in the world, by the base's axes there."""
     x, y, z = (dot(tape, row, vector) for row in zip(*columns, strict=True))
     return (x, y, z)
 
 
 def quaternion_rate(tape: Scalars, q: Quaternion, omega: Vector) -> Quaternion:
-    """q̇ = ½ q ω.
-
-    Args:
-        q: The quaternion.
-        omega: Angular velocity in the base's frame (rad/s).
-
-    Returns:
-        The rates of its parts (1/s).
-    """
+    """q̇ = ½ q ω, with ω in the base's frame (rad/s)."""
     x, y, z = scale(tape, sp.Rational(1, 2), omega)
     return _product(tape, q, (x, y, z, sp.S.Zero))
 
@@ -87,18 +56,12 @@ def quaternion_rate(tape: Scalars, q: Quaternion, omega: Vector) -> Quaternion:
 def displaced(
     tape: Scalars, q: Quaternion, position: Vector, turn: Vector, step: Vector
 ) -> tuple[Quaternion, Vector]:
-    """The pose after a screw motion: the exponential map of SE(3).
+    """The pose after a screw motion, `turn` (rad) and `step` (m): the exponential map of SE(3).
 
-    With θ = |turn|, the attitude is turned by the quaternion of half that angle, and the step is
-    ν + (1 − cos θ)/θ²·turn×ν + (θ − sin θ)/θ³·turn×(turn×ν). Of q and −q the result is the one on
-    the side of the quaternion that it starts from.
-
-    Args:
-        q, position: The pose; a quaternion that is not of unit length is normalised.
-        turn, step: Angular (rad) and linear part (m) of the displacement.
-
-    Returns:
-        The new pose.
+    With θ = |turn|, the attitude is turned by the quaternion of half that angle, and the step is ν
+    + (1 − cos θ)/θ²·turn×ν + (θ − sin θ)/θ³·turn×(turn×ν). A quaternion that is not of unit length
+    is normalised. Of q and −q the result is the one on the side of the quaternion that it starts
+    from.
     """
     let = tape.let
     with tape.group("the quaternion, of unit length"):
@@ -122,16 +85,11 @@ def displaced(
 def displacement(
     tape: Scalars, start: tuple[Quaternion, Vector], end: tuple[Quaternion, Vector]
 ) -> tuple[Vector, Vector]:
-    """The displacement between two poses: the logarithm of SE(3), turning by half a turn at most.
+    """Turn (rad, half a turn at most) and step (m) between two poses: the logarithm of SE(3).
 
-    With φ half the angle it is twice φ/sin φ times the vector part of the quaternion between them,
-    and the linear part is p − ½turn×p + (1 − φ cot φ)/(4φ²)·turn×(turn×p).
-
-    Args:
-        start, end: The poses, their quaternions of unit length.
-
-    Returns:
-        Angular (rad) and linear part (m) in the frame of the first pose.
+    They are in the frame of the first pose; quaternions are of unit length. With φ half the angle
+    the turn is twice φ/sin φ times the vector part of the quaternion between them, and the step is
+    p − ½turn×p + (1 − φ cot φ)/(4φ²)·turn×(turn×p).
     """
     let, (q, origin) = tape.let, start
     back: Quaternion = (-q[0], -q[1], -q[2], q[3])
@@ -157,14 +115,7 @@ def displacement(
 
 
 def half_angle(tape: Scalars, turn: Vector) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
-    """Functions of the angle θ of a turn.
-
-    Args:
-        turn: Axis times angle (rad).
-
-    Returns:
-        θ², cos θ/2, and sin(θ/2)/θ.
-    """
+    """θ², cos θ/2, and sin(θ/2)/θ of the angle θ of a turn, axis times angle (rad)."""
     let = tape.let
     with tape.group("angle of the displacement, and its functions"):
         square = let(dot(tape, turn, turn) + _TINY)

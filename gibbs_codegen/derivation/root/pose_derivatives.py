@@ -36,11 +36,7 @@ _TERMS = 9
 def displaced_by_pose(tape: Scalars, turn: Vector, step: Vector) -> Matrix:
     """How the pose after a screw motion moves with the pose before: Ad of the inverse motion.
 
-    Args:
-        turn, step: Angular (rad) and linear part (m) of the motion.
-
-    Returns:
-        6×6 entries [[Rᵀ, 0], [−Rᵀp̃, Rᵀ]], angular before linear, in the frames of the poses.
+    These are 6×6 entries [[Rᵀ, 0], [−Rᵀp̃, Rᵀ]], angular before linear, in the frames of the poses.
     """
     let = tape.let
     square, cosine, share = half_angle(tape, turn)
@@ -64,14 +60,8 @@ def displaced_by_pose(tape: Scalars, turn: Vector, step: Vector) -> Matrix:
 def displaced_by_motion(tape: Scalars, turn: Vector, step: Vector) -> Matrix:
     """How the pose after a screw motion moves with the motion: the right Jacobian of SE(3).
 
-    It is [[J, 0], [Q, J]] with J = a·1 − b·φ̃ + c·φφᵀ, and with Q the rate of J as φ moves by the
-    linear part.
-
-    Args:
-        turn, step: Angular (rad) and linear part (m) of the motion.
-
-    Returns:
-        6×6 entries, angular before linear, in the frame of the pose after the motion.
+    It is [[J, 0], [Q, J]], angular before linear, in the frame of the pose after the motion, with J
+    = a·1 − b·φ̃ + c·φφᵀ, and with Q the rate of J as φ moves by the linear part.
     """
     let = tape.let
     square, cosine, share = half_angle(tape, turn)
@@ -110,14 +100,7 @@ def displaced_by_motion(tape: Scalars, turn: Vector, step: Vector) -> Matrix:
 def _coefficients(
     tape: Scalars, square: sp.Expr, cosine: sp.Expr, share: sp.Expr
 ) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
-    """The functions a, b and c of an angle.
-
-    Args:
-        square, cosine, share: What `half_angle` returns.
-
-    Returns:
-        Their values, as accurate as numbers are at any angle.
-    """
+    """Functions a, b, c of an angle from `half_angle`, as accurate as numbers are at any angle."""
     let = tape.let
     with tape.group("functions of the angle"):
         a, b = let(2 * share * cosine), let(2 * share * share)

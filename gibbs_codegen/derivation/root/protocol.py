@@ -35,35 +35,25 @@ class BaseDerivatives(Protocol):
     """
 
     def coriolis(self, tape: Scalars) -> BaseDerivatives:
-        """The same with the Coriolis matrix C in place of half the derivatives by the velocities.
+        """The same with 2C, C the Coriolis matrix, in place of the derivatives by velocities.
 
-        Returns:
-            What gives, row by row, 2C with the entries ∫ξ_i·2ξ̇_j dm, as between joints. C v are the
-            velocity terms of the forces, and Ṁ − 2C is skew-symmetric.
+        2C has the entries ∫ξ_i·2ξ̇_j dm, as between joints. C v are the velocity terms of the
+        forces, and Ṁ − 2C is skew-symmetric.
         """
         ...
 
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
-        """How the force on a joint depends on the base.
+        """Derivatives of the force on a joint by the base's displacements, and by its velocities.
 
-        Args:
-            joint: Its column, about the origin, in the root's group frame.
-
-        Returns:
-            Derivatives by each displacement of the base, and by each of its velocities.
+        `joint` is the joint's column about the origin, in the root's group frame.
         """
         ...
 
     def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
-        """How the forces on the base depend on the base.
+        """Derivatives of the forces on the base, by its velocities; columns as of `row`.
 
-        Args:
-            body: The whole robot about the origin, in the root's group frame, its mass and its
-                inertia force without those of the root's own mass.
-            mass_block: The base's block of the mass matrix.
-
-        Returns:
-            Rows of the forces along the base's velocities, columns as of `row`.
+        `body` is the whole robot about the origin, in the root's group frame, its mass and its
+        inertia force without those of the root's own mass; `mass_block` is the base's block of M.
         """
         ...
 
@@ -87,110 +77,60 @@ class Root(Protocol):
         ...
 
     def places(self, joints: int) -> Places:
-        """Places of the entries of v and a.
-
-        Args:
-            joints: Number of joints after the base.
-
-        Returns:
-            Places of the base and of the joints.
-        """
+        """Places in v and a of the base, and of the joints after it."""
         ...
 
     def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the root's group frame.
+        """Motion of the root's group frame, in its own axes.
 
-        Args:
-            rates, accelerations: The base's velocities, and their rates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The motion in the frame's own axes.
+        Gravity (m/s²) is included as an upward acceleration; `rates` are the base's velocities.
         """
         ...
 
     def origin_acceleration(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Vector:
-        """Acceleration of the origin, along the directions in which the linear velocities count.
+        """Acceleration of the origin (m/s²), along the directions in which linear velocities count.
 
-        Args:
-            rates, accelerations: The base's velocities, and their rates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            Its components (m/s²): the world's for Tait–Bryan angles, the base's for a quaternion.
+        These are the world's for Tait–Bryan angles, the base's for a quaternion. Gravity (m/s²) is
+        included as an upward acceleration.
         """
         ...
 
     def segment_spin(self, values: Values) -> sp.Expr:
-        """The rate or acceleration of the root segment against its group frame.
-
-        Args:
-            values: The base's velocities, or their rates.
-
-        Returns:
-            That about z (rad/s or rad/s²).
-        """
+        """Rate or acceleration about z of the root segment against its group frame."""
         ...
 
     def rows(self, tape: Scalars, wrench: Wrench) -> tuple[sp.Expr, ...]:
-        """Generalised forces of a wrench along the base's velocities.
+        """Generalised forces along the base's velocities of a wrench (N, N m).
 
-        Args:
-            wrench: About the origin, in the root's group frame (N, N m).
-
-        Returns:
-            One force for each velocity of the base.
+        It is about the origin, in the root's group frame.
         """
         ...
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
-        """The base's block of the mass matrix.
-
-        Args:
-            composite: Inertia of the whole robot about the origin, in the root's group frame.
-
-        Returns:
-            Rows and columns of the base's velocities.
-        """
+        """The base's block of M, by the robot's inertia about the origin in the group frame."""
         ...
 
     def derivatives(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> BaseDerivatives:
-        """How forces depend on the base's coordinates and velocities.
+        """How forces depend on the base's coordinates and velocities, in this state of motion.
 
-        Args:
-            rates, accelerations: The base's velocities, and their rates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            What makes the derivatives in this state of motion.
+        Gravity (m/s²) is included as an upward acceleration.
         """
         ...
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector.
-
-        Args:
-            vector: Its components in the root's group frame.
-
-        Returns:
-            Its components in world axes.
-        """
+        """World components of a vector of the root's group frame."""
         ...
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Velocities of a point for a unit of each velocity of the base.
+        """Linear and angular velocity of a point per unit of each velocity of the base.
 
-        Args:
-            point: A point of the robot from the origin, in world axes (m).
-
-        Returns:
-            Linear and angular velocity in world axes, for each.
+        All are in world axes; the point is from the origin (m).
         """
         ...
 
@@ -199,52 +139,21 @@ class Root(Protocol):
     ) -> list[sp.Expr]:
         """Rates of the base's velocities, recovered from a motion of the root's group frame.
 
-        Args:
-            linear: Acceleration of the origin relative to free fall, in the root's group frame
-                (m/s²).
-            angular: What the rates of the velocities add to the angular acceleration, in
-                the root's group frame (rad/s²).
-            rates: The base's velocities.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            One acceleration for each velocity of the base.
+        `linear` is the acceleration of the origin relative to free fall (m/s²), `angular` what the
+        rates of the velocities add to the angular acceleration (rad/s²); both are in that frame.
         """
         ...
 
     def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
-        """q̇ of the base's coordinates.
-
-        Args:
-            coordinates: The base's.
-            rates: Its velocities.
-
-        Returns:
-            One rate for each coordinate of the base.
-        """
+        """q̇ of the base's coordinates, from its velocities."""
         ...
 
     def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
-        """The base's coordinates after a displacement.
-
-        Args:
-            coordinates: The base's.
-            step: The displacement: velocities times a time in which they are constant.
-
-        Returns:
-            The new coordinates.
-        """
+        """The base's coordinates after a displacement: velocities times a time that they last."""
         ...
 
     def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
-        """The displacement that leads from one place to another.
-
-        Args:
-            start, end: Coordinates of the base.
-
-        Returns:
-            The displacement, one entry for each velocity of the base.
-        """
+        """The displacement from one place to another, one entry for each velocity of the base."""
         ...
 
     def acceleration_rows(
@@ -252,12 +161,9 @@ class Root(Protocol):
     ) -> Callable[[Acceleration], Values]:
         """How changes of the base's motion change the rates of its velocities.
 
-        Args:
-            turns: Rotations from the frame of the changes to the group frame.
-
-        Returns:
-            A linear function of an acceleration in that frame: of the origin, and what the rates of
-            the velocities add to the angular acceleration.
+        It is a linear function of an acceleration in the frame of the changes: of the origin, and
+        what the rates of the velocities add to the angular acceleration. `turns` lead from that
+        frame to the group frame.
         """
         ...
 
@@ -270,39 +176,19 @@ class Root(Protocol):
         accelerations: Values,
         gravity: sp.Expr,
     ) -> tuple[list[Values], list[Values]]:
-        """Derivatives of all accelerations by attitude and position, and by the velocities.
+        """Derivatives of all accelerations by attitude and position, and by the base's velocities.
 
-        Args:
-            turning: Columns for a change of each component of the angular velocity ω of the base,
-                with the acceleration of the origin and dω/dt.
-            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
-            rates, accelerations: The base's velocities, and their rates.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            Columns in the tangent space of the base's coordinates, and for each of its velocities;
-            first come the rows of the base, then those of the joints.
+        `turning` are the columns for a change of each component of the base's ω, with the
+        acceleration of the origin and dω/dt; `linear` is the acceleration of the origin relative to
+        free fall, in the group frame (m/s²). The first are in the tangent space of the base's
+        coordinates. In each, the rows of the base come before those of the joints.
         """
         ...
 
     def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
-        """How the base after a displacement moves with the base before it.
-
-        Args:
-            step: The displacement.
-
-        Returns:
-            6×6 entries, in the tangent spaces at both places.
-        """
+        """Derivatives (6×6) of `integrated` by the place before, in both tangent spaces."""
         ...
 
     def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
-        """How the base after a displacement moves with the displacement.
-
-        Args:
-            step: The displacement.
-
-        Returns:
-            6×6 entries, in the tangent space at the place after it.
-        """
+        """Derivatives (6×6) of `integrated` by the displacement, in the tangent space after it."""
         ...

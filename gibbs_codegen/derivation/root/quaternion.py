@@ -54,14 +54,7 @@ class QuaternionRoot:
 
     @classmethod
     def make(cls, tape: Scalars, parts: Sequence[sp.Expr]) -> QuaternionRoot:
-        """The root of a quaternion.
-
-        Args:
-            parts: Its x, y, z and w.
-
-        Returns:
-            The root.
-        """
+        """The root of a quaternion's x, y, z and w."""
         x, y, z, w = parts
         return cls((x, y, z, w), rotation_columns(tape, (x, y, z, w)))
 
@@ -81,78 +74,34 @@ class QuaternionRoot:
         return NO_ROTATION
 
     def places(self, joints: int) -> Places:
-        """Places of the entries of v and a.
-
-        Args:
-            joints: Number of joints after the base.
-
-        Returns:
-            Linear velocity first, then angular velocity, then the joints.
-        """
+        """Linear velocity first, then angular velocity, then the joints."""
         return velocity_places(QUATERNION, joints)
 
     def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the base.
-
-        Args:
-            rates, accelerations: ω and the origin's velocity, and their rates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The motion in the base's frame.
-        """
+        """Motion of the base in its own frame; rates are ω and the origin's velocity."""
         linear = self.origin_acceleration(tape, rates, accelerations, gravity)
         return Motion.of(tape, _vector(rates[:3]), _vector(accelerations[:3]), linear)
 
     def origin_acceleration(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Vector:
-        """Acceleration of the origin: v̇ + ω×v, and gravity.
-
-        Args:
-            rates, accelerations: ω and the origin's velocity, and their rates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The acceleration in the base's frame (m/s²).
-        """
+        """v̇ + ω×v with gravity upwards, in the base's frame (m/s²)."""
         turning = cross(tape, _vector(rates[:3]), _vector(rates[3:]))
         up = upward(tape, self.attitude, gravity)
         return add(tape, _vector(accelerations[3:]), turning, up)
 
     def segment_spin(self, values: Values) -> sp.Expr:
-        """The root segment does not turn against its group frame.
-
-        Args:
-            values: Not used.
-
-        Returns:
-            Zero.
-        """
+        """Zero: the root segment does not turn against its group frame."""
         return sp.S.Zero
 
     def rows(self, tape: Scalars, wrench: Wrench) -> tuple[sp.Expr, ...]:
-        """Generalised forces of a wrench: the wrench itself.
-
-        Args:
-            wrench: About the origin, in the base's frame (N, N m).
-
-        Returns:
-            Its moment and its force.
-        """
+        """Moment and force of the wrench itself."""
         return (*wrench.moment, *wrench.force)
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
-        """The base's block of the mass matrix: the Hessian of the Gibbs function.
-
-        Args:
-            composite: Inertia of the whole robot about the origin, in the base's frame.
-
-        Returns:
-            6×6 entries, angular before linear.
-        """
+        """The Hessian of the Gibbs function, 6×6, angular before linear."""
         block = zeros(6, 6)
         for i in range(3):
             block[3 + i][3 + i] = composite.mass
@@ -165,85 +114,35 @@ class QuaternionRoot:
     def derivatives(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> QuaternionDerivatives:
-        """How forces depend on the base's attitude and velocities.
-
-        Args:
-            rates: ω and the origin's velocity.
-            accelerations: Not used.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            What makes the derivatives in this state of motion.
-        """
+        """How forces depend on the base's attitude and velocities; no accelerations are needed."""
         up = upward(tape, self.attitude, gravity)
         return QuaternionDerivatives(_vector(rates[:3]), _vector(rates[3:]), up)
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector.
-
-        Args:
-            vector: Its components in the base's frame.
-
-        Returns:
-            Its components in world axes.
-        """
+        """World components of a vector of the base's frame."""
         return turned(tape, self.axes, vector)
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Velocities of a point for unit velocities of the base.
-
-        Args:
-            point: The point from the origin, in world axes (m).
-
-        Returns:
-            Linear and angular velocity in world axes, for each of the angular and then of the
-            linear velocities.
-        """
+        """Linear and angular velocity of a point per unit of ω, and then of v, in world axes."""
         turning = [(cross(tape, axis, point), axis) for axis in self.axes]
         return [*turning, *((axis, ZERO) for axis in self.axes)]
 
     def accelerations(
         self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
     ) -> list[sp.Expr]:
-        """Rates of the velocities of the base, from its motion.
-
-        Args:
-            linear: Acceleration of the origin relative to free fall, in the base's frame (m/s²).
-            angular: Angular acceleration, in the base's frame (rad/s²).
-            rates: ω and the origin's velocity.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            ω̇ and v̇.
-        """
+        """ω̇ and v̇; `rates` are ω and the origin's velocity."""
         with tape.group("rate of the base's velocity, in its own frame"):
             zero = [sp.S.Zero] * 6
             known = self.origin_acceleration(tape, rates, zero, gravity)
             return [*angular, *add(tape, linear, minus(known))]
 
     def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
-        """Rates of the base's coordinates.
-
-        Args:
-            coordinates: Quaternion and position.
-            rates: ω and the origin's velocity.
-
-        Returns:
-            Rates of quaternion and position.
-        """
+        """Rates of quaternion and position, from ω and the origin's velocity."""
         quaternion = quaternion_rate(tape, self.attitude, _vector(rates[:3]))
         return [*quaternion, *self.world(tape, _vector(rates[3:]))]
 
     def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
-        """The base's coordinates after a displacement, by the exponential map of SE(3).
-
-        Args:
-            coordinates: Quaternion and position.
-            step: Angular (rad) and linear part (m), in the base's frame.
-
-        Returns:
-            Quaternion, of unit length, and position.
-        """
+        """Quaternion, of unit length, and position, by the exponential map of SE(3)."""
         attitude, position = _pose(coordinates)
         quaternion, moved = displaced(
             tape, attitude, position, _vector(step[:3]), _vector(step[3:])
@@ -251,28 +150,14 @@ class QuaternionRoot:
         return [*quaternion, *moved]
 
     def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
-        """The displacement that takes the base from one place to another.
-
-        Args:
-            start, end: Quaternion and position.
-
-        Returns:
-            Angular (rad) and linear part (m), in the base's first frame.
-        """
+        """Turn (rad) and step (m) that take the base to another place, in its first frame."""
         turn, step = displacement(tape, _pose(start), _pose(end))
         return [*turn, *step]
 
     def acceleration_rows(
         self, tape: Scalars, turns: Sequence[Rotation]
     ) -> Callable[[Acceleration], Values]:
-        """How changes of the base's motion change the rates of its velocities.
-
-        Args:
-            turns: Rotations from the frame of the changes to the base's.
-
-        Returns:
-            A linear function of an acceleration in that frame, of the origin and angular.
-        """
+        """Rates of ω and v by an acceleration of the origin and angular, in the base's frame."""
 
         def converted(motion: Acceleration) -> Values:
             for turn in turns:
@@ -290,19 +175,7 @@ class QuaternionRoot:
         accelerations: Values,
         gravity: sp.Expr,
     ) -> tuple[list[Values], list[Values]]:
-        """Derivatives of all accelerations by attitude and position, and by the velocities.
-
-        Args:
-            turning: Columns for a change of each component of the angular velocity.
-            linear: Not used.
-            rates: ω and the origin's velocity.
-            accelerations: Not used.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            Columns for a turn and a displacement of the base in its own frame, and for each
-            velocity; first come the rows of the base.
-        """
+        """Columns for a turn and a displacement of the base in its own frame, and for ω and v."""
         omega, velocity = _vector(rates[:3]), _vector(rates[3:])
         up = upward(tape, self.attitude, gravity)
         by_attitude, by_turning, by_velocity = [], [], []
@@ -317,25 +190,11 @@ class QuaternionRoot:
         return [*by_attitude, *nothing], [*by_turning, *by_velocity]
 
     def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
-        """How the base after a displacement moves with the base before it.
-
-        Args:
-            step: The displacement: angular (rad) and linear part (m).
-
-        Returns:
-            6×6 entries, angular before linear.
-        """
+        """6×6 entries, angular before linear."""
         return displaced_by_pose(tape, _vector(step[:3]), _vector(step[3:]))
 
     def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
-        """How the base after a displacement moves with the displacement.
-
-        Args:
-            step: The displacement: angular (rad) and linear part (m).
-
-        Returns:
-            6×6 entries, angular before linear.
-        """
+        """6×6 entries, angular before linear."""
         return displaced_by_motion(tape, _vector(step[:3]), _vector(step[3:]))
 
 

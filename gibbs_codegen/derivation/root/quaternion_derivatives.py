@@ -38,23 +38,15 @@ class QuaternionDerivatives:
     upward: Vector
 
     def coriolis(self, tape: Scalars) -> QuaternionDerivatives:
-        """What makes twice the matrix C.
+        """The same for the accelerations that make 2C in place of derivatives by velocities.
 
-        Returns:
-            The same for the accelerations 2e×ẋ + 2(ω×e)×ρ of a turn about an axis e of the base,
-            and 2ω×e of a motion along it.
+        They are 2e×ẋ + 2(ω×e)×ρ of a turn about an axis e of the base, and 2ω×e of a motion along
+        it.
         """
         return replace(self, omega=scale(tape, sp.Integer(2), self.omega), velocity=ZERO)
 
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
-        """How the force on a joint depends on the base.
-
-        Args:
-            joint: Its column, about the origin, in the base's frame.
-
-        Returns:
-            Derivatives by the turn and the displacement of the base, and by ω and v, in its frame.
-        """
+        """Derivatives by turn and displacement of the base, and by ω and v, in its frame."""
         force, moment = joint.mass.force, joint.mass.moment
         with tape.group("derivatives by the attitude"):
             turning = cross(tape, force, self.upward)
@@ -69,15 +61,7 @@ class QuaternionDerivatives:
         return (*turning, *(sp.S.Zero,) * 3), (*angular, *linear)
 
     def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
-        """How the forces on the base depend on the base.
-
-        Args:
-            body: The whole robot about the origin, in the base's frame; its mass is not used.
-            mass_block: The base's block of the mass matrix, for the whole mass.
-
-        Returns:
-            Rows of the moment and then of the force, columns as of `row`.
-        """
+        """Rows of the moment and then of the force; the mass is that of `mass_block`."""
         by_place, by_rate = zeros(6, 6), zeros(6, 6)
         body = replace(body, inertia=replace(body.inertia, mass=mass_block[3][3]))
         with tape.group("derivatives of the forces on the base by its own motion"):
@@ -102,12 +86,6 @@ class QuaternionDerivatives:
 
 
 def _put(matrix: Matrix, place: int, wrench: Wrench) -> None:
-    """Set a column of a matrix to a moment and a force.
-
-    Args:
-        matrix: Of six rows.
-        place: Which column.
-        wrench: The moment and the force.
-    """
+    """Set column `place` of a matrix of six rows to a moment and a force."""
     for row, entry in zip(matrix, (*wrench.moment, *wrench.force), strict=True):
         row[place] = entry

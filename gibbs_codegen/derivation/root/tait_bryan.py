@@ -51,15 +51,7 @@ class TaitBryanRoot:
 
     @classmethod
     def make(cls, tape: Scalars, sequence: str, angles: Sequence[sp.Expr]) -> TaitBryanRoot:
-        """The root of an attitude sequence.
-
-        Args:
-            sequence: Axes of the three rotations, such as "xyz".
-            angles: θ₋₁, θ₀ and θ₁ (rad).
-
-        Returns:
-            The root.
-        """
+        """The root of a sequence of axes, such as "xyz", and of θ₋₁, θ₀ and θ₁ (rad)."""
         a, b, c = ("xyz".index(letter) for letter in sequence)
         first, second, third = (
             Rotation.angle(tape, axis, angle) for axis, angle in zip((a, b, c), angles, strict=True)
@@ -82,14 +74,7 @@ class TaitBryanRoot:
         return self.rotations[2] if self.spins_about_normal else NO_ROTATION
 
     def places(self, joints: int) -> Places:
-        """Places of the entries of q, v and a.
-
-        Args:
-            joints: Number of joints after the base.
-
-        Returns:
-            The attitude first, then the joints, then the position.
-        """
+        """The attitude first, then the joints, then the position; in q, v and a alike."""
         return velocity_places("".join("xyz"[axis] for axis in self.axes), joints)
 
     @property
@@ -100,30 +85,13 @@ class TaitBryanRoot:
     def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the group frame.
-
-        Args:
-            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The motion in the frame's own axes.
-        """
+        """Motion of the group frame in its own axes, by the rates of θ₋₁, θ₀, θ₁, x, y, z."""
         return self._motion_after(tape, self._outer, rates, accelerations, gravity)
 
     def _motion_after(
         self, tape: Scalars, count: int, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of a frame that is turned by the first rotations.
-
-        Args:
-            count: How many of the three.
-            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The motion in the frame's own axes.
-        """
+        """Motion of a frame turned by the first `count` rotations, in its own axes."""
         x, y, z = self.origin_acceleration(tape, rates, accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
         for i in range(count):
@@ -143,38 +111,16 @@ class TaitBryanRoot:
     def origin_acceleration(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Vector:
-        """Acceleration of the origin in world axes.
-
-        Args:
-            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            Its components (m/s²).
-        """
+        """Acceleration of the origin in world axes with gravity upwards (m/s²)."""
         x, y, z = accelerations[3:]
         return (x, y, z + gravity)
 
     def segment_spin(self, values: Values) -> sp.Expr:
-        """The rate or acceleration of θ₁ where the root segment has it to itself.
-
-        Args:
-            values: Those of θ₋₁, θ₀, θ₁, x, y, z.
-
-        Returns:
-            That of θ₁, or zero.
-        """
+        """The rate or acceleration of θ₁ where the root segment has it to itself, or zero."""
         return values[2] if self.spins_about_normal else sp.S.Zero
 
     def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
-        """Generalised forces of a wrench.
-
-        Args:
-            wrench: About the origin, in the group frame (N, N m).
-
-        Returns:
-            Those on θ₋₁, θ₀, θ₁, x, y, z.
-        """
+        """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z."""
         rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
             rows[i] = wrench.moment[self.axes[i]]
@@ -185,15 +131,7 @@ class TaitBryanRoot:
     def derivatives(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> TaitBryanDerivatives:
-        """How forces depend on the angles and their rates.
-
-        Args:
-            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            What makes the derivatives in this state of motion.
-        """
+        """How forces depend on the angles and their rates."""
         # Of the first two angles the frame between, and of the third the one between it and them.
         frames = [
             self._motion_after(tape, count, rates, accelerations, gravity) for count in (1, 1, 2)
@@ -206,27 +144,13 @@ class TaitBryanRoot:
         return TaitBryanDerivatives(self.axes, self.rotations, inner, (first, second, third))
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector.
-
-        Args:
-            vector: Its components in the group frame.
-
-        Returns:
-            Its components in world axes.
-        """
+        """World components of a vector of the group frame."""
         for i in range(self._outer - 1, -1, -1):
             vector = self.rotations[i].vector(tape, vector)
         return vector
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Velocities of a point for unit rates.
-
-        Args:
-            point: The point from the origin, in world axes (m).
-
-        Returns:
-            Linear and angular velocity in world axes, for each of θ₋₁, θ₀, θ₁, x, y, z.
-        """
+        """Linear and angular velocity of a point per unit rate, in world axes."""
         turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
 
@@ -241,14 +165,7 @@ class TaitBryanRoot:
         return axes
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
-        """The base's block of the mass matrix.
-
-        Args:
-            composite: Inertia of the whole robot about the origin, in the group frame.
-
-        Returns:
-            6×6 entries for θ₋₁, θ₀, θ₁, x, y, z.
-        """
+        """6×6 entries for θ₋₁, θ₀, θ₁, x, y, z."""
         block = zeros(6, 6)
         for k in range(3):
             block[3 + k][3 + k] = composite.mass
@@ -271,18 +188,10 @@ class TaitBryanRoot:
     def accelerations(
         self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
     ) -> list[sp.Expr]:
-        """Accelerations of the base's coordinates, from a motion of the group frame.
+        """Those of θ₋₁, θ₀, θ₁, x, y, z, from a motion of the group frame.
 
-        Divides by cos θ₀, which is zero where the sequence is singular.
-
-        Args:
-            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
-            angular: The sum of θ̈₋₁, θ̈₀, θ̈₁ times their axes, in the group frame (rad/s²).
-            rates: Not used.
-            gravity: Gravity (m/s²).
-
-        Returns:
-            Those of θ₋₁, θ₀, θ₁, x, y, z.
+        Divides by cos θ₀, which is zero where the sequence is singular. `angular` is the sum of
+        θ̈₋₁, θ̈₀, θ̈₁ times their axes.
         """
         with tape.group("acceleration of the origin, in world axes"):
             x, y, z = self.world(tape, linear)
@@ -292,51 +201,21 @@ class TaitBryanRoot:
             return [*angles, x, y, tape.let(z - gravity)]
 
     def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
-        """Rates of the base's coordinates.
-
-        Args:
-            coordinates: Not used.
-            rates: Those of θ₋₁, θ₀, θ₁, x, y, z.
-
-        Returns:
-            The rates themselves.
-        """
+        """The rates themselves."""
         return rates
 
     def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
-        """The base's coordinates after a displacement.
-
-        Args:
-            coordinates, step: θ₋₁, θ₀, θ₁, x, y, z, and what is added to them.
-
-        Returns:
-            The sums.
-        """
+        """The sums of coordinates and step."""
         return [tape.let(q + v) for q, v in zip(coordinates, step, strict=True)]
 
     def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
-        """What leads from one place to another.
-
-        Args:
-            start, end: θ₋₁, θ₀, θ₁, x, y, z.
-
-        Returns:
-            The differences.
-        """
+        """The differences of the coordinates."""
         return [tape.let(q - p) for p, q in zip(start, end, strict=True)]
 
     def acceleration_rows(
         self, tape: Scalars, turns: Sequence[Rotation]
     ) -> Callable[[Acceleration], Values]:
-        """How changes of the base's motion change the accelerations of its coordinates.
-
-        Args:
-            turns: Rotations from the frame of the changes to the group frame.
-
-        Returns:
-            A linear function of an acceleration in that frame: of the origin, and what the rates of
-            the velocities add to the angular acceleration.
-        """
+        """Accelerations of the base's coordinates, by a change of the base's motion."""
         return self._frame(tape, turns).rows(tape)
 
     def state_columns(
@@ -348,18 +227,7 @@ class TaitBryanRoot:
         accelerations: Values,
         gravity: sp.Expr,
     ) -> tuple[list[Values], list[Values]]:
-        """Derivatives of all accelerations by attitude and position, and by the velocities.
-
-        Args:
-            turning: Columns for a change of each component of the angular velocity.
-            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
-            rates, accelerations: The base's velocities, and their rates.
-            gravity: Not used.
-
-        Returns:
-            Columns for each coordinate of the base, and for each of its velocities; first come the
-            rows of the base.
-        """
+        """Columns for each coordinate of the base, and for its rate."""
         frame = self._frame(tape, [])
         if not self.spins_about_normal:
             linear = self.rotations[2].vector(tape, linear)
@@ -382,23 +250,9 @@ class TaitBryanRoot:
         return (first, angular[b], tape.let(angular[c] - first_axis[c] * first))
 
     def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
-        """How sums move with what a displacement is added to.
-
-        Args:
-            step: Not used.
-
-        Returns:
-            The identity.
-        """
+        """The identity."""
         return identity(6)
 
     def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
-        """How sums move with a displacement that is added.
-
-        Args:
-            step: Not used.
-
-        Returns:
-            The identity.
-        """
+        """The identity."""
         return identity(6)

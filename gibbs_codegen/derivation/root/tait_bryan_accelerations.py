@@ -45,23 +45,14 @@ class TaitBryanFrame:
         return 1 if (b - a) % 3 == 1 else -1
 
     def seen(self, tape: Scalars, vector: Vector) -> Vector:
-        """A vector of the frame of the derivatives in this frame.
-
-        Args:
-            vector: Its components there.
-
-        Returns:
-            Its components here.
-        """
+        """A vector of the frame of the derivatives in this frame."""
         x, y, z = (dot(tape, axis, vector) for axis in self.vectors)
         return (x, y, z)
 
     def rows(self, tape: Scalars) -> Callable[[Acceleration], Row]:
-        """How a motion of the base makes accelerations of its coordinates.
+        """θ̈₋₁, θ̈₀, θ̈₁, ẍ, ÿ, z̈ as a linear function of a motion of the base.
 
-        Returns:
-            A linear function of r̈ and the share of θ̈₋₁, θ̈₀, θ̈₁ in dω/dt, in the frame of the
-            derivatives, that gives θ̈₋₁, θ̈₀, θ̈₁, ẍ, ÿ, z̈.
+        The motion is r̈ and the share of θ̈₋₁, θ̈₀, θ̈₁ in dω/dt, in the frame of the derivatives.
         """
         a, b, c = self.axes
         first = scale(tape, tape.let(1 / self.cos), self.vectors[a])
@@ -77,39 +68,18 @@ class TaitBryanFrame:
         return converted
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector.
-
-        Args:
-            vector: Its components in this frame.
-
-        Returns:
-            Its components in world axes.
-        """
+        """World components of a vector of this frame."""
         first, second = self.outer
         return first.vector(tape, second.vector(tape, vector))
 
     def angles(self, tape: Scalars, vector: Vector) -> Row:
-        """θ̈₋₁, θ̈₀, θ̈₁ that make a vector.
-
-        Args:
-            vector: Their sum times their axes, in this frame.
-
-        Returns:
-            The three.
-        """
+        """θ̈₋₁, θ̈₀, θ̈₁ whose sum times their axes is a vector of this frame."""
         a, b, c = self.axes
         first = tape.let(vector[a] * tape.let(1 / self.cos))
         return [first, vector[b], tape.let(vector[c] - tape.let(self.sin * first))]
 
     def vector(self, along_a: sp.Expr, along_b: sp.Expr, along_c: sp.Expr) -> Vector:
-        """A vector by its components along e_a, e_b and e_c.
-
-        Args:
-            along_a, along_b, along_c: The components.
-
-        Returns:
-            The vector in this frame.
-        """
+        """A vector of this frame by its components along e_a, e_b and e_c."""
         entries = dict(zip(self.axes, (along_a, along_b, along_c), strict=True))
         return (entries[0], entries[1], entries[2])
 
@@ -122,17 +92,10 @@ def state_columns(
     rates: Sequence[sp.Expr],
     accelerations: Sequence[sp.Expr],
 ) -> tuple[list[Row], list[Row]]:
-    """Derivatives by the coordinates of the base and by their rates.
+    """Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates, with the rows of the base first.
 
-    Args:
-        frame: The frame in which they are taken.
-        turning: Columns of dω/dt, r̈ and the joints for a change of each component of ω, in the
-            frame of the derivatives.
-        linear: r̈ of the origin relative to free fall, in the frame.
-        rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-
-    Returns:
-        Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates, each with the rows of the base first.
+    `turning` are columns of dω/dt, r̈ and the joints for a change of each component of ω, in the
+    frame of the derivatives; `linear` is r̈ of the origin relative to free fall, in `frame`.
     """
     convert = frame.rows(tape)
     about: list[Row] = []
@@ -184,27 +147,13 @@ class _Changes:
         ]
 
     def by_first(self, r: Vector) -> Row:
-        """By θ₋₁, which turns r̈ in the world.
-
-        Args:
-            r: r̈ relative to free fall, in the frame.
-
-        Returns:
-            The column.
-        """
+        """By θ₋₁, which turns r̈ in the world; r is relative to free fall, in the frame."""
         axis = axis_vector(self.frame.axes[0])
         linear = cross(self.tape, axis, self.frame.world(self.tape, r))
         return self._with([sp.S.Zero] * len(self.about[0]), [sp.S.Zero] * 3, linear)
 
     def by_second(self, r: Vector) -> Row:
-        """By θ₀, which turns g besides.
-
-        Args:
-            r: r̈ relative to free fall, in the frame.
-
-        Returns:
-            The column.
-        """
+        """By θ₀, which turns g besides."""
         tape, let, frame, sign = self.tape, self.tape.let, self.frame, self.frame.sign
         first, second, third = self.rates[:3]
         a, _, c = self.about
@@ -222,14 +171,7 @@ class _Changes:
         return self._with(column, [gain, sp.S.Zero, last], linear)
 
     def by_third(self, r: Vector) -> Row:
-        """By θ₁, which turns the base in the frame.
-
-        Args:
-            r: r̈ relative to free fall, in the frame.
-
-        Returns:
-            The column.
-        """
+        """By θ₁, which turns the base in the frame."""
         tape, let, frame, sign = self.tape, self.tape.let, self.frame, self.frame.sign
         first, second, third = self.rates[:3]
         turned = let(frame.cos * first)
@@ -249,14 +191,6 @@ class _Changes:
         return self._with(column, [-angle for angle in angles], ZERO)
 
     def _with(self, column: Row, angles: Sequence[sp.Expr], linear: Vector) -> Row:
-        """A column with additional accelerations.
-
-        Args:
-            column: The column.
-            angles, linear: What is added for the angles, and for the world coordinates.
-
-        Returns:
-            The sum.
-        """
+        """A column with accelerations added for the angles, and for the world coordinates."""
         pairs = zip(column[:6], (*angles, *linear), strict=True)
         return [*(self.tape.let(p + q) for p, q in pairs), *column[6:]]

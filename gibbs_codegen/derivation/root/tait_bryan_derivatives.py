@@ -32,22 +32,11 @@ class TaitBryanDerivatives:
     units: tuple[UnitMotion, UnitMotion, UnitMotion]
 
     def coriolis(self, tape: Scalars) -> TaitBryanDerivatives:
-        """What makes twice the matrix C.
-
-        Returns:
-            Itself: velocities are rates of coordinates.
-        """
+        """Itself: velocities are rates of coordinates."""
         return self
 
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
-        """How the force on a joint depends on the base.
-
-        Args:
-            joint: Its column about the origin, in the root's group frame.
-
-        Returns:
-            Derivatives by θ₋₁, θ₀, θ₁, x, y, z, and by their rates.
-        """
+        """Derivatives by θ₋₁, θ₀, θ₁, x, y, z, and by their rates."""
         by_angle, by_rate = [sp.S.Zero] * 6, [sp.S.Zero] * 6
         with tape.group("derivatives by attitude and position, and by their rates"):
             joint = joint.turned(tape, self.inner)
@@ -58,16 +47,7 @@ class TaitBryanDerivatives:
         return by_angle, by_rate
 
     def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
-        """How the forces on the base depend on the base.
-
-        Args:
-            body: The whole robot about the origin, in the root's group frame, its mass and its
-                inertia force without those of the root's own mass.
-            mass_block: Not used.
-
-        Returns:
-            Rows for θ₋₁, θ₀, θ₁, x, y, z, and columns as of `row`.
-        """
+        """Rows for θ₋₁, θ₀, θ₁, x, y, z, and columns as of `row`; `mass_block` is not used."""
         by_angle, by_rate = zeros(6, 6), zeros(6, 6)
         with tape.group("derivatives of the forces on attitude and position by themselves"):
             body = body.turned(tape, self.inner)

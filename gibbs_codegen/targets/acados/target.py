@@ -38,16 +38,7 @@ class AcadosText:
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> AcadosText:
-    """Context of the templates of acados.
-
-    Args:
-        model: The derived robot.
-        printer: Of Python, for numbers.
-        header: Lines that open every file.
-
-    Returns:
-        The context.
-    """
+    """Context of the templates of acados; the printer is that of Python, for numbers."""
     layout = layout_of(model.robot)
     q = layout.q.names
     has = {form.name: {*form.needs} <= {*model.derivatives} for form in FORMS}

@@ -91,25 +91,11 @@ class _Tables:
         self._names: dict[tuple[str, tuple[int, ...]], str] = {}
 
     def pattern(self, pattern: tuple[int, ...]) -> str:
-        """Name of the array that holds a pattern.
-
-        Args:
-            pattern: As CasADi has it.
-
-        Returns:
-            The name.
-        """
+        """Name of the array that holds a pattern, as CasADi has it."""
         return self._name("casadi_int", "pattern", pattern)
 
     def places(self, places: Sequence[int]) -> str:
-        """Name of the array that holds places in scratch.
-
-        Args:
-            places: At least one.
-
-        Returns:
-            The name.
-        """
+        """Name of the array that holds places in scratch, at least one."""
         return self._name("int", "places", tuple(places))
 
     def texts(self) -> list[TableText]:
@@ -120,28 +106,15 @@ class _Tables:
         ]
 
     def _name(self, kind: str, word: str, numbers: tuple[int, ...]) -> str:
-        """Name of an array, a new one if there is none with these numbers.
+        """Name of an array with these numbers, a new one if there is none.
 
-        Args:
-            kind: Type of the numbers.
-            word: That the name begins with.
-            numbers: They.
-
-        Returns:
-            The name.
+        `kind` is the type of the numbers, and the name begins with `word`.
         """
         return self._names.setdefault((kind, numbers), f"{word}_{len(self._names) + 1}")
 
 
 def casadi_text(model: Model) -> CasadiText:
-    """Context of the adapter's template.
-
-    Args:
-        model: The derived robot.
-
-    Returns:
-        The context.
-    """
+    """Context of the adapter's template."""
     tables = _Tables()
     texts = [
         _form_text(form, tables)
@@ -179,16 +152,7 @@ def _length_text(model: Model, name: str) -> LengthText:
 
 
 def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:
-    """A function of the module.
-
-    Args:
-        model: The derived robot.
-        signature: Of the function.
-        of_parameters: Whether the parameters are an input.
-
-    Returns:
-        Its form.
-    """
+    """Form of a function of the module, with the parameters as an input or without."""
     form = Form(model, signature, "CASADI", of_parameters)
     found = form.call(signature.name)
     for (name, shape), matrix in zip(form.results, found.values(), strict=True):
@@ -198,15 +162,7 @@ def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:
 
 
 def _form_text(form: Form, tables: _Tables) -> FormText:
-    """What the template is given of a form.
-
-    Args:
-        form: The form.
-        tables: Those of the source.
-
-    Returns:
-        The text.
-    """
+    """What the template is given of a form."""
     outputs = [Port(name, block.pattern) for name, block in form.outputs]
     stored = [_stored(i, block, tables) for i, (_, block) in enumerate(form.outputs)]
     names = [port.name for port in form.inputs]
@@ -222,16 +178,7 @@ def _form_text(form: Form, tables: _Tables) -> FormText:
 
 
 def _stored(place: int, block: Block, tables: _Tables) -> str:
-    """The line that writes an output.
-
-    Args:
-        place: Of the output.
-        block: What is written.
-        tables: Those of the source.
-
-    Returns:
-        The line; "" of a matrix of zeros.
-    """
+    """The line that writes an output; "" of a matrix of zeros."""
     if not block.places:
         return ""
     if (start := block.stored_at) is not None:

@@ -63,15 +63,7 @@ class Matrix:
     nonzeros: frozenset[tuple[int, int]]
 
     def part(self, row: int, rows: int, column: int, columns: int) -> Block:
-        """A block of it.
-
-        Args:
-            row, rows: The first row, and how many there are.
-            column, columns: The same of columns.
-
-        Returns:
-            The block.
-        """
+        """A block by its first row and column, and how many there are of each."""
         places = {
             (i - row, j - column): self.start + i * self.columns + j
             for i, j in self.nonzeros
@@ -92,50 +84,24 @@ class Matrix:
 
 
 def entries(rows: int, columns: int) -> frozenset[tuple[int, int]]:
-    """Every row with every column.
-
-    Args:
-        rows, columns: How many there are.
-
-    Returns:
-        Pairs.
-    """
+    """Pairs of every row with every column."""
     return frozenset((i, j) for i in range(rows) for j in range(columns))
 
 
 def dense_pattern(rows: int, columns: int) -> tuple[int, ...]:
-    """The pattern of a matrix without zeros, as CasADi has it.
-
-    Args:
-        rows, columns: Its sizes.
-
-    Returns:
-        Three integers.
-    """
+    """The pattern of a matrix without zeros, as CasADi has it: three integers."""
     return (rows, columns, 1)
 
 
 def empty(rows: int, columns: int) -> Block:
-    """A matrix of zeros.
-
-    Args:
-        rows, columns: Its sizes.
-
-    Returns:
-        A block without places.
-    """
+    """A matrix of zeros: a block without places."""
     return Block(rows, columns, {})
 
 
 def column_by_column(block: Block, columns: int) -> Block:
-    """Derivatives of a matrix's entries in the order that CasADi stacks these in.
+    """Derivatives of a matrix's entries in the order that CasADi stacks these in, by columns.
 
-    Args:
-        block: A row for each entry of the matrix, row by row.
-        columns: Number of columns of the matrix; 1 of a vector.
-
-    Returns:
-        The same rows, column of the matrix by column.
+    `block` has a row for each entry of the matrix, row by row; `columns` is 1 of a vector.
     """
     rows = block.rows // columns
     places = {
@@ -146,13 +112,9 @@ def column_by_column(block: Block, columns: int) -> Block:
 
 
 def by_coordinates(nonzeros: Iterable[tuple[int, int]]) -> frozenset[tuple[int, int]]:
-    """Pattern of derivatives by the entries of q from that of those by the velocities of the base.
+    """Pattern of derivatives by the entries of q from that of those by the base's velocities.
 
-    Args:
-        nonzeros: Rows and columns, of which the first six are those of the base.
-
-    Returns:
-        Rows and columns, of which the first seven are position and quaternion.
+    In place of the base's six columns come seven, of position and quaternion.
     """
     found: set[tuple[int, int]] = set()
     for i, j in nonzeros:

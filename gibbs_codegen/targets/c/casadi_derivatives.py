@@ -42,15 +42,9 @@ class Derived:
 
 
 def derivative_forms(model: Model, signature: Signature, of_parameters: bool) -> list[Form]:
-    """The forms of a function's derivatives that the module has what it takes for.
+    """Those of `jac_F`, `adj1_F` and `jac_adj1_F` that the module has what it takes for.
 
-    Args:
-        model: The derived robot.
-        signature: Of the function.
-        of_parameters: Whether the parameters are an input.
-
-    Returns:
-        `jac_F`, `adj1_F` and `jac_adj1_F`, those that there are.
+    With `of_parameters` the parameters are an input.
     """
     row = Derived.of(signature.name)
     has = set(model.derivatives)
@@ -115,15 +109,7 @@ def _hessian(form: Form, row: Derived) -> Form:
 
 
 def _blocks(form: Form, row: Derived) -> Blocks:
-    """First derivatives of a function, each output row by row.
-
-    Args:
-        form: What computes them.
-        row: The function's row of the table.
-
-    Returns:
-        Those blocks that are not zero.
-    """
+    """First derivatives of a function, each output row by row: the blocks that are not zero."""
     form.differentiated_by_q()
     found = form.call(row.jacobian)
     by = {output.by: output.name for output in FUNCTIONS[row.jacobian].outputs if output.by}
@@ -153,14 +139,7 @@ def _without_shifts(block: Block, output: str) -> Block:
     """Derivatives by q without the zeros that those by the position have.
 
     Of derivatives by the position only those of positions by the same axis are not zero; they are
-    one.
-
-    Args:
-        block: Derivatives of an output, row by row, by position, quaternion and joints.
-        output: Its name.
-
-    Returns:
-        The block.
+    one. `block` is by position, quaternion and joints, row by row.
     """
 
     def axis(row: int) -> int | None:
@@ -180,12 +159,7 @@ def _without_shifts(block: Block, output: str) -> Block:
 def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
     """First derivatives of a time step. Those by its length are computed if they are asked for.
 
-    Args:
-        form: What computes them.
-        found: Outputs of the function with the derivatives.
-
-    Returns:
-        The blocks.
+    `found` are the outputs of the function with the derivatives.
     """
     maps = form.maps_at_result(found["q_next"])
     known = step_patterns(form.model, form.signature.name)
@@ -210,15 +184,7 @@ def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
 
 
 def _by_parameters(form: Form, row: Derived) -> Matrix:
-    """The matrix of derivatives by the parameters, row by row where the module has but gradients.
-
-    Args:
-        form: What computes it.
-        row: The function's row of the table.
-
-    Returns:
-        The matrix.
-    """
+    """Derivatives by the parameters, row by row where the module has but gradients."""
     if not _is_gradient(row.by_parameters):
         (matrix,) = form.call(row.by_parameters).values()
         return matrix
@@ -233,15 +199,9 @@ def _by_parameters(form: Form, row: Derived) -> Matrix:
 
 
 def _second(form: Form, row: Derived, seed: str) -> Blocks:
-    """Second derivatives of the outputs times seeds.
+    """Blocks of second derivatives of the outputs times seeds, by both inputs; none of zeros.
 
-    Args:
-        form: What computes them.
-        row: The function's row of the table.
-        seed: The array of the seeds.
-
-    Returns:
-        Those blocks that are not zero, by both inputs.
+    `seed` is the array of the seeds.
     """
     found = form.call(row.hessian, w=seed)
     names = [name for name, _ in form.arguments]

@@ -80,39 +80,20 @@ class Form:
         return self.shapes(self.signature.name)
 
     def shapes(self, name: str) -> list[tuple[str, Shape]]:
-        """Outputs of a function of the robot.
-
-        Args:
-            name: Of the function.
-
-        Returns:
-            Their names and shapes.
-        """
+        """Names and shapes of the outputs of a function of the robot."""
         outputs = [output.name for output in FUNCTIONS[name].outputs]
         return list(zip(outputs, self._signatures[name].shapes, strict=True))
 
     def take(self, rows: int, columns: int) -> Matrix:
-        """An array in scratch.
-
-        Args:
-            rows, columns: Its sizes.
-
-        Returns:
-            The array, none of whose entries is zero at every state.
-        """
+        """A rows × columns array in scratch, none of whose entries is zero at every state."""
         start = self.size
         self.size += rows * columns
         return Matrix(start, rows, columns, entries(rows, columns))
 
     def call(self, name: str, **arrays: str) -> dict[str, Matrix]:
-        """A call of a function of the robot.
+        """A call of a function of the robot; its outputs by name, a vector as one row.
 
-        Args:
-            name: Of the function.
-            arrays: What it is given for those of its arguments that are no inputs of the form.
-
-        Returns:
-            Its outputs by name, a vector as one row.
+        `arrays` are what it is given for those arguments that are no inputs of the form.
         """
         found = {}
         for place, (output, shape) in enumerate(self.shapes(name)):
@@ -125,16 +106,7 @@ class Form:
         return found
 
     def calling(self, name: str, outputs: Sequence[str], **arrays: str) -> Lines:
-        """Lines of a call of a function of the robot.
-
-        Args:
-            name: Of the function.
-            outputs: The arrays that it writes.
-            arrays: What it is given for those of its arguments that are no inputs of the form.
-
-        Returns:
-            Lines.
-        """
+        """Lines of a call that writes the arrays `outputs`; others are as of `call`."""
         given = {**self._given, **arrays}
         inputs = [given[argument] for argument in self._signatures[name].arguments]
         return call(f"{self.model.robot.name}_{name}", ["constants", *inputs, *outputs])
@@ -142,8 +114,7 @@ class Form:
     def seeds(self) -> list[str]:
         """Take seeds of the outputs as further inputs, after inputs that hold the outputs.
 
-        Returns:
-            The arrays of the seeds.
+        The arrays of the seeds are returned.
         """
         self.unused("out_", self.results)
         first = len(self.inputs)
@@ -152,12 +123,7 @@ class Form:
         return [_input(first + i) for i in range(len(self.results))]
 
     def unused(self, prefix: str, arrays: Sequence[tuple[str, Shape]]) -> None:
-        """Take inputs that CasADi passes and no derivative reads.
-
-        Args:
-            prefix: Of their names.
-            arrays: What they hold, by name and shape.
-        """
+        """Take inputs, by name and shape, that CasADi passes and no derivative reads."""
         for name, shape in arrays:
             pattern = Block(*as_matrix(shape), {}).pattern
             self.inputs.append(Port(prefix + name, pattern))
@@ -165,11 +131,7 @@ class Form:
     def by_entries_of_q(self, matrix: Matrix) -> Matrix:
         """Derivatives by q in the tangent space as those by its entries.
 
-        Args:
-            matrix: The first columns are those of the base's velocities, in this order.
-
-        Returns:
-            The same matrix without a quaternion, else one with another column.
+        The first columns are those of the base's velocities. A quaternion makes one column more.
         """
         if not self._is_quaternion:
             return matrix
@@ -183,15 +145,7 @@ class Form:
         return Matrix(made.start, made.rows, made.columns, by_coordinates(matrix.nonzeros))
 
     def rows_by_entries_of_q(self, matrix: Matrix, maps: int | None = None) -> Matrix:
-        """The same of rows instead of columns.
-
-        Args:
-            matrix: The first rows are those of the base's velocities.
-            maps: Place of the maps if they are not those at q.
-
-        Returns:
-            The same matrix without a quaternion, else one with another row.
-        """
+        """The same of rows instead of columns; `maps` is their place if they are not those at q."""
         if not self._is_quaternion:
             return matrix
         made = self.take(matrix.rows + 1, matrix.columns)
@@ -205,13 +159,10 @@ class Form:
         return Matrix(made.start, made.rows, made.columns, frozenset((i, j) for j, i in turned))
 
     def maps_at_result(self, coordinates: Matrix) -> int | None:
-        """Compute what takes a displacement of coordinates that were computed to their change.
+        """Compute what takes displacements of coordinates, which were computed, to their changes.
 
-        Args:
-            coordinates: They, of unit length.
-
-        Returns:
-            Place of the maps; None without a quaternion.
+        The coordinates are of unit length. The place of the maps is returned; None without a
+        quaternion.
         """
         if not self._is_quaternion:
             return None
@@ -220,10 +171,9 @@ class Form:
         return maps.start
 
     def by_length(self) -> Matrix:
-        """Compute the derivatives of a time step by its length.
+        """Compute the derivatives of a time step by its length: one column.
 
-        Returns:
-            One column, with rows of coordinates in the tangent space and then of velocities.
+        Rows are those of coordinates in the tangent space and then of velocities.
         """
         size = layout_of(self.model.robot).v.size
         taken = self.take(2 * size, 1)
@@ -235,13 +185,9 @@ class Form:
     def with_curvature(self, hessian: Matrix, gradient: str, seed: str) -> Matrix:
         """Add what the second derivatives of the displacement by the entries of q make.
 
-        Args:
-            hessian: Second derivatives by the entries of q, in the first rows and columns.
-            gradient: The function that has the gradient of what is differentiated.
-            seed: The array of its weights.
-
-        Returns:
-            The same array, with a pattern that has the entries of the sum.
+        `hessian` has the entries of q in its first rows and columns, and keeps its array; the
+        pattern has the entries of the sum. `gradient` names the function that has the gradient of
+        what is differentiated, `seed` the array of its weights.
         """
         if not self._is_quaternion:
             return hessian
@@ -271,12 +217,7 @@ class Form:
         return _input([name for name, _ in self.arguments].index("q"))
 
     def _take_argument(self, name: str, shape: Shape) -> None:
-        """Take an input of the function, and bring it into the form that the function takes.
-
-        Args:
-            name: Of the input.
-            shape: Of its array.
-        """
+        """Take an input of the function, and bring it into the form that the function takes."""
         rows, columns = as_matrix(shape)
         given = _input(len(self.inputs))
         self.inputs.append(Port(name, dense_pattern(rows, columns)))
@@ -294,27 +235,13 @@ class Form:
 
 
 def as_matrix(shape: Shape) -> tuple[int, int]:
-    """Sizes of an array as CasADi has it, blocks one below the other, and vectors as columns.
-
-    Args:
-        shape: Of the array.
-
-    Returns:
-        Rows and columns.
-    """
+    """Rows and columns of an array as CasADi has it: blocks stacked, vectors as columns."""
     *rows, columns = shape if len(shape) > 1 else (*shape, 1)
     return math.prod(rows), columns
 
 
 def at(place: int) -> str:
-    """An array in scratch.
-
-    Args:
-        place: Where it begins.
-
-    Returns:
-        An expression.
-    """
+    """An array in scratch that begins at a place."""
     return f"&scratch[{place}]"
 
 

@@ -70,13 +70,9 @@ class _StepsText:
 
 
 def composed_texts(model: Model) -> list[FunctionText]:
-    """The functions of a module that are composed of others.
+    """What the templates are given of the functions that are composed of others.
 
-    Args:
-        model: The derived robot.
-
-    Returns:
-        What the templates are given of each; the first has all definitions that they share.
+    The first has all definitions that they share.
     """
     steps = {signature.name: _step_text(model, signature) for signature in model.composed}
     if not steps:
@@ -132,16 +128,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
 
 
 def _body(signature: Signature, step: _StepText, lanes: bool) -> Lines:
-    """Body of a step.
-
-    Args:
-        signature: Of the step.
-        step: What it keeps.
-        lanes: Whether it is for a block of states, or for one state.
-
-    Returns:
-        Lines.
-    """
+    """Body of a step, for a block of states (`lanes`), or for one state."""
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     arrays = ["constants", *signature.arguments, *outputs, SCRATCH]
     entries = f"({step.entries} + {step.slopes} * SLOPE)" if step.slopes else str(step.entries)

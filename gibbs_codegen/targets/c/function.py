@@ -102,15 +102,7 @@ class CFunction:
         return helpers
 
     def _body(self, sections: _Sections, lanes: bool) -> Lines:
-        """Body of the function.
-
-        Args:
-            sections: The helpers that it calls.
-            lanes: Whether it is for a block of states, one a lane, or for one state.
-
-        Returns:
-            Lines.
-        """
+        """Body of the function, for a block of states (`lanes`), one a lane, or for one state."""
         angles, slots = len(self._gathered.angles), sections.allocation.slots
         inputs = self._signature.arguments
         arrays = [*inputs, *self._outputs]

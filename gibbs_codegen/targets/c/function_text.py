@@ -50,17 +50,9 @@ def function_text(
     one: Lines,
     block: Lines,
 ) -> FunctionText:
-    """What the templates need of a function.
+    """What the templates need of a function; `helpers` are definitions of what bodies call.
 
-    Args:
-        robot: Name of the robot.
-        signature: Of the function.
-        documentation: Lines of it.
-        helpers: Definitions of what the bodies call, in order.
-        one, block: The bodies for one state and for a block of states.
-
-    Returns:
-        The text.
+    `one` and `block` are the bodies for one state and for a block of states.
     """
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     inputs = _array_texts(signature.arguments, signature.argument_shapes)

@@ -23,14 +23,7 @@ class RolloutText:
 
 
 def rollout_text(robot: Robot) -> RolloutText:
-    """Part of the context of the templates of rollouts.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The text.
-    """
+    """Part of the context of the templates of rollouts."""
     return RolloutText(
         robot.rotors,
         layout_of(robot).is_quaternion,

@@ -41,14 +41,7 @@ class HelperPrinter:
         self._statements = statements
 
     def angles(self, name: str) -> list[str]:
-        """The helper that computes all angles whose sines and cosines are needed.
-
-        Args:
-            name: Of the helper.
-
-        Returns:
-            Lines.
-        """
+        """The helper that computes all angles whose sines and cosines are needed."""
         gathered = self._gathered
         nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
         lines, idle = self._loads({name for node in nodes for name in names_in(node)})
@@ -61,13 +54,7 @@ class HelperPrinter:
     def section(self, name: str, section: Section, allocation: Allocation) -> list[str]:
         """The helper that computes one section of the function.
 
-        Args:
-            name: Of the helper.
-            section: What it computes.
-            allocation: Where the sections keep what they hand on.
-
-        Returns:
-            Lines.
+        `allocation` says where the sections keep what they hand on.
         """
         code = section.code
         if isinstance(code, Loop):
@@ -93,16 +80,7 @@ class HelperPrinter:
     def _straight(
         self, steps: Sequence[Step], section: Section, allocation: Allocation
     ) -> list[str]:
-        """Lines of steps that are done once.
-
-        Args:
-            steps: Those of the section.
-            section: What it reloads and spills.
-            allocation: The signs of what is spilled.
-
-        Returns:
-            Lines.
-        """
+        """Lines of steps that are done once."""
         lines = [
             load(name, SCRATCH, slot, allocation.sign(name))
             for name, slot in section.reloads.items()
@@ -119,16 +97,7 @@ class HelperPrinter:
         return lines
 
     def _loop(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
-        """Lines of a loop.
-
-        Args:
-            loop: That of the section.
-            section: What it reloads and spills.
-            allocation: The signs of what is reloaded before the loop.
-
-        Returns:
-            Lines.
-        """
+        """Lines of a loop."""
         before, lines, inside = [], [], self._statements.inside
         for name, slot in section.reloads.items():
             if name in loop.operands:
@@ -147,16 +116,7 @@ class HelperPrinter:
         return [*before, *comment(loop.group), *vector_loop("i", loop.count, lines)]
 
     def _idle_arrays(self, section: Section, read: set[str], allocation: Allocation) -> list[str]:
-        """Arrays of angles and scratch that a section is given and does not use.
-
-        Args:
-            section: What it reloads and spills.
-            read: The names that it reads.
-            allocation: Whether there is any scratch.
-
-        Returns:
-            Names of the arrays.
-        """
+        """Arrays of angles and scratch that a section is given and, by `read`, does not use."""
         count = len(self._gathered.angles)
         idle = []
         for array, entry in ((SINE, sine_name), (COSINE, cosine_name)):

@@ -50,14 +50,7 @@ class SparseText:
 
 
 def pattern_texts(model: Model) -> list[PatternText]:
-    """The patterns of a module.
-
-    Args:
-        model: The derived robot.
-
-    Returns:
-        What the templates are given of each.
-    """
+    """What the templates are given of the patterns of a module."""
     return [
         PatternText(
             name,
@@ -72,14 +65,7 @@ def pattern_texts(model: Model) -> list[PatternText]:
 
 
 def sparse_texts(model: Model) -> list[SparseText]:
-    """The functions of a module that write the entries of patterns.
-
-    Args:
-        model: The derived robot.
-
-    Returns:
-        What the templates are given of each.
-    """
+    """What the templates are given of each function that writes the entries of patterns."""
     found, with_matrices = patterns(model), matrices(model)
     return [
         _sparse_text(
@@ -98,14 +84,7 @@ def _sparse_text(
 ) -> SparseText:
     """One function that writes the entries of patterns.
 
-    Args:
-        robot: Name of the robot.
-        signature: Of the function that writes whole matrices.
-        of_matrices: The patterns of its matrices, by their names.
-        stack: How much of the stack that function takes (bytes).
-
-    Returns:
-        What the templates are given.
+    `signature` is that of the function that writes whole matrices, whose stack is given in bytes.
     """
     prefix = f"{robot}_"
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]

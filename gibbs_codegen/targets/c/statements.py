@@ -34,26 +34,11 @@ class StatementPrinter:
         return StatementPrinter(self._expressions, self._depth + 1, self._kind)
 
     def declare(self, name: str, value: Node) -> list[str]:
-        """A local constant.
-
-        Args:
-            name: Of the constant.
-            value: Its value.
-
-        Returns:
-            Lines without their indentation, as everywhere here.
-        """
+        """A local constant; lines are without their indentation, as everywhere here."""
         return self._assignment(f"const {self._kind} {name}", self._expressions.expression(value))
 
     def declare_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local constants, with a comment above each group.
-
-        Args:
-            statements: In order.
-
-        Returns:
-            Lines.
-        """
+        """Local constants, with a comment above each group."""
         lines: list[str] = []
         for words, statement in headed(statements):
             lines += comment(words)
@@ -61,40 +46,15 @@ class StatementPrinter:
         return lines
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
-        """An assignment to an entry of an array.
-
-        Args:
-            array: Name of the array.
-            place: Number of the entry, or what `arrays.place_in_loop` returns.
-            value: What is stored.
-
-        Returns:
-            Lines.
-        """
+        """An assignment to an entry of an array; `place` may be of `arrays.place_in_loop`."""
         return self._assignment(f"{array}[{place} * stride]", self._expressions.expression(value))
 
     def clear(self, array: str, size: str) -> list[str]:
-        """A loop that makes all entries of an array zero.
-
-        Args:
-            array: Name of the array.
-            size: What `arrays.array_size` returns.
-
-        Returns:
-            Lines.
-        """
+        """A loop that makes all entries of an array zero; `size` is of `arrays.array_size`."""
         return loop("i", size, [f"{array}[i] = {self._expressions.number(0.0)};"])
 
     def _assignment(self, target: str, value: str) -> list[str]:
-        """An assignment, broken where it is too long for a line.
-
-        Args:
-            target: Its left-hand side.
-            value: Its right-hand side.
-
-        Returns:
-            Lines.
-        """
+        """An assignment, broken where it is too long for a line."""
         width = WIDTH - self._depth * _INDENT
         text = f"{target} = {value};"
         if len(text) <= width:
@@ -109,79 +69,33 @@ class StatementPrinter:
 
 
 def comment(words: str) -> list[str]:
-    """A comment above a group of statements.
-
-    Args:
-        words: What the group computes; "" where no group begins.
-
-    Returns:
-        Lines, of which the first is empty.
-    """
+    """A comment above a group of statements, after an empty line; none for ""."""
     return ["", f"/* {words} */"] if words else []
 
 
 def load_constant(name: str) -> str:
-    """A local constant that is one of those that `constants` points to.
-
-    Args:
-        name: Of both.
-
-    Returns:
-        A line.
-    """
+    """A local constant that is the one of its name that `constants` points to."""
     return f"const real {name} = CONSTANT({name});"
 
 
 def load_parameter(name: str, place: int) -> str:
-    """A local constant that is one of the parameters.
-
-    Args:
-        name: Of the constant.
-        place: Of the parameter.
-
-    Returns:
-        A line.
-    """
+    """A local constant that is the parameter at a place."""
     return f"const real {name} = parameters[{place} * stride];"
 
 
 def unused(name: str) -> str:
-    """What tells compilers that a parameter is not used on purpose.
-
-    Args:
-        name: Of the parameter.
-
-    Returns:
-        A line.
-    """
+    """What tells compilers that a parameter is not used on purpose."""
     return f"(void){name};"
 
 
 def call(name: str, arguments: Sequence[str]) -> list[str]:
-    """A call of a function that returns nothing; it may stand in a loop.
-
-    Args:
-        name: Of the function.
-        arguments: Expressions.
-
-    Returns:
-        Lines.
-    """
+    """A call of a function that returns nothing; it may stand in a loop."""
     text = f"{name}({', '.join(arguments)});"
     return textwrap.wrap(text, WIDTH - 4 * _INDENT, subsequent_indent=" " * _INDENT)
 
 
 def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
-    """A call of what `helper` defines.
-
-    Args:
-        name: Of the helper.
-        arrays: Names of arrays.
-        lanes: Whether it is called for each lane of a block of states, or for one state.
-
-    Returns:
-        Lines.
-    """
+    """A call of what `helper` defines, for each lane of a block of states or for one state."""
     if not lanes:
         return call(name, ["constants", *arrays, "1"])
     beginning_at_lane = [f"{array} + lane" for array in arrays]
@@ -190,44 +104,20 @@ def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
 
 
 def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
-    """A loop over an index from 0.
-
-    Args:
-        index: Its name.
-        count: How many rounds there are.
-        body: Lines of a round.
-
-    Returns:
-        Lines.
-    """
+    """A loop over an index from 0, of `count` rounds."""
     head = f"for (int {index} = 0; {index} < {count}; ++{index}) {{"
     return [head, *_indented(body), "}"]
 
 
 def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
-    """A loop whose rounds do not depend on each other, which compilers are told to vectorise.
-
-    Args:
-        index: Its name.
-        count: How many rounds there are.
-        body: Lines of a round.
-
-    Returns:
-        Lines.
-    """
+    """A loop whose rounds do not depend on each other, which compilers are told to vectorise."""
     return ["VECTORISE", *loop(index, count, body)]
 
 
 def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[str]:
     """Definition of a function that computes a part of another one, for one state of several.
 
-    Args:
-        name: Of the helper.
-        parameters: Those between the constants and the stride.
-        body: Its lines.
-
-    Returns:
-        Lines.
+    `parameters` stand between the constants and the stride.
     """
     every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
     head = [f"static INLINE void {name}(", *_indented([f"{p}," for p in every])]

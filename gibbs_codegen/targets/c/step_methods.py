@@ -143,15 +143,10 @@ METHODS: dict[str, Method] = {
 
 
 def state_lines(method: Method, derivatives: bool, is_quaternion: bool) -> Lines:
-    """What a method does to states.
+    """What a method, one of `METHODS`, does to states.
 
-    Args:
-        method: One of `METHODS`.
-        derivatives: Whether derivatives of accelerations and moves are kept, for `column_lines`.
-        is_quaternion: Whether moves are no sums.
-
-    Returns:
-        Lines.
+    `derivatives`: whether derivatives of accelerations and moves are kept, for `column_lines`; with
+    a quaternion moves are no sums.
     """
     lines = []
     for part in method:
@@ -177,15 +172,7 @@ def state_lines(method: Method, derivatives: bool, is_quaternion: bool) -> Lines
 
 
 def column_lines(method: Method, is_quaternion: bool) -> Lines:
-    """What a method does to columns of derivatives.
-
-    Args:
-        method: One of `METHODS`.
-        is_quaternion: Whether moves are no sums.
-
-    Returns:
-        Lines.
-    """
+    """What a method does to columns of derivatives; with a quaternion moves are no sums."""
     lines = []
     for part in method:
         if isinstance(part, Each):
@@ -205,15 +192,7 @@ def column_lines(method: Method, is_quaternion: bool) -> Lines:
 
 
 def length_lines(robot: str, method: Method) -> Lines:
-    """What a method does to a state, with the derivatives by the length of the step.
-
-    Args:
-        robot: Name of the robot.
-        method: One of `METHODS`.
-
-    Returns:
-        Lines.
-    """
+    """What a method does to a state, with the derivatives by the length of the step."""
     lines = []
     for part in method:
         if isinstance(part, Each):
@@ -237,13 +216,5 @@ def _slope(part: Accelerate) -> str:
 
 
 def _called(function: str, arguments: Sequence[str]) -> Lines:
-    """A call of a function for one state, or for a block of them.
-
-    Args:
-        function: Name of the function.
-        arguments: Those after the constants.
-
-    Returns:
-        Lines.
-    """
+    """A call of a function for one state, or for a block; arguments follow the constants."""
     return call("CALL", [function, "constants", *arguments])

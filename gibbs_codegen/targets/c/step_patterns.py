@@ -16,14 +16,9 @@ Pairs = frozenset[tuple[int, int]]
 
 
 def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
-    """Patterns of A and B, in the tangent space.
+    """Rows and columns of A and B of "step_euler" or "step_rk4", in the tangent space.
 
-    Args:
-        model: The derived robot, with the derivatives of steps.
-        name: "step_euler" or "step_rk4".
-
-    Returns:
-        Rows and columns of each.
+    The model has the derivatives of steps.
     """
     size, width = layout_of(model.robot).v.size, len(inputs(model.robot))
     known = patterns(model)

@@ -85,16 +85,7 @@ class ModuleText:
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
-    """Context of the C templates.
-
-    Args:
-        model: The derived robot.
-        printer: Of expressions.
-        header: Lines that open every file.
-
-    Returns:
-        The context.
-    """
+    """Context of the C templates."""
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
     loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
@@ -163,15 +154,7 @@ def _places(robot: Robot) -> dict[str, Lines]:
 
 
 def _macros(prefix: str, names: Iterable[str]) -> Lines:
-    """Names in capitals, unless two that people gave are the same in capitals.
-
-    Args:
-        prefix: What they begin with.
-        names: The rest of each.
-
-    Returns:
-        Enumerators.
-    """
+    """Names in capitals after a prefix, unless two that people gave are the same in capitals."""
     rests = [*names]
     capitals = [rest.upper() for rest in rests]
     chosen = capitals if len({*capitals}) == len(rests) else rests

@@ -25,16 +25,9 @@ _WIDTH = 96
 
 
 def help_text(robot: Robot, signature: Signature, work: str, constants: int) -> list[str]:
-    """Documentation of a function in MATLAB, as `help` shows it.
+    """Documentation of a function as MATLAB's `help` shows it, without the sign of a comment.
 
-    Args:
-        robot: Whose function it is.
-        signature: Of the function.
-        work: What a call takes: what `operations` or `calls` returns.
-        constants: How many of them there are.
-
-    Returns:
-        Lines without the sign of a comment.
+    `work` is as of `documentation.docstring`; `constants` is how many there are.
     """
     row = _in_own_names(FUNCTIONS[signature.name])
     places = zip(signature.arguments, signature.argument_shapes, strict=True)

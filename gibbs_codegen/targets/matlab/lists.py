@@ -55,16 +55,7 @@ class ListText:
 
 
 def list_texts(robot: Robot, derivatives: Collection[str], header: Lines) -> dict[str, ListText]:
-    """The texts of all lists.
-
-    Args:
-        robot: Whose lists they are.
-        derivatives: Names of the functions generated on request that the package has.
-        header: Lines that every file has.
-
-    Returns:
-        What the template is given, by the names of the functions.
-    """
+    """The texts of all lists, by the names of their functions."""
     explained: dict[str, tuple[Coordinate, ...]] = {
         "COORDINATES": reduced_coordinates(robot),
         "VELOCITIES": velocities(robot),

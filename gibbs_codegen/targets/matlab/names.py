@@ -31,25 +31,14 @@ _OWN = {"constants", "count", "values"}
 
 
 def variable(name: str) -> str:
-    """A variable, or a field of a struct.
-
-    Args:
-        name: What the program calls it.
-
-    Returns:
-        The same, with an x before the _ that no name in MATLAB begins with.
-    """
+    """A name as a variable or field, with an x before the _ that no name in MATLAB begins with."""
     return f"x{name}" if name.startswith("_") else name
 
 
 def check_names(model: Model) -> None:
-    """Refuse a robot with names that cannot be told apart in MATLAB.
+    """Raise `UsageError` where names of a robot cannot be told apart in MATLAB.
 
-    Args:
-        model: The derived robot.
-
-    Raises:
-        UsageError: A name is too long, is taken, or would be that of something else.
+    A name is too long, is taken, or would be that of something else.
     """
     package = model.robot.name
     program = model.program

@@ -25,26 +25,11 @@ class MatlabPrinter(InfixPrinter):
     OVER = "./"
 
     def name(self, name: str) -> str:
-        """As in the program, unless MATLAB does not take that.
-
-        Args:
-            name: What the program calls it.
-
-        Returns:
-            The variable.
-        """
+        """As in the program, unless MATLAB does not take that."""
         return variable(name)
 
     def call(self, function: str, argument: str) -> str:
-        """A call; zeros have signs, which MATLAB's own sign does not tell.
-
-        Args:
-            function: One of those of `nodes.Call`.
-            argument: The row that it takes, as text.
-
-        Returns:
-            The call as text.
-        """
+        """A call on a row; zeros have signs, which MATLAB's own sign does not tell."""
         if function == "sign":
             return f"(1.0 - 2.0 .* (1.0 ./ ({argument}) < 0.0))"
         return super().call(function, argument)
@@ -57,14 +42,7 @@ class StatementPrinter:
         self._expressions = expressions
 
     def assign_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local variables, with a comment above each group.
-
-        Args:
-            statements: In order.
-
-        Returns:
-            Lines without their indentation, as everywhere here.
-        """
+        """Local variables, with a comment above each group; lines are without indentation here."""
         lines: list[str] = []
         for words, statement in headed(statements):
             lines += ["", f"% {words}"] if words else []
@@ -72,27 +50,11 @@ class StatementPrinter:
         return lines
 
     def assign(self, target: str, value: Node) -> list[str]:
-        """A variable, or entries of one.
-
-        Args:
-            target: What is assigned to.
-            value: Its value.
-
-        Returns:
-            Lines.
-        """
+        """A variable, or entries of one."""
         return _continued(f"{target} = {self._expressions.expression(value)};")
 
     def fill(self, name: str, output: Output) -> list[str]:
-        """An output, whose zeros are there before its other entries.
-
-        Args:
-            name: Of the output.
-            output: Its shape and entries.
-
-        Returns:
-            Lines.
-        """
+        """An output, whose zeros are there before its other entries."""
         lines = ["", f"{name} = zeros({len(output.entries)}, count);"]
         places = column_major(output.shape)
         for place, entry in sorted(zip(places, output.entries, strict=True), key=lambda x: x[0]):
@@ -105,40 +67,20 @@ class StatementPrinter:
 
 
 def column_major(shape: tuple[int, ...]) -> list[int]:
-    """Where entries of an array stand in MATLAB.
-
-    Args:
-        shape: Of the array.
-
-    Returns:
-        The linear index of each entry, from 1, for entries in C order.
-    """
+    """Linear index in MATLAB, from 1, of each entry of an array in C order."""
     size = int(np.prod(shape))
     return (1 + np.arange(size).reshape(shape, order="F")).ravel().tolist()
 
 
 def load(name: str, array: str, place: int) -> str:
-    """A variable that is a row of an array.
-
-    Args:
-        name: What the program calls it.
-        array: What it is a row of.
-        place: Which row, from 0.
-
-    Returns:
-        A line.
-    """
+    """A variable that is the row at `place`, from 0, of an array."""
     return f"{variable(name)} = {array}({place + 1}, :);"
 
 
 def column(texts: Sequence[str]) -> list[str]:
     """What stands in the brackets of a column, or in the braces of a cell column.
 
-    Args:
-        texts: Expressions; each stays whole, as a line break within a quoted text is an error.
-
-    Returns:
-        Lines; none where there are no expressions.
+    Each expression stays whole, as a line break within a quoted text is an error.
     """
     lines: list[str] = []
     for text in texts:

@@ -117,18 +117,9 @@ class SourceText:
 def package_text(
     model: Model, printer: InfixPrinter, header: Lines
 ) -> dict[str, Mapping[str, object]]:
-    """Contexts of the MATLAB templates.
+    """Contexts of the MATLAB templates, for each that of each file by its name in the package.
 
-    Args:
-        model: The derived robot.
-        printer: Of expressions.
-        header: Lines that every file has.
-
-    Returns:
-        For each template the context of each file, by its name in the package.
-
-    Raises:
-        UsageError: MATLAB does not take a name of the robot's.
+    Raises `UsageError` where MATLAB does not take a name of the robot's.
     """
     check_names(model)
     statements = StatementPrinter(printer)
@@ -158,17 +149,7 @@ def package_text(
 def _function_text(
     model: Model, signature: Signature, statements: StatementPrinter, header: Lines
 ) -> FunctionText:
-    """The text of one function.
-
-    Args:
-        model: The derived robot.
-        signature: Of the function.
-        statements: The printer.
-        header: Lines that every file has.
-
-    Returns:
-        What the template is given.
-    """
+    """The text of one function."""
     constants = len(model.program.constants)
     step, body = None, []
     if FUNCTIONS[signature.name].composed:
@@ -205,16 +186,7 @@ def _step_text(model: Model, name: str) -> StepText:
 
 
 def _body(model: Model, function: Function, statements: StatementPrinter) -> Lines:
-    """What a function does once its arguments are columns.
-
-    Args:
-        model: The derived robot.
-        function: One of its program's.
-        statements: The printer.
-
-    Returns:
-        Lines.
-    """
+    """What a function does once its arguments are columns."""
     program = model.program
     used = {name for node in function.nodes() for name in names_in(node)}
     lines = [load(n, "constants", program.constants.index(n)) for n in function.constants]
@@ -231,17 +203,7 @@ def _body(model: Model, function: Function, statements: StatementPrinter) -> Lin
 def _model_text(
     model: Model, printer: InfixPrinter, statements: StatementPrinter, header: Lines
 ) -> ModelText:
-    """What files that are there once depend on.
-
-    Args:
-        model: The derived robot.
-        printer: Of expressions.
-        statements: The printer of statements.
-        header: Lines that every file has.
-
-    Returns:
-        What the templates are given.
-    """
+    """What files that are there once depend on."""
     program = model.program
     values = program.prepared(model.defaults)
     shapes = {

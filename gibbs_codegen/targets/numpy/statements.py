@@ -23,12 +23,7 @@ class StatementPrinter:
     def assign(self, name: str, value: Node) -> list[str]:
         """A local variable, its value in parentheses where it takes more than a line.
 
-        Args:
-            name: Of the variable.
-            value: Its value.
-
-        Returns:
-            Lines without their indentation, as everywhere here.
+        Lines are without their indentation, as everywhere here.
         """
         start, text = f"{name} = ", self._expressions.expression(value)
         if len(start) + len(text) <= WIDTH - _INDENT:
@@ -36,14 +31,7 @@ class StatementPrinter:
         return [f"{start}(", *(f"{' ' * _INDENT}{line}" for line in _wrapped(text)), ")"]
 
     def assign_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local variables, with a comment above each group.
-
-        Args:
-            statements: In order.
-
-        Returns:
-            Lines.
-        """
+        """Local variables, with a comment above each group."""
         lines: list[str] = []
         for words, statement in headed(statements):
             lines += comment(words)
@@ -51,92 +39,41 @@ class StatementPrinter:
         return lines
 
     def entries(self, outputs: Sequence[Output]) -> list[str]:
-        """What stands in the parentheses of a tuple of all entries of outputs.
-
-        Args:
-            outputs: One after the other.
-
-        Returns:
-            Lines.
-        """
+        """What stands in the parentheses of a tuple of all entries of outputs."""
         nodes = (entry for output in outputs for entry in output.entries)
         return elements([self._expressions.expression(node) for node in nodes])
 
 
 def comment(words: str) -> list[str]:
-    """A comment above a group of statements.
-
-    Args:
-        words: What the group computes; "" where no group begins.
-
-    Returns:
-        Lines, of which the first is empty.
-    """
+    """A comment above a group of statements, after an empty line; none for ""."""
     return ["", f"# {words}"] if words else []
 
 
 def load(name: str, array: str, place: int | str) -> str:
-    """A local variable that is an entry of a sequence, or of a dictionary.
-
-    Args:
-        name: Of the variable.
-        array: What it is an entry of.
-        place: Its index, or its key.
-
-    Returns:
-        A line.
-    """
+    """A local variable that is an entry of a sequence by index, or of a dictionary by key."""
     index = f'"{place}"' if isinstance(place, str) else place
     return f"{name} = {array}[{index}]"
 
 
 def elements(texts: Sequence[str]) -> list[str]:
-    """What stands in the parentheses of a tuple.
-
-    Args:
-        texts: Expressions.
-
-    Returns:
-        Lines; none where there are no expressions.
-    """
+    """What stands in the parentheses of a tuple."""
     return _wrapped(f"{', '.join(texts)},") if texts else []
 
 
 def strings(texts: Iterable[str]) -> list[str]:
-    """What stands in the parentheses of a tuple of strings; nothing where there are none.
-
-    Args:
-        texts: Strings without quotes.
-
-    Returns:
-        Lines.
-    """
+    """What stands in the parentheses of a tuple of strings, which come without quotes."""
     text = " ".join(f'"{text}",' for text in texts)
     return textwrap.wrap(text, WIDTH - _INDENT)
 
 
 def integers(numbers: Iterable[int]) -> list[str]:
-    """What stands in the parentheses of a tuple of integers in a tuple; nothing without any.
-
-    Args:
-        numbers: The integers.
-
-    Returns:
-        Lines.
-    """
+    """What stands in the parentheses of a tuple of integers in a tuple; nothing without any."""
     text = " ".join(f"{number}," for number in numbers)
     return textwrap.wrap(text, WIDTH - 3 * _INDENT)
 
 
 def result(outputs: Sequence[Output]) -> str:
-    """What a function returns, given `entries` of all its outputs and `batch`.
-
-    Args:
-        outputs: In order.
-
-    Returns:
-        An expression.
-    """
+    """What a function returns, given `entries` of all its outputs and `batch`."""
     calls, start = [], 0
     for output in outputs:
         stop = start + len(output.entries)
@@ -147,14 +84,7 @@ def result(outputs: Sequence[Output]) -> str:
 
 
 def result_type(outputs: int) -> str:
-    """The type of what a function returns.
-
-    Args:
-        outputs: Number of its outputs.
-
-    Returns:
-        An annotation.
-    """
+    """The annotation of what a function of so many outputs returns."""
     array = "NDArray[np.float64]"
     return array if outputs == 1 else f"tuple[{', '.join([array] * outputs)}]"
 

@@ -119,16 +119,7 @@ class ModuleText:
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
-    """Context of the NumPy templates.
-
-    Args:
-        model: The derived robot.
-        printer: Of expressions.
-        header: Lines that open every file.
-
-    Returns:
-        The context.
-    """
+    """Context of the NumPy templates."""
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
@@ -195,16 +186,9 @@ def _functions(model: Model, statements: StatementPrinter) -> list[FunctionText]
 def _function_text(
     model: Model, signature: Signature, work: str, kernel: KernelText | None = None
 ) -> FunctionText:
-    """The text of one function.
+    """The text of one function; it has no kernel if it is composed of others.
 
-    Args:
-        model: The derived robot.
-        signature: Of the function.
-        work: What a call takes, in words.
-        kernel: The text of its kernel; None for one that is composed of others.
-
-    Returns:
-        What the template is given.
+    `work` is what a call takes, in words.
     """
     shapes = zip(signature.arguments, signature.argument_shapes, strict=True)
     return FunctionText(
@@ -217,16 +201,7 @@ def _function_text(
 
 
 def _kernel_text(model: Model, function: Function, statements: StatementPrinter) -> KernelText:
-    """The text of one kernel.
-
-    Args:
-        model: The derived robot.
-        function: One of its program's.
-        statements: The printer.
-
-    Returns:
-        What the template is given.
-    """
+    """The text of one kernel."""
     program = model.program
     used = {name for node in function.nodes() for name in names_in(node)}
     loads = [load(name, "k", program.constants.index(name)) for name in function.constants]
