@@ -41,6 +41,10 @@ class Chunk:
         """Numbers of the cases."""
         return slice(self.first + self.begin, self.first + self.end)
 
+    def after(self, count: int) -> Chunk:
+        """What is left after the first cases."""
+        return replace(self, begin=self.begin + count)
+
     def halves(self) -> tuple[Chunk, Chunk]:
         """The first and the second half."""
         middle = (self.begin + self.end) // 2

@@ -1,9 +1,9 @@
 """A digest of values and functions that is the same in every process: of what they are, not where.
 
-cloudpickle takes them to pieces, but for four kinds: functions go without the place of their source,
-classes without the random number that cloudpickle gives them, sets in an order that is the same in
-every process, and of modules of the user's what is used of them. What installed packages and the
-standard library define counts by name and version.
+cloudpickle takes them to pieces, but for four kinds: functions go without the place of their
+source, classes without the random number that cloudpickle gives them, sets in an order that is the
+same in every process, and of modules of the user's what is used of them. What installed packages
+and the standard library define counts by name and version.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from gibbs_codegen.sweeps.plan import Cases, cases_of
 from gibbs_codegen.sweeps.running import Running
 from gibbs_codegen.sweeps.sampling import varied
 from gibbs_codegen.sweeps.sources import StrPath, robot_source, scenario_source
-from gibbs_codegen.sweeps.store import Rows, Store, joined
+from gibbs_codegen.sweeps.store import REMOVED, Rows, Store, joined
 from gibbs_codegen.sweeps.study import Study
 from gibbs_codegen.sweeps.table import FIXED, table_of
 from gibbs_codegen.sweeps.workers import own_count
@@ -186,12 +186,14 @@ def _flown(
         done += more
         progress("flying", done / everything)
 
-    missing = [each for each in chunks if store.read(job.digest(each), len(each)) is None]
-    tell(everything - sum(map(len, missing)))
+    found = [store.read(job.digest(each)) for each in chunks]
+    kept = {c.rows.start: len(r) for c, r in zip(chunks, found, strict=True) if r is not None}
+    missing = [each for each in chunks if kept.get(each.rows.start, 0) < len(each)]
+    tell(sum(kept.values()))
     if missing:
-        Running(job, store, executor, min(workers, len(missing)), tell).run(missing)
-    found = [store.read(job.digest(each), len(each)) for each in chunks]
+        Running(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
+        found = [store.read(job.digest(each)) for each in chunks]
     rows = [each for each in found if each is not None]
-    if len(rows) < len(found):
-        raise OutputError("what a sweep wrote has been removed while it went on; call it again")
+    if sum(map(len, rows)) < everything:
+        raise OutputError(REMOVED)
     return joined(rows)

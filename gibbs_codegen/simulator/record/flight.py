@@ -13,7 +13,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.simulator.record.columns import Column, columns_of
 from gibbs_codegen.simulator.record.older_files import lacking
 from gibbs_codegen.simulator.record.series import Array as Array
@@ -56,7 +56,7 @@ class Flight(Series):
                     rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
                     writer.writerows(rows.tolist())
         except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads.
@@ -73,7 +73,7 @@ class Flight(Series):
         try:
             np.savez_compressed(path, **(fields | texts))
         except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def read_flight(path: StrPath) -> Flight:
