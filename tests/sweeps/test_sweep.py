@@ -307,3 +307,24 @@ def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, 
     again = sweep(*asked, lambda what, share: told.append(share))
     assert [round(6 * share) for share in told if share] == [3, 4, 5, 6]
     assert again.table.tobytes() == first.table.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({}, True),
+        ({"integration.method": "rk4"}, False),
+        ({"control.rate": 200.0}, False),
+        ({"duration": [0.01, 0.02], "motors.time_constant": 0.0}, False),
+    ],
+)
+def test_flights_that_could_be_side_by_side_are_told(
+    robot, tmp_path, here, monkeypatch, caplog, more, told
+):
+    monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 1)
+    monkeypatch.setattr("gibbs_codegen.sweeps.sweep._LOG_SECONDS", 0.0)
+    parameters = {"duration": 0.01, "motors.time_constant": [0.0, 0.01], **more}
+    with caplog.at_level("INFO", "gibbs_codegen.sweeps"):
+        sweep(robot, "hover", parameters, executor=here, out=tmp_path, workers=1)
+    assert "1 of 2 flights are done" in caplog.messages
+    assert told == any('integration.method = "rk4"' in line for line in caplog.messages)
