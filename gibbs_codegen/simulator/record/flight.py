@@ -8,25 +8,51 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile, ZipFile
+from typing import Any, BinaryIO
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
 
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.simulator.record.columns import Column, columns_of
 from gibbs_codegen.simulator.record.older_files import lacking
+from gibbs_codegen.simulator.record.series import RANGES, Series
 from gibbs_codegen.simulator.record.series import Array as Array
-from gibbs_codegen.simulator.record.series import Series
 
 StrPath = str | os.PathLike[str]
 
 # Rows of the CSV that are written at a time.
 _ROWS = 4096
-# Fields that are one number, and those of several that have no row per sample.
+# Fields that are one number.
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
-_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
-_OF_NO_TIME |= {"binding_times", "walls", "gusts"}
+# Fields by their shapes. What has a letter has as many entries there as all others with it: s
+# samples, q coordinates, v velocities, u inputs, k points, f frames, c constraints, a base arms.
+_SHAPES: dict[str, tuple[str, ...]] = {
+    "": ("robot", "scenario", "law", "attitude", "stopped", "timing", *_NUMBERS),
+    "s": ("time", "heading_error", "kinetic_energy", "potential_energy", "work"),
+    "q": ("coordinates", "coordinate_units"),
+    "sq": ("q", "q_desired"),
+    "sv": ("v", "a", "v_desired", "a_desired"),
+    "u": ("input_names",),
+    "su": ("commanded", "applied", *RANGES),
+    "2u": ("input_limits",),
+    "c": ("constraint_names",),
+    "sc": ("constraint_torques",),
+    "a": ("base_arm_angles_desired",),
+    "sa": ("base_arm_angles",),
+    "k": ("points", "parents"),
+    "sk3": ("positions",),
+    "s33": ("base_rotation",),
+    "s3": ("centre_desired",),
+    "st": ("tip_desired",),
+    "f": ("frames",),
+    "sf6": ("frame_wrenches",),
+    "b": ("binding",),
+    "b2": ("binding_times",),
+    "w6": ("walls",),
+    "g2": ("gusts",),
+}
+_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 @dataclass(frozen=True)
@@ -90,38 +116,50 @@ def read_flight(path: StrPath) -> Flight:
     """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            values: dict[str, Any] = dict(lacking(stored))
-            names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
-            values |= {name: stored[name] for name in names}
-        return Flight(**_checked(values))
-    except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
-        raise UsageError(
-            f"{printable(path)}: is not a flight that was saved: {printable(error)}"
-        ) from None
+        with Path(path).open("rb") as file:
+            return _stored(file)
+    except OSError as error:
+        why: object = cause_of(error)
+    except KeyError as error:
+        why = f"it has no array {error.args[0]}"
+    except Exception as error:  # Archives can be broken in many ways.
+        why = str(error) or type(error).__name__
+    raise UsageError(
+        f"{printable(path)}: is not a flight that was saved: {printable(why)}; {_WANTED}"
+    )
+
+
+def _stored(file: BinaryIO) -> Flight:
+    """The flight in an open file; whatever is wrong with it raises some exception."""
+    if not is_zipfile(file):
+        empty = file.seek(0, os.SEEK_END) == 0
+        raise ValueError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
+        names = [each.name for each in dataclasses.fields(Flight)]
+        held = {name: np.asarray(stored[name]) for name in names if name in stored}
+    return Flight(**_checked(held | lacking(held)))
 
 
 def _checked(stored: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a flight from the arrays of a file.
-
-    Args:
-        stored: The arrays by the names of the fields.
-
-    Returns:
-        The fields.
-
-    Raises:
-        ValueError: If an array is not what its field must be.
-        TypeError: Likewise.
-    """
-    values = dict(stored)
-    for name, value in stored.items():
-        if name in _NUMBERS:
-            values[name] = _NUMBERS[name](value)
-        elif value.dtype.kind == "U":
-            values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
-        elif name not in _OF_NO_TIME and value.shape[:1] != np.shape(stored["time"]):
-            raise ValueError(f"{name} has not as many rows as there are times")
+    """Fields of a flight from the arrays of a file; `ValueError` if one is not what it must be."""
+    texts = {each.name for each in dataclasses.fields(Flight) if "str" in str(each.type)}
+    thrusts = "sn3" if stored["thrust_directions"].ndim == 3 else "n3"
+    shapes = {**_SHAPES, thrusts: ("thrust_directions",)}
+    sizes: dict[str, int] = {}
+    values: dict[str, Any] = {}
+    for shape, name in ((shape, name) for shape, names in shapes.items() for name in names):
+        array = stored[name]
+        if array.dtype.kind not in ("U" if name in texts else "iuf"):
+            raise ValueError(f"{name} does not hold {'text' if name in texts else 'numbers'}")
+        if len(shape) != array.ndim or any(
+            size != (int(letter) if letter.isdigit() else sizes.setdefault(letter, size))
+            for letter, size in zip(shape, array.shape, strict=True)
+        ):
+            raise ValueError(f"{name} has the shape {array.shape}, which does not fit the others")
+        if name in texts:
+            array = tuple(map(str, array)) if shape else str(array)
+        values[name] = _NUMBERS[name](array) if name in _NUMBERS else array
     return values
 
 
@@ -137,5 +175,5 @@ def is_flight(path: StrPath) -> bool:
     try:
         with ZipFile(path) as archive:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
-    except (OSError, BadZipFile):
+    except (OSError, BadZipFile, NotImplementedError):
         return False
