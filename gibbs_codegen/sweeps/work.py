@@ -67,7 +67,7 @@ def fly(task: Task) -> Rows:
         found.reverse()
         while found:  # A flight takes a megabyte once it has been measured: they go one by one.
             rows.append(_measured(measures, found.pop()))
-        spent = time.monotonic() - begin
+        spent = max(time.monotonic() - begin, 1e-3)  # Not every clock is finer.
         left -= spent
         size = max(int(left / spent * len(some)), 1)
     return rows_of(*zip(*rows, strict=True))

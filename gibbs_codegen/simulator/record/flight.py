@@ -16,42 +16,17 @@ import numpy as np
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.simulator.record.columns import Column, columns_of
 from gibbs_codegen.simulator.record.older_files import lacking
-from gibbs_codegen.simulator.record.series import RANGES, Series
 from gibbs_codegen.simulator.record.series import Array as Array
+from gibbs_codegen.simulator.record.series import Series
 
 StrPath = str | os.PathLike[str]
 
 # Rows of the CSV that are written at a time.
 _ROWS = 4096
-# Fields that are one number.
+# Fields that are one number, and those of several that have no row per sample.
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
-# Fields by their shapes. What has a letter has as many entries there as all others with it: s
-# samples, q coordinates, v velocities, u inputs, k points, f frames, c constraints, a base arms.
-_SHAPES: dict[str, tuple[str, ...]] = {
-    "": ("robot", "scenario", "law", "attitude", "stopped", "timing", *_NUMBERS),
-    "s": ("time", "heading_error", "kinetic_energy", "potential_energy", "work"),
-    "q": ("coordinates", "coordinate_units"),
-    "sq": ("q", "q_desired"),
-    "sv": ("v", "a", "v_desired", "a_desired"),
-    "u": ("input_names",),
-    "su": ("commanded", "applied", *RANGES),
-    "2u": ("input_limits",),
-    "c": ("constraint_names",),
-    "sc": ("constraint_torques",),
-    "a": ("base_arm_angles_desired",),
-    "sa": ("base_arm_angles",),
-    "k": ("points", "parents"),
-    "sk3": ("positions",),
-    "s33": ("base_rotation",),
-    "s3": ("centre_desired",),
-    "st": ("tip_desired",),
-    "f": ("frames",),
-    "sf6": ("frame_wrenches",),
-    "b": ("binding",),
-    "b2": ("binding_times",),
-    "w6": ("walls",),
-    "g2": ("gusts",),
-}
+_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
+_OF_NO_TIME |= {"binding_times", "walls", "gusts"}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
@@ -143,23 +118,19 @@ def _stored(file: BinaryIO) -> Flight:
 
 def _checked(stored: dict[str, Any]) -> dict[str, Any]:
     """Fields of a flight from the arrays of a file; `ValueError` if one is not what it must be."""
-    texts = {each.name for each in dataclasses.fields(Flight) if "str" in str(each.type)}
-    thrusts = "sn3" if stored["thrust_directions"].ndim == 3 else "n3"
-    shapes = {**_SHAPES, thrusts: ("thrust_directions",)}
-    sizes: dict[str, int] = {}
-    values: dict[str, Any] = {}
-    for shape, name in ((shape, name) for shape, names in shapes.items() for name in names):
-        array = stored[name]
-        if array.dtype.kind not in ("U" if name in texts else "iuf"):
-            raise ValueError(f"{name} does not hold {'text' if name in texts else 'numbers'}")
-        if len(shape) != array.ndim or any(
-            size != (int(letter) if letter.isdigit() else sizes.setdefault(letter, size))
-            for letter, size in zip(shape, array.shape, strict=True)
-        ):
-            raise ValueError(f"{name} has the shape {array.shape}, which does not fit the others")
-        if name in texts:
-            array = tuple(map(str, array)) if shape else str(array)
-        values[name] = _NUMBERS[name](array) if name in _NUMBERS else array
+    values = dict(stored)
+    for name, kind in ((each.name, str(each.type)) for each in dataclasses.fields(Flight)):
+        value, is_text = stored[name], "str" in kind
+        if value.dtype.kind not in ("U" if is_text else "iuf"):
+            raise ValueError(f"{name} does not hold {'text' if is_text else 'numbers'}")
+        if (is_text or name in _NUMBERS) and value.ndim != kind.startswith("tuple"):
+            raise ValueError(f"{name} has the shape {value.shape}")
+        if name in _NUMBERS:
+            values[name] = _NUMBERS[name](value)
+        elif is_text:
+            values[name] = tuple(map(str, value)) if value.ndim else str(value)
+        elif name not in _OF_NO_TIME and value.shape[:1] != np.shape(stored["time"]):
+            raise ValueError(f"{name} has not as many rows as there are times")
     return values
 
 

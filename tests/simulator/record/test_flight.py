@@ -160,7 +160,7 @@ def test_a_folder_that_is_not_there(flight: Flight, tmp_path: Path) -> None:
     ("name", "value"),
     [
         *(("weight", "x"), ("weight", [1.0, 2.0]), ("q", np.zeros((2, 9))), ("work", np.zeros(()))),
-        *(("input_limits", np.zeros((2, 3))), ("points", "a"), ("robot", 3.0)),
+        *(("input_limits", "inf"), ("points", "a"), ("robot", 3.0)),
     ],
 )
 def test_a_malformed_field_is_told(
