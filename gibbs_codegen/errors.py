@@ -32,6 +32,11 @@ def printable(text: object, most: int = _LONGEST) -> str:
     return f"{plain[: most - 3 - end]}...{plain[-end:]}"
 
 
+def cause_of(error: OSError) -> str:
+    """Why the system refused something; not every error has the system's own words."""
+    return error.strerror or printable(error)
+
+
 class GibbsCodegenError(Exception):
     """Base of every error that this package raises on purpose.
 

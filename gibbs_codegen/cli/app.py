@@ -28,7 +28,7 @@ from gibbs_codegen.cli import (
     view,
 )
 from gibbs_codegen.cli.terminal import Parser
-from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError
+from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, cause_of
 from gibbs_codegen.version import __version__
 
 
@@ -48,7 +48,7 @@ def console() -> int:
         sys.stdout.flush()
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
-            print(f"gibbs-codegen: output: {error.strerror or error}", file=sys.stderr)
+            print(f"gibbs-codegen: output: {cause_of(error)}", file=sys.stderr)
         # The reader has gone or its disk is full: keep Python from trying to flush to it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

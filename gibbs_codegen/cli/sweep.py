@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import re
 import sys
 import time
@@ -111,6 +112,10 @@ def _add_cases(sweep: Parser) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     from gibbs_codegen.cli.sweep_report import print_study
 
+    if not sys.stderr.isatty():  # Lines take the place of the bar.
+        log = logging.getLogger("gibbs_codegen.sweeps")
+        log.setLevel(logging.INFO)
+        log.addHandler(logging.StreamHandler())
     start, done = time.perf_counter(), 0.0
     with terminal.progress_bar() as bar:
 

@@ -25,6 +25,7 @@ from gibbs_codegen.exchange.source import (
     SourceJoint,
     SourceLink,
     Told,
+    endless,
 )
 from gibbs_codegen.robot.model import AXES, JointLimits, Passive
 
@@ -182,6 +183,7 @@ class _Reader:
             if number < len(parts):
                 link = self._links.free(f"{link}_{name}")
             anchor = np.array(model.jnt_pos[j])
+            passive, limits = self._properties(j)
             joint = SourceJoint(
                 name,
                 "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
@@ -190,8 +192,9 @@ class _Reader:
                 pose @ Placement(vector(anchor)),
                 axis,
                 Placement(vector(-anchor)),
-                *self._properties(j),
-                continuous=model.jnt_type[j] == _HINGE and not model.jnt_limited[j],
+                passive,
+                limits,
+                continuous=model.jnt_type[j] == _HINGE and endless(limits),
             )
             yield link, joint
             parent, pose = link, Placement()

@@ -25,6 +25,11 @@ _LEFT_OUT = {
     "sensor": "sensors",
     "keyframe": "keyframes",
     "deformable": "deformable bodies",
+    "extension": "plugins, and what they do to the motion",
+    "custom": "data for other programs",
+    "visual": "settings of pictures",
+    "statistic": "settings of pictures",
+    "size": "settings of memory",
 }
 # What a compiler may be told; versions differ in what else they know.
 _SETTINGS = {
@@ -53,9 +58,13 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
     counts: Counter[str] = Counter()
     for section in children(root):
         if section.tag not in _KEPT:
-            counts[section.tag] += len(section)
+            words = _LEFT_OUT.get(section.tag, "a section that import does not know")
+            # Some sections have all that they say in attributes of their own.
+            counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section) or bool(
+                section.attrib
+            )
             root.remove(section)
-    told = [Told("left out", _LEFT_OUT.get(tag, f"<{tag}>"), f"{n}") for tag, n in counts.items()]
+    told = [Told("left out", words, f"{count}") for words, count in counts.items() if count]
     for element in [found for found in root.iter() if isinstance(found, Element)]:
         element.attrib.pop("material", None)
         for picture in children(element):

@@ -5,6 +5,7 @@ Links and joints are named as in the file. Placements are in m and degrees, axes
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,8 +16,17 @@ from gibbs_codegen.exchange.placement import HERE, Array, Placement
 from gibbs_codegen.robot.model import AXES, JointLimits, Passive, Vector3
 
 SourceKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
+# A joint that may turn ten times either way, rad, turns a rotor or a wheel. Files that come from
+# Gazebo give ±1e16 where URDF has the type continuous.
+_MANY_TURNS = 20.0 * math.pi
 NO_PASSIVE, NO_LIMITS = Passive(), JointLimits()
 Kind = Literal["base", "locked", "welded", "snapped", "rotor", "left out", "note"]
+
+
+def endless(limits: JointLimits) -> bool:
+    """Whether the limits of a revolute joint let it turn without end."""
+    low, high = limits.low, limits.high
+    return (low is None or low <= -_MANY_TURNS) and (high is None or high >= _MANY_TURNS)
 
 
 class SourceFileError(RefusedFileError):

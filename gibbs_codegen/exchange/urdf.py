@@ -21,6 +21,7 @@ from gibbs_codegen.exchange.source import (
     SourceKind,
     SourceLink,
     Told,
+    endless,
 )
 from gibbs_codegen.exchange.urdf_rotors import is_motor, urdf_rotors
 from gibbs_codegen.exchange.urdf_values import Values, child, children
@@ -125,6 +126,7 @@ def _joint(element: Element, values: Values) -> SourceJoint:
     axis = (0.0, 0.0, 1.0)
     if kind in ("revolute", "prismatic"):
         axis = _axis(element, values)
+    limits = _limits(element, given, values)
     return SourceJoint(
         values.name(element),
         kind,
@@ -133,8 +135,8 @@ def _joint(element: Element, values: Values) -> SourceJoint:
         pose=values.placement(child(element, "origin")),
         axis=axis,
         passive=Passive(damping=values.positive(child(element, "dynamics"), "damping")),
-        limits=_limits(element, given, values),
-        continuous=given == "continuous",
+        limits=limits,
+        continuous=kind == "revolute" and endless(limits),
         line=element.line,
     )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.errors import Fault, UsageError, cause_of, printable
 from gibbs_codegen.exchange.source import SourceFileError
 
 MAX_BYTES = 10_000_000
@@ -50,7 +50,7 @@ def read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
     except ValueError:  # A path with a null character.
         raise UsageError(f"{printable(path)}: no such file") from None
     if len(data) > MAX_BYTES:

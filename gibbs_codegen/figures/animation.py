@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.figures.film import Film
 from gibbs_codegen.figures.robot_drawing import samples_at
 from gibbs_codegen.figures.style import COLOURS, DARK, GOLD, style
@@ -57,8 +57,7 @@ def write_animation(
             _film(flight, writer, temporary, _frames(flight, fps), progress)
         os.replace(temporary, path)
     except OSError as error:
-        reason = error.strerror or error
-        raise OutputError(f"{printable(path)}: cannot be written: {reason}") from None
+        raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
     except subprocess.CalledProcessError as error:
         raise OutputError(f"{printable(path)}: ffmpeg failed: {error.stderr.strip()}") from None
     finally:

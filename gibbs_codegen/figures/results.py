@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files.output_folder import check_output_folder
 from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.simulator.record.flight import Flight, is_flight
@@ -123,6 +123,6 @@ def _staged(folder: Path) -> Iterator[Path]:
             for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
                 os.replace(path, folder / path.name)
     except OSError as error:
-        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(folder)}: cannot be written: {cause_of(error)}") from None
     except OutputError as error:
         raise OutputError(str(error).replace(printable(new), printable(folder))) from None

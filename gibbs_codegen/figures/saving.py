@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from gibbs_codegen.errors import OutputError, printable
+from gibbs_codegen.errors import OutputError, cause_of, printable
 from gibbs_codegen.figures.style import style
 
 # A date would make every file another.
@@ -45,6 +45,6 @@ def save_figures(
                 paths.append(path)
     except OSError as error:
         raise OutputError(
-            f"{printable(folder)}: cannot hold the figures: {error.strerror}"
+            f"{printable(folder)}: cannot hold the figures: {cause_of(error)}"
         ) from None
     return paths

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files.folder_lock import alone_in
 from gibbs_codegen.files.manifest import MANIFEST, entries, foreign, generated_files, with_manifest
 from gibbs_codegen.files.output_folder import check_output_folder
@@ -40,7 +40,7 @@ def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
                 *(name for name in entries(folder, expected) if name not in expected),
             ]
     except OSError as error:
-        raise OutputError(f"{printable(folder)}: cannot be read: {error.strerror}") from None
+        raise OutputError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
 
 
 def _holds(path: Path, text: str) -> bool:
@@ -72,7 +72,7 @@ def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
             )
         return foreign(folder, files)
     except OSError as error:
-        raise UsageError(f"{printable(folder)}: cannot be used: {error.strerror}") from None
+        raise UsageError(f"{printable(folder)}: cannot be used: {cause_of(error)}") from None
 
 
 def _refusal(folder: Path, names: Sequence[str]) -> UsageError:
@@ -121,9 +121,8 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
                 aside = _unused_name(place) if names else None
                 written = _write_and_swap(place, files, aside, held)
         except OSError as error:
-            reason = error.strerror or str(error)
             raise OutputError(
-                f"{printable(folder)}: cannot be written: {reason}; nothing was changed"
+                f"{printable(folder)}: cannot be written: {cause_of(error)}; nothing was changed"
             ) from None
     if not written:  # The signal's handler, which is the program's own, has returned.
         raise OutputError(
@@ -197,7 +196,7 @@ def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
         message = f"{printable(path)}: exists already; choose another name{replaced}"
         raise UsageError(message) from None
     except OSError as error:
-        raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def _write_flushed(path: Path, text: str) -> None:

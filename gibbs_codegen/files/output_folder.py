@@ -6,7 +6,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, cause_of, printable
 
 
 def check_output_folder(folder: str | os.PathLike[str]) -> None:
@@ -34,7 +34,7 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
             if place.exists():
                 raise UsageError(f"{printable(place)}: is a file; --out must be a folder")
     except OSError as error:
-        raise UsageError(f"{printable(path)}: cannot be used: {error.strerror}") from None
+        raise UsageError(f"{printable(path)}: cannot be used: {cause_of(error)}") from None
 
 
 def _check_names(folder: Path, names: tuple[str, ...]) -> None:

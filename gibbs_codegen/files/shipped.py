@@ -6,7 +6,7 @@ import difflib
 from importlib import resources
 from pathlib import Path
 
-from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, printable
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, cause_of, printable
 
 MAX_BYTES = 1_000_000
 
@@ -57,7 +57,7 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
         fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
         raise refused(name_or_path, [fault]) from None
     except OSError as error:
-        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
 
 
 def _not_found(path: Path, noun: str, shipped: tuple[str, ...]) -> str:

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from gibbs_codegen.errors import cause_of
 from gibbs_codegen.files.staging import put_in_place, staging_folder
 
 _LIBRARY = "library.so"
@@ -48,7 +49,7 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
                     _fill(entry, make)
     except OSError as error:
         where = error.filename or cache_folder()
-        raise CacheError(f"{where}: {error.strerror or error}") from None
+        raise CacheError(f"{where}: {cause_of(error)}") from None
     return entry / _LIBRARY
 
 

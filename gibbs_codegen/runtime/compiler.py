@@ -17,6 +17,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from gibbs_codegen.errors import cause_of
+
 # Sixty-four links take minutes.
 _TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
@@ -148,7 +150,7 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
             start_new_session=True,
         )
     except OSError as error:
-        raise CompilerError(f"{command[0]}: {error.strerror}") from None
+        raise CompilerError(f"{command[0]}: {cause_of(error)}") from None
     try:
         said, _ = process.communicate(timeout=seconds)
     except BaseException as error:

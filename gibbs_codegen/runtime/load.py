@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError, cause_of, printable
 from gibbs_codegen.interface import DATA, module_signatures
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
@@ -238,7 +238,7 @@ def find_module(path: Path) -> Path:
                 return folder.resolve()
         only_c = [f for f in folders if (f / f"{Path(os.path.realpath(f)).name}.h").is_file()]
     except OSError as error:
-        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
     if only_c:
         raise UsageError(
             f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "

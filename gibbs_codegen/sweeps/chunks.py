@@ -41,6 +41,10 @@ class Chunk:
         """Numbers of the cases."""
         return slice(self.first + self.begin, self.first + self.end)
 
+    def after(self, count: int) -> Chunk:
+        """What is left after the first cases."""
+        return replace(self, begin=self.begin + count)
+
     def halves(self) -> tuple[Chunk, Chunk]:
         """The first and the second half."""
         middle = (self.begin + self.end) // 2
@@ -68,11 +72,29 @@ def chunks_of(cases: Cases) -> list[Chunk]:
     return found
 
 
+def only_adaptive(cases: Cases) -> bool:
+    """Whether nothing but the adaptive integration keeps all cases from being side by side."""
+    return all(map(_only_adaptive, cases.blocks))
+
+
+def _only_adaptive(block: Block) -> bool:
+    try:
+        scenario = block.scenario.changed(block.chosen(0)[1])
+    except GibbsCodegenError:
+        return False
+    adaptive = scenario.integration.method == "adaptive"
+    return adaptive and scenario.control.rate is None and _together(block)
+
+
+def _together(block: Block) -> bool:
+    """Whether flights of a block differ in nothing that keeps them from being side by side."""
+    differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
+    return all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
+
+
 def _flights(block: Block) -> int:
     """How many flights of a block make a chunk."""
-    differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
-    together = all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
-    entries: dict[str, Any] = {}
+    together, entries = _together(block), dict[str, Any]()
     fit = _fit(block, entries, together)
     for axis in block.axes:  # One after the other is set to what takes longest.
         if any(key.startswith(_OF_LENGTH) for key in axis.targets):

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
+import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
@@ -145,19 +146,9 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
         UsageError: If a function cannot be taken to another process, with what it takes.
     """
     try:
-        from cloudpickle import dumps
-    except ModuleNotFoundError:
-        dumps = pickle.dumps
-    try:
-        found: bytes = dumps(dict(measures))
+        found: bytes = cloudpickle.dumps(dict(measures))
         return found
     except Exception as error:  # Whatever a function may hold.
-        if dumps is pickle.dumps:
-            raise UsageError(
-                "measure: a function that is not in a module of its own, such as a lambda, goes to "
-                "other processes with the package cloudpickle, which is not installed; install "
-                "cloudpickle, or gibbs_codegen with its extra sweep"
-            ) from None
         raise UsageError(
             f"measure: what a function holds cannot be taken to another process: {printable(error)}"
         ) from None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import pickle
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -50,6 +50,7 @@ class Running:
         executor: what computes; processes of this machine if None.
         workers: how many of them.
         tell: is told how many cases more are done.
+        kept: how many cases of each chunk are in the store already, by the chunk's first case.
     """
 
     def __init__(
@@ -59,8 +60,9 @@ class Running:
         executor: Executor | None,
         workers: int,
         tell: Callable[[int], None],
+        kept: Mapping[int, int],
     ) -> None:
-        self._job, self._store, self._tell = job, store, tell
+        self._job, self._store, self._tell, self._kept = job, store, tell, Counter(kept)
         self._own, self._executor = Workers(workers), executor
         known = getattr(executor, "_max_workers", None) if executor else workers
         self._window = 2 * known if isinstance(known, int) else _MANY
@@ -81,7 +83,6 @@ class Running:
             self._own.end()
             for chunk in suspects:
                 self._alone(chunk)
-                self._tell(len(chunk))
         finally:
             self._own.end()
 
@@ -103,19 +104,19 @@ class Running:
                     running[self._submit(chunk)] = chunk
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     chunk = running.pop(future)
-                    if self._done(future, chunk):
-                        self._tell(len(chunk))
-                    else:
+                    if not self._done(future, chunk):
                         died = self._deaths[chunk.rows.start]
                         (waiting if died < _DEATHS else suspects).append(chunk)
+                    elif self._kept[chunk.rows.start] < len(chunk):
+                        waiting.appendleft(chunk)
         finally:
             for future in running:
                 future.cancel()
         return suspects
 
     def _submit(self, chunk: Chunk) -> Future[Rows]:
-        """Have a chunk flown; a pool that is broken answers like one that breaks."""
-        task = self._job.task(chunk)
+        """Have the rest of a chunk flown; a pool that is broken answers like one that breaks."""
+        task = self._job.task(chunk.after(self._kept[chunk.rows.start]))
         try:
             return (self._executor or self._own).submit(fly, task)
         except BrokenExecutor as error:
@@ -129,14 +130,14 @@ class Running:
             ) from None
 
     def _done(self, future: Future[Rows], chunk: Chunk) -> bool:
-        """Keep a chunk that was flown.
+        """Keep what was flown of a chunk.
 
         Args:
-            future: What was to return its rows.
+            future: What was to return its next rows.
             chunk: The chunk.
 
         Returns:
-            Whether it was flown; False if its worker died.
+            Whether some was; False if its worker died.
 
         Raises:
             GibbsCodegenError: If nothing can be computed, or kept.
@@ -161,11 +162,14 @@ class Running:
                 ) from None
             return False
         self._in_a_row = 0
-        self._store.write(self._job.digest(chunk), rows)
+        start = chunk.rows.start
+        self._store.add(self._job.digest(chunk), self._kept[start], rows)
+        self._kept[start] += len(rows)
+        self._tell(len(rows))
         return True
 
     def _alone(self, chunk: Chunk) -> Rows:
-        """Fly a chunk with nothing beside it; one that dies is halved.
+        """Fly a chunk with nothing beside it; of one that dies what is left is halved.
 
         Args:
             chunk: The chunk.
@@ -177,24 +181,31 @@ class Running:
             GibbsCodegenError: If nothing can be computed, or kept.
         """
         digest = self._job.digest(chunk)
-        rows = self._store.read(digest, len(chunk))
+        rows = self._store.read(digest)
         tries = 1 if len(chunk) > 1 else _DEATHS
-        while rows is None and tries:
+        while tries and (rows is None or len(rows) < len(chunk)):
+            kept = 0 if rows is None else len(rows)
             try:
-                rows = self._own.submit(fly, self._job.task(chunk)).result()
+                more = self._own.submit(fly, self._job.task(chunk.after(kept))).result()
             except BrokenExecutor:
                 self._own.end()
                 tries -= 1
+                continue
             except GibbsCodegenError:
                 raise
             except Exception as error:  # It did not die.
                 raise _cannot_fly(error) from None
-        if rows is None and len(chunk) == 1:
-            rows = dead_row(len(self._job.measures), _DEAD)
-        elif rows is None:
-            rows = joined([self._alone(half) for half in chunk.halves()])
-        self._store.write(digest, rows)
-        return rows
+            rows = self._store.add(digest, kept, more)
+            self._tell(len(more))
+        kept = 0 if rows is None else len(rows)
+        if rows is not None and kept == len(chunk):
+            return rows
+        if len(chunk) == 1:
+            self._tell(1)
+            return self._store.add(digest, 0, dead_row(len(self._job.measures), _DEAD))
+        left = chunk.after(kept)
+        parts = left.halves() if len(left) > 1 else (left,)
+        return self._store.add(digest, kept, joined([self._alone(part) for part in parts]))
 
 
 def _cannot_fly(error: Exception) -> UsageError:

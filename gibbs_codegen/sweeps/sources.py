@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gibbs_codegen.errors import ScenarioFileError, UsageError, printable
+from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
 from gibbs_codegen.files.changes import merged
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.scenario.file import parse_scenario
@@ -189,5 +189,5 @@ def _digest_of(folder: Path) -> str:
                     f"{path.name}\n".encode() + hashlib.sha256(path.read_bytes()).digest()
                 )
     except OSError as error:
-        raise UsageError(f"{printable(folder)}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
     return digest.hexdigest()

@@ -1,23 +1,31 @@
-"""What is kept of a sweep on the disk: a file for each chunk that is done, whole or not at all."""
+"""What is kept of a sweep on the disk: a file for each chunk, with its first flights or all."""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import logging
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, printable
+from gibbs_codegen.errors import OutputError, cause_of, printable
 from gibbs_codegen.files.staging import staging_folder
 
 _FOLDER = "chunks"
+_SEAL = hashlib.sha256().digest_size
+REMOVED = "what a sweep wrote has been removed while it went on; call it again"
 # Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
 REASONS = ("stopped", "failed", "unmeasured")
 
 Rows = NDArray[Any]
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Rows:
@@ -52,6 +60,13 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return rows_of(measures, *([t for part in parts for t in part[n].tolist()] for n in REASONS))
 
 
+def npy(array: NDArray[Any]) -> bytes:
+    """An array as a file of NumPy; what NumPy writes by itself has no words for a full disk."""
+    written = io.BytesIO()
+    np.save(written, array, allow_pickle=False)
+    return written.getvalue()
+
+
 def _text_type(texts: Sequence[str]) -> str:
     """The type of a column of texts, as wide as the longest; there is none of no width."""
     return f"U{max(1, *map(len, texts))}"
@@ -67,43 +82,54 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self._folder, self._chunks = folder, folder / _FOLDER
 
-    def read(self, digest: str, count: int) -> Rows | None:
-        """The rows of a chunk.
-
-        Args:
-            digest: Of all that determines it.
-            count: How many there must be.
-
-        Returns:
-            The rows; None if there are none, or the file is damaged.
-        """
+    def read(self, digest: str) -> Rows | None:
+        """The first rows of the chunk of a digest, as many as are kept; None if there are none."""
+        path = self._chunks / f"{digest}.npy"
         try:
-            rows: Rows = np.load(self._chunks / f"{digest}.npy", allow_pickle=False)
-        except (OSError, ValueError, EOFError):
+            content = path.read_bytes()
+        except FileNotFoundError:
             return None
-        whole = rows.dtype.names == ("measures", *REASONS) and len(rows) == count
-        return rows if whole else None
+        except OSError as error:
+            why = f"cannot be read: {cause_of(error)}"
+        else:
+            rows, seal = content[:-_SEAL], content[-_SEAL:]
+            if seal == _seal(digest, rows):
+                found: Rows = np.load(io.BytesIO(rows), allow_pickle=False)
+                return found
+            why = "is broken or was changed: its rows and its last bytes, their digest, don't agree"
+        _log.warning("%s: %s; its flights are flown again", printable(path), why)
+        with suppress(OSError):
+            path.unlink()
+        return None
 
-    def write(self, digest: str, rows: Rows) -> None:
-        """Keep the rows of a chunk: they are written aside, and renamed.
+    def add(self, digest: str, kept: int, rows: Rows) -> Rows:
+        """Keep rows after the first `kept` ones, written aside and renamed, and return all.
 
-        Args:
-            digest: Of all that determines it.
-            rows: The rows.
-
-        Raises:
-            OutputError: If they cannot be written.
+        `OutputError` is raised if they cannot be written, or the first ones have been removed.
         """
+        before = self.read(digest)
+        if before is not None and len(before) >= kept + len(rows):
+            return before  # The same call in another program was faster.
+        if kept and (before is None or len(before) < kept):
+            raise OutputError(REMOVED)
+        whole = rows if before is None else joined([before[:kept], rows])
+        content = npy(whole)
         try:
             self._chunks.mkdir(parents=True, exist_ok=True)
             with staging_folder(self._folder) as new:
                 with (new / "rows.npy").open("wb") as file:
-                    np.save(file, rows, allow_pickle=False)
+                    file.write(content + _seal(digest, content))
                     file.flush()
                     os.fsync(file.fileno())
                 os.replace(new / "rows.npy", self._chunks / f"{digest}.npy")
         except OSError as error:
             raise OutputError(
-                f"{printable(self._folder)}: cannot be written: {error.strerror}; what was done is "
-                "kept, and the same call goes on from there"
+                f"{printable(self._folder)}: cannot be written: {cause_of(error)}; what was done "
+                "is kept, and the same call goes on from there"
             ) from None
+        return whole
+
+
+def _seal(digest: str, rows: bytes) -> bytes:
+    """What stands at the end of a file: the SHA-256 of what determines its rows and of the rows."""
+    return hashlib.sha256(digest.encode() + rows).digest()

@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.runtime.load import require
 from gibbs_codegen.sweeps.cases import Case
 from gibbs_codegen.sweeps.sensitivity import Sensitivity, sensitivities
+from gibbs_codegen.sweeps.store import npy
 
 StrPath = str | os.PathLike[str]
 
@@ -203,7 +204,7 @@ class Study:
         """
         try:
             with staging_folder(self.folder) as new:
-                np.save(new / _TABLE, self.table, allow_pickle=False)
+                (new / _TABLE).write_bytes(npy(self.table))
                 with (new / _CSV).open("w", encoding="utf-8", newline="") as file:
                     writer = csv.writer(file, lineterminator="\n")
                     writer.writerow(self.table.dtype.names or ())
@@ -291,4 +292,4 @@ def _toml(value: Any) -> str:
 
 
 def _cannot(path: StrPath, error: OSError) -> OutputError:
-    return OutputError(f"{printable(path)}: cannot be written: {error.strerror}")
+    return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")

@@ -14,7 +14,9 @@ ended, be it by force, and the table is the same whatever has computed it.
 
 from __future__ import annotations
 
+import logging
 import os
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -27,19 +29,27 @@ from gibbs_codegen.files.output_folder import check_output_folder
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.desired.trajectory import Progress
 from gibbs_codegen.sweeps import measures as known_measures
-from gibbs_codegen.sweeps.chunks import Chunk, chunks_of
+from gibbs_codegen.sweeps.chunks import chunks_of, only_adaptive
 from gibbs_codegen.sweeps.job import Job
 from gibbs_codegen.sweeps.measures import Measure
 from gibbs_codegen.sweeps.plan import Cases, cases_of
 from gibbs_codegen.sweeps.running import Running
 from gibbs_codegen.sweeps.sampling import varied
 from gibbs_codegen.sweeps.sources import StrPath, robot_source, scenario_source
-from gibbs_codegen.sweeps.store import Rows, Store, joined
+from gibbs_codegen.sweeps.store import REMOVED, Rows, Store, joined
 from gibbs_codegen.sweeps.study import Study
 from gibbs_codegen.sweeps.table import FIXED, table_of
 from gibbs_codegen.sweeps.workers import own_count
 
 _MOST_SAMPLES = 2**24
+# How often a line of the log says what is done, s.
+_LOG_SECONDS = 30.0
+_SLOW = (
+    'these flights are flown one by one; with integration.method = "rk4" they would be flown side '
+    "by side, many times as fast"
+)
+
+_log = logging.getLogger("gibbs_codegen.sweeps")
 
 
 def sweep(
@@ -99,7 +109,7 @@ def sweep(
             "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
         )
     job, count = Job(chosen), workers or own_count()
-    rows = _flown(job, chunks_of(cases), Store(folder), executor, count, progress)
+    rows = _flown(job, cases, Store(folder), executor, count, progress)
     study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
     study.save()
     return study
@@ -159,17 +169,17 @@ def _refuse_hopeless(cases: Cases) -> None:
 
 def _flown(
     job: Job,
-    chunks: Sequence[Chunk],
+    cases: Cases,
     store: Store,
     executor: Executor | None,
     workers: int,
     progress: Progress,
 ) -> Rows:
-    """The rows of chunks, of which those that are not in the store are flown.
+    """The rows of cases, of which those that are not in the store are flown.
 
     Args:
         job: What is flown and measured.
-        chunks: The chunks.
+        cases: The cases.
         store: Where rows are kept.
         executor, workers, progress: As of `sweep`.
 
@@ -179,19 +189,27 @@ def _flown(
     Raises:
         OutputError: If what was written is not there any more.
     """
-    done, everything = 0, sum(map(len, chunks))
+    chunks = chunks_of(cases)
+    done, everything, logged = 0, len(cases), time.monotonic()
 
     def tell(more: int) -> None:
-        nonlocal done
+        nonlocal done, logged
         done += more
         progress("flying", done / everything)
+        if time.monotonic() - logged > _LOG_SECONDS:
+            logged = time.monotonic()
+            _log.info("%d of %d flights are done", done, everything)
 
-    missing = [each for each in chunks if store.read(job.digest(each), len(each)) is None]
-    tell(everything - sum(map(len, missing)))
+    found = [store.read(job.digest(each)) for each in chunks]
+    kept = {c.rows.start: len(r) for c, r in zip(chunks, found, strict=True) if r is not None}
+    missing = [each for each in chunks if kept.get(each.rows.start, 0) < len(each)]
+    tell(sum(kept.values()))
+    if len(missing) > workers and only_adaptive(cases):
+        _log.warning(_SLOW)
     if missing:
-        Running(job, store, executor, min(workers, len(missing)), tell).run(missing)
-    found = [store.read(job.digest(each), len(each)) for each in chunks]
+        Running(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
+        found = [store.read(job.digest(each)) for each in chunks]
     rows = [each for each in found if each is not None]
-    if len(rows) < len(found):
-        raise OutputError("what a sweep wrote has been removed while it went on; call it again")
+    if sum(map(len, rows)) < everything:
+        raise OutputError(REMOVED)
     return joined(rows)

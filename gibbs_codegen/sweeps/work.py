@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.sweeps.store import Rows
 
 _LONGEST_REASON = 400
+# After so long a worker hands over what it has flown, to be kept.
+_SECONDS = 4.0
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -40,13 +43,13 @@ class Task:
 
 
 def fly(task: Task) -> Rows:
-    """Fly the cases of a chunk.
+    """Fly the first cases of a chunk, as many as take some seconds but at least one.
 
     Args:
         task: What is flown.
 
     Returns:
-        A row for each case, as of `store.rows_of`.
+        A row for each of these cases, as of `store.rows_of`.
 
     Raises:
         UsageError: If there is no module, or the measures cannot be unpacked here.
@@ -55,11 +58,18 @@ def fly(task: Task) -> Rows:
     from gibbs_codegen.sweeps.store import rows_of
 
     module, measures = _module(task.folder, task.digest), unpacked(task.measures)
-    found = _flights(module, [_scenario(task.scenario, each) for each in task.changes])
-    rows = []
-    found.reverse()
-    while found:  # A flight takes a megabyte once it has been measured: they go one by one.
-        rows.append(_measured(measures, found.pop()))
+    rows: list[Any] = []
+    left, size = _SECONDS, 1  # How long flights take shows with the first.
+    while len(rows) < len(task.changes) and (left > 0.0 or not rows):
+        begin = time.monotonic()
+        some = task.changes[len(rows) : len(rows) + size]
+        found = _flights(module, [_scenario(task.scenario, each) for each in some])
+        found.reverse()
+        while found:  # A flight takes a megabyte once it has been measured: they go one by one.
+            rows.append(_measured(measures, found.pop()))
+        spent = max(time.monotonic() - begin, 1e-3)  # Not every clock is finer.
+        left -= spent
+        size = max(int(left / spent * len(some)), 1)
     return rows_of(*zip(*rows, strict=True))
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gibbs_codegen.errors import OutputError, printable
+from gibbs_codegen.errors import OutputError, cause_of, printable
 from gibbs_codegen.files.staging import staging_folder
 
 # How large a page may be, bytes: less than the 2 MB that are promised.
@@ -85,7 +85,7 @@ def beside(place: Path) -> Iterator[Path]:
         with staging_folder(place.parent) as new:
             yield new
     except OSError as error:
-        raise OutputError(f"{printable(place)}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(place)}: cannot be written: {cause_of(error)}") from None
 
 
 def that_fits(recorded: Callable[[int], ViewPage], frames: int) -> ViewPage:

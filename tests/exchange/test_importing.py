@@ -281,6 +281,61 @@ def _as_tuple(line: Told) -> tuple[str, str, str]:
     return line.kind, line.subject, line.detail
 
 
+def spinning(name: str, bounds: str, kind: str = "revolute") -> str:
+    """A propeller on a joint that turns about its thrust."""
+    return (
+        f'<link name="{name}"><inertial><mass value="0.01"/><inertia ixx="1e-5" iyy="1e-5" '
+        f'izz="2e-5"/></inertial></link><joint name="{name}_joint" type="{kind}"><origin '
+        f'xyz="0.1 0 0"/><parent link="hub"/><child link="{name}"/><axis xyz="0 0 1"/>'
+        f'<limit effort="0" velocity="0" {bounds}/></joint>'
+    )
+
+
+def test_limits_that_nothing_reaches_let_a_rotor_spin_as_none_do(tmp_path: Path) -> None:
+    """Of the iris made from PX4's model: revolute joints with limits of 1e16 for its propellers."""
+    hub = spinning("hub", "").partition("<joint")[0].replace('"0.01"', '"1.5"')
+    joints = {
+        "iris": 'lower="-1e+16" upper="1e+16"',
+        "turns": 'lower="-100" upper="100"',
+        "wrist": 'lower="-6.3" upper="6.3"',
+        "ratchet": 'lower="0" upper="1e16"',
+    }
+    links = "".join(spinning(name, bounds) for name, bounds in joints.items())
+    text = f'<robot name="r">{hub}{links}{spinning("plain", "", "continuous")}</robot>'
+    robot, report = imported(text, tmp_path)
+    assert len(robot.links) == 5
+    (hint,) = [line.detail for line in report if line.subject == "rotors"]
+    assert hint.endswith("turn without end: iris_joint, turns_joint, plain_joint")
+    rotors = tmp_path / "rotors.toml"
+    rotors.write_text("".join(f'[[rotor]]\non = "{name}"\n' for name in (*joints, "plain")))
+    robot, report = imported(text, tmp_path, rotors=rotors)
+    assert told(report, "locked") == ["iris_joint", "turns_joint", "plain_joint"]
+    assert [link.name for link in robot.links] == ["wrist", "ratchet"]
+
+
+def test_limits_that_nothing_reaches_in_mjcf(tmp_path: Path) -> None:
+    text = """<mujoco><compiler angle="radian"/><worldbody><body name="hub"><freejoint/>
+      <geom size=".1" mass="1"/>
+      <body name="prop"><joint name="spin" axis="0 0 1" range="-1e6 1e6"/>
+        <geom size=".01" mass=".01"/><site name="s"/></body></body></worldbody>
+      <actuator><motor site="s" gear="0 0 1 0 0 .01"/></actuator></mujoco>"""
+    _, report = imported(text, tmp_path)
+    assert told(report, "locked") == ["spin"]
+
+
+def test_sections_that_are_left_out_are_told_with_what_they_are(tmp_path: Path) -> None:
+    text = """<mujoco><size/><size memory="1M"/><extension>
+      <plugin plugin="mujoco.elasticity.cable"/></extension><sensor/><visual/><contact>
+      <exclude body1="a" body2="b"/><exclude body1="b" body2="a"/></contact><worldbody>
+      <body name="a"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+    _, report = imported(text, tmp_path)
+    assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
+        ("settings of memory (<size>)", "1"),
+        ("plugins, and what they do to the motion (<extension>)", "1"),
+        ("contacts (<contact>)", "2"),
+    ]
+
+
 def test_rotors_of_jsk_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     link = FEATURES.partition('<link name="prop_1">')[2].partition("</link>")[0]
     parts = [

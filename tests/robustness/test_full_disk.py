@@ -96,6 +96,26 @@ def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_p
     assert done.left == []
 
 
+def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
+    script = """cat > fill.py << 'END'
+import numpy as np
+from gibbs_codegen.sweeps.store import Store, rows_of
+from pathlib import Path
+store, rows = Store(Path("disk")), rows_of(np.zeros((5000, 2)), *[["a" * 9] * 5000] * 3)
+try:
+    store.add("d", 0, rows)
+except Exception as error:
+    print(error)
+END
+"$PYTHON" fill.py"""
+    done = on_small_disk(tmp_path, 100, script)
+    assert done.out == (
+        "disk: cannot be written: No space left on device; what was done is kept, and the same "
+        "call goes on from there\n"
+    )
+    assert not [path for path in done.left if "rows" in path]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_module_whose_message_finds_no_room_is_whole(tmp_path: Path) -> None:

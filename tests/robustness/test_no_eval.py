@@ -29,7 +29,7 @@ HARMLESS = ("re.compile", "platform.system")
 # scenarios are only written, to compare them. None of it is read from a file.
 SENT_TO_WORKERS = {
     "simulator/many.py": {"pickle"},
-    "sweeps/fingerprint.py": {"pickle"},
+    "sweeps/fingerprint.py": {"cloudpickle"},
     "sweeps/measures.py": {"pickle", "cloudpickle"},
     "sweeps/running.py": {"pickle"},
 }

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from gibbs_codegen import UsageError, sweep, uniform
-from gibbs_codegen.sweeps import chunks
+from gibbs_codegen.sweeps import chunks, work
 
 DEADLY = 0.063
 PARAMETERS = {
@@ -70,6 +70,32 @@ def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
     with ThreadPoolExecutor(1) as here:
         again = sweep(robot, "hover", PARAMETERS, 1, 0, measure, here, tmp_path / "a").table
     assert again.tobytes() == table.tobytes()
+
+
+def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, alive, monkeypatch):
+    def interrupt(what, share):
+        if share == 0.25:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, "_SECONDS", 0.0)  # One flight at a time.
+    parameters, measure = {**PARAMETERS, "duration": [DEADLY, 0.05]}, {"worst [m]": deadly}
+    with ThreadPoolExecutor(1) as here, pytest.raises(KeyboardInterrupt):
+        sweep(robot, "hover", parameters, 1, 0, measure, here, tmp_path / "a", interrupt)
+    told = []
+    table = sweep(
+        robot,
+        "hover",
+        parameters,
+        1,
+        0,
+        measure,
+        None,
+        tmp_path / "a",
+        lambda what, share: told.append(share),
+        1,
+    ).table
+    assert told[-1] == 1.0
+    assert_one_is_dead(table, alive[[2, 3, 0, 1]])
 
 
 def test_a_pool_that_breaks_does_not_end_the_sweep(robot, tmp_path, alive):

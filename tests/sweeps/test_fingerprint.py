@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import functools
 import math
 import os
@@ -17,7 +18,8 @@ from gibbs_codegen import UsageError, read_scenario
 from gibbs_codegen.sweeps.fingerprint import fingerprint
 
 SCRIPT = """
-import functools, math
+import abc, collections, enum, functools, math
+from dataclasses import dataclass, field
 import numpy as np
 from gibbs_codegen import read_scenario
 from gibbs_codegen.sweeps.fingerprint import fingerprint
@@ -26,10 +28,30 @@ scale = 3.0
 def helper(flight): return scale * np.max(flight.x) in {"a", "b", "c"}
 def again(n): return again(n - 1) if n else 0
 class Measure:
+    order, kinds = ("x", "y"), frozenset({"x", "y", "z"})
     def __init__(self): self.names = {"x", "y", "z"}
     def __call__(self, flight): return helper(flight)
+    @functools.cached_property
+    def once(self): return 3
+class Side(enum.Enum):
+    LEFT, RIGHT = "left", "right"
+@dataclass
+class Limits(abc.ABC):
+    upper: float = 1.0
+    sides: list = field(default_factory=lambda: [Side.LEFT])
+    def __call__(self, flight): return super().__class__ and self.upper
+def inner():
+    def recursive(n): return recursive(n - 1) if n else {"a", "b"}
+    return recursive
 functions = [lambda f: helper(f), again, Measure(), functools.partial(helper, 2), math.sin, np.mean]
+functions += [Limits(), Limits().__call__, Side.RIGHT, inner(), Measure, collections.Counter("ab")]
+import of_user
+functions += [of_user.measure]
 print(fingerprint(functions, np.arange(3.0), read_scenario("paper"), {"a": [1, 2.0, None, True]}))
+"""
+OF_USER = """
+units = ("m s", "m s", "length of arm")
+def measure(flight): return {"m s": 1.0, "length of arm": 2.0}[units[0]]
 """
 limit = 2.0
 
@@ -40,9 +62,11 @@ def over(flight):
 
 def test_it_is_the_same_in_every_process(tmp_path):
     found = set()
-    for name, seed in (("one.py", "1"), ("two.py", "2")):
-        (tmp_path / name).write_text(SCRIPT)
-        environment = {**os.environ, "PYTHONHASHSEED": seed}
+    (tmp_path / "of_user.py").write_text(OF_USER)
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    for name, seed in (("one.py", "1"), ("two.py", "2")):  # The second reads byte code of a file.
+        (tmp_path / name).write_text(f"# Comment of {name}\n" * int(seed) + SCRIPT)
+        environment["PYTHONHASHSEED"] = seed
         words = [sys.executable, tmp_path / name]
         found.add(subprocess.run(words, env=environment, capture_output=True, check=True).stdout)
     assert len(found) == 1
@@ -51,6 +75,23 @@ def test_it_is_the_same_in_every_process(tmp_path):
 
 def closed_over(value):
     return lambda flight: flight.x > value
+
+
+class Unit(enum.Enum):
+    """A unit that a measure may be in."""
+
+    METRE = 1.0
+    FOOT = 0.3048
+
+
+def of_class(value=None, limit=0):
+    class Measure:
+        attribute = value
+
+        def __call__(self, flight, factor=limit):
+            return factor * flight.x[self.attribute]
+
+    return Measure
 
 
 @pytest.mark.parametrize(
@@ -66,6 +107,12 @@ def closed_over(value):
         (lambda f: f.x, lambda f: f.y),
         (lambda f: f.x.max(), lambda f: f.x.min()),
         (closed_over(1.0), closed_over(2.0)),
+        (of_class((1, 2)), of_class((1, 3))),
+        (of_class([1, 2]), of_class([2, 1])),
+        (of_class({"a": 1}), of_class({"a": 2})),
+        (of_class(np.zeros(2)), of_class(np.array([0.0, -0.0]))),
+        (of_class(Unit.METRE), of_class(Unit.FOOT)),
+        (of_class(limit=2)().__call__, of_class(limit=3)().__call__),
         (math.sin, math.cos),
         (np.max, np.min),
         (functools.partial(max, 1), functools.partial(max, 2)),

@@ -23,11 +23,12 @@ from gibbs_codegen import (
 )
 from gibbs_codegen.scenario.control import Motors
 from gibbs_codegen.scenario.scenario import StartOffset
-from gibbs_codegen.sweeps import chunks
+from gibbs_codegen.sweeps import chunks, work
 from gibbs_codegen.sweeps.entries import nested
 from gibbs_codegen.sweeps.plan import cases_of
 from gibbs_codegen.sweeps.sampling import varied
 from gibbs_codegen.sweeps.sources import robot_source, scenario_source
+from gibbs_codegen.sweeps.store import REASONS
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -260,3 +261,70 @@ def test_what_means_nothing_is_refused(robot, tmp_path, asked, words):
     given = {"robots": robot, "scenarios": "hover", "out": tmp_path / "sweep", **asked}
     with pytest.raises(GibbsCodegenError, match=words):
         sweep(**given)
+
+
+def test_a_chunk_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, here, caplog):
+    first = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
+    (path,) = (tmp_path / "chunks").iterdir()
+    whole = path.read_bytes()
+    rows = np.load(path)
+    altered, wider = tmp_path / "altered.npy", tmp_path / "wider.npy"
+    other = rows.copy()
+    other["measures"][2] += 1e-9
+    np.save(altered, other)
+    fields = [("measures", float, (3,)), *((name, rows.dtype[name]) for name in REASONS)]
+    np.save(wider, np.zeros(len(rows), fields))
+    np.save(tmp_path / "number.npy", 3.0)
+    contents = [altered.read_bytes(), wider.read_bytes(), (tmp_path / "number.npy").read_bytes()]
+    place = whole.index(rows["measures"][2].tobytes())
+    contents += [whole[:place] + other["measures"][2].tobytes() + whole[place + 8 :]]
+    for content in (*contents, b"", whole[:-1], whole[:200], b"PK\3\4" + whole):
+        caplog.clear()
+        path.write_bytes(content)
+        again = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
+        assert again.table.tobytes() == first.table.tobytes()
+        assert [each.getMessage().startswith(f"{path}: is broken") for each in caplog.records] == [
+            True
+        ]
+        assert path.read_bytes() == whole
+
+
+def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, here, monkeypatch):
+    first = sweep(robot, "hover", LATE, 6, 1, WORST, here, tmp_path / "a")
+    monkeypatch.setattr(work, "_SECONDS", 0.0)  # One flight at a time.
+    told = []
+
+    def interrupt(what, share):
+        told.append(share)
+        if share > 0.4:
+            raise KeyboardInterrupt
+
+    asked = (robot, "hover", LATE, 6, 1, WORST, here, tmp_path / "b")
+    with pytest.raises(KeyboardInterrupt):
+        sweep(*asked, interrupt)
+    assert told[-1] == 0.5
+    told.clear()
+    again = sweep(*asked, lambda what, share: told.append(share))
+    assert [round(6 * share) for share in told if share] == [3, 4, 5, 6]
+    assert again.table.tobytes() == first.table.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({}, True),
+        ({"integration.method": "rk4"}, False),
+        ({"control.rate": 200.0}, False),
+        ({"duration": [0.01, 0.02], "motors.time_constant": 0.0}, False),
+    ],
+)
+def test_flights_that_could_be_side_by_side_are_told(
+    robot, tmp_path, here, monkeypatch, caplog, more, told
+):
+    monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 1)
+    monkeypatch.setattr("gibbs_codegen.sweeps.sweep._LOG_SECONDS", 0.0)
+    parameters = {"duration": 0.01, "motors.time_constant": [0.0, 0.01], **more}
+    with caplog.at_level("INFO", "gibbs_codegen.sweeps"):
+        sweep(robot, "hover", parameters, executor=here, out=tmp_path, workers=1)
+    assert "1 of 2 flights are done" in caplog.messages
+    assert told == any('integration.method = "rk4"' in line for line in caplog.messages)

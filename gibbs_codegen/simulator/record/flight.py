@@ -8,12 +8,12 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile, ZipFile
+from typing import Any, BinaryIO
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import numpy as np
 
-from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.simulator.record.columns import Column, columns_of
 from gibbs_codegen.simulator.record.older_files import lacking
 from gibbs_codegen.simulator.record.series import Array as Array
@@ -27,6 +27,7 @@ _ROWS = 4096
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
 _OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
+_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Flight(Series):
                     rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
                     writer.writerows(rows.tolist())
         except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads.
@@ -73,7 +74,7 @@ class Flight(Series):
         try:
             np.savez_compressed(path, **(fields | texts))
         except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def read_flight(path: StrPath) -> Flight:
@@ -90,36 +91,44 @@ def read_flight(path: StrPath) -> Flight:
     """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            values: dict[str, Any] = dict(lacking(stored))
-            names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
-            values |= {name: stored[name] for name in names}
-        return Flight(**_checked(values))
-    except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
-        raise UsageError(
-            f"{printable(path)}: is not a flight that was saved: {printable(error)}"
-        ) from None
+        with Path(path).open("rb") as file:
+            return _stored(file)
+    except OSError as error:
+        why: object = cause_of(error)
+    except KeyError as error:
+        why = f"it has no array {error.args[0]}"
+    except Exception as error:  # Archives can be broken in many ways.
+        why = str(error) or type(error).__name__
+    raise UsageError(
+        f"{printable(path)}: is not a flight that was saved: {printable(why)}; {_WANTED}"
+    )
+
+
+def _stored(file: BinaryIO) -> Flight:
+    """The flight in an open file; whatever is wrong with it raises some exception."""
+    if not is_zipfile(file):
+        empty = file.seek(0, os.SEEK_END) == 0
+        raise ValueError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
+        names = [each.name for each in dataclasses.fields(Flight)]
+        held = {name: np.asarray(stored[name]) for name in names if name in stored}
+    return Flight(**_checked(held | lacking(held)))
 
 
 def _checked(stored: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a flight from the arrays of a file.
-
-    Args:
-        stored: The arrays by the names of the fields.
-
-    Returns:
-        The fields.
-
-    Raises:
-        ValueError: If an array is not what its field must be.
-        TypeError: Likewise.
-    """
+    """Fields of a flight from the arrays of a file; `ValueError` if one is not what it must be."""
     values = dict(stored)
-    for name, value in stored.items():
+    for name, kind in ((each.name, str(each.type)) for each in dataclasses.fields(Flight)):
+        value, is_text = stored[name], "str" in kind
+        if value.dtype.kind not in ("U" if is_text else "iuf"):
+            raise ValueError(f"{name} does not hold {'text' if is_text else 'numbers'}")
+        if (is_text or name in _NUMBERS) and value.ndim != kind.startswith("tuple"):
+            raise ValueError(f"{name} has the shape {value.shape}")
         if name in _NUMBERS:
             values[name] = _NUMBERS[name](value)
-        elif value.dtype.kind == "U":
-            values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
+        elif is_text:
+            values[name] = tuple(map(str, value)) if value.ndim else str(value)
         elif name not in _OF_NO_TIME and value.shape[:1] != np.shape(stored["time"]):
             raise ValueError(f"{name} has not as many rows as there are times")
     return values
@@ -137,5 +146,5 @@ def is_flight(path: StrPath) -> bool:
     try:
         with ZipFile(path) as archive:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
-    except (OSError, BadZipFile):
+    except (OSError, BadZipFile, NotImplementedError):
         return False

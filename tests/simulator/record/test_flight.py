@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -109,18 +110,44 @@ def test_errors_are_distances(flight: Flight) -> None:
     assert flight.energy_error[0] == 0
 
 
-def test_what_is_no_flight_is_refused(tmp_path: Path) -> None:
-    other = tmp_path / "other.npz"
-    np.savez(other, a=np.zeros(3))
-    text = tmp_path / "text.npz"
-    text.write_text("not a zip file")
-    cut = tmp_path / "cut.npz"
-    cut.write_bytes(other.read_bytes()[:50])
-    hostile = tmp_path / "hostile.npz"
-    np.savez(hostile, robot=np.array([{"a": 1}], dtype=object))
-    for path in (other, text, cut, hostile, tmp_path / "none.npz", tmp_path):
-        with pytest.raises(UsageError, match="is not a flight that was saved"):
+def test_what_is_no_flight_is_refused(flight: Flight, tmp_path: Path) -> None:
+    flight.write_npz(tmp_path / "whole.npz")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    np.savez(tmp_path / "object.npz", robot=np.array([{"a": 1}], dtype=object))
+    whole = (tmp_path / "whole.npz").read_bytes()
+    contents = {"empty": b"", "text": b"not a zip file", "cut": whole[:-9], "half": whole[:5000]}
+    for name, content in contents.items():
+        (tmp_path / f"{name}.npz").write_bytes(content)
+    for name, why in {
+        "empty": "the file is empty",
+        **dict.fromkeys(["text", "cut", "half"], "the file is cut off, or no .npz file"),
+        "other": "it has no array",
+        "object": "Object arrays cannot be loaded",
+        "none": "No such file or directory",
+        "../": "Is a directory",
+    }.items():
+        path = tmp_path / f"{name}.npz" if name.isalpha() else tmp_path
+        words = f"^{re.escape(str(path))}: is not a flight that was saved: {why}.*; give the flight"
+        with pytest.raises(UsageError, match=words):
             read_flight(path)
+
+
+def test_a_damaged_file_is_told(flight: Flight, tmp_path: Path) -> None:
+    """Zlib, zipfile and NumPy have errors of their own for what is broken in the middle."""
+    path = tmp_path / "damaged.npz"
+    flight.write_npz(path)
+    whole, random = path.read_bytes(), np.random.default_rng(0)
+    refused = 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        for place in random.integers(len(whole), size=3):
+            damaged[place] = random.integers(256)
+        path.write_bytes(damaged)
+        try:
+            read_flight(path)
+        except UsageError as error:
+            refused += "damaged.npz: is not a flight that was saved: " in str(error)
+    assert refused > 100
 
 
 def test_a_folder_that_is_not_there(flight: Flight, tmp_path: Path) -> None:
@@ -131,7 +158,10 @@ def test_a_folder_that_is_not_there(flight: Flight, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("weight", "x"), ("weight", [1.0, 2.0]), ("q", np.zeros((2, 9))), ("work", np.zeros(()))],
+    [
+        *(("weight", "x"), ("weight", [1.0, 2.0]), ("q", np.zeros((2, 9))), ("work", np.zeros(()))),
+        *(("input_limits", "inf"), ("points", "a"), ("robot", 3.0)),
+    ],
 )
 def test_a_malformed_field_is_told(
     flight: Flight, name: str, value: object, tmp_path: Path
@@ -139,5 +169,5 @@ def test_a_malformed_field_is_told(
     flight.write_npz(tmp_path / "good.npz")
     with np.load(tmp_path / "good.npz") as stored:
         np.savez(tmp_path / "bad.npz", **{**stored, name: np.array(value)})
-    with pytest.raises(UsageError, match=r"bad\.npz: is not a flight that was saved"):
+    with pytest.raises(UsageError, match=rf"bad\.npz: is not a flight that was saved: {name}"):
         read_flight(tmp_path / "bad.npz")
