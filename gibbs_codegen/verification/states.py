@@ -302,18 +302,21 @@ class Sizes:
 
 
 def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
-    """What each coordinate moves, (s, size): its largest inertia (mass if along), and its mass."""
-    rotations, positions, steps = frames
-    inertias, masses = np.zeros((2, len(positions[0]), tree.size))
+    """What each coordinate moves at most, (s, size): inertia (mass if along), and mass.
+
+    An arm that is folded has less inertia than the terms that it is summed from, so levers are as
+    long as the arm if it were stretched out.
+    """
+    steps = np.linalg.norm(frames.steps, axis=-1)
+    inertias, masses = np.zeros((2, steps.shape[-1], tree.size))
     for number, body in enumerate(tree.joints):
-        lever = rotations[number] @ body.com
+        lever = np.linalg.norm(body.com)
         # No principal moment exceeds half the trace.
         own = 0.5 * np.trace(body.inertia)
         ancestor = number
         while ancestor != WORLD:
             joint = tree.joints[ancestor]
-            turning = body.mass * np.sum(lever**2, axis=-1) + own
-            inertias[:, joint.place] += turning if joint.revolute else body.mass
+            inertias[:, joint.place] += body.mass * lever**2 + own if joint.revolute else body.mass
             masses[:, joint.place] += body.mass
             lever = lever + steps[ancestor]
             ancestor = joint.parent
