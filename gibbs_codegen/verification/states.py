@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.joints import WORLD
+from gibbs_codegen.verification.joints import WORLD, Joint
 from gibbs_codegen.verification.tree import Frames, Tree
-from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
+from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices, times
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -224,7 +224,7 @@ class Sizes:
         passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
-        inertias, masses = _moved(tree, frames)
+        inertias, masses, levers = _stretched(tree, frames)
         units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
@@ -256,35 +256,33 @@ class Sizes:
         self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
         # The function has a term in the square of gravity, which its difference loses.
         self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
+        # Of the forces of inputs and of wrenches, which may cancel, all terms.
+        rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.arm))
+        drags = np.abs([motor.drag for motor in tree.motors])
+        thrusts = levers[..., :rotors] + tree.turns[:, None] * drags
+        arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], shape)
+        inputs = np.concatenate([thrusts, arm], axis=-1) / self.units[..., None]
+        self.inputs = self.units[..., None] * inputs.max(axis=1, keepdims=True)
+        self.driven = times(self.inputs, np.abs(states.u))
+        self.free_driven = self.driven[:, tree.free]
+        forces, moments = np.split(np.abs(states.W), 2, axis=-1)
+        pushed = times(levers[..., rotors:], forces.sum(axis=-1))
+        pushed += tree.turns * moments.sum(axis=(1, 2))[:, None]
+        largest = (pushed / self.units).max(axis=-1, keepdims=True)
+        self.free_pushed = self.free_units * largest
 
-    def balance(self, accelerations: Array, driven: Array) -> Array:
+    def balance(self, accelerations: Array) -> Array:
         """Size of M a = R + B u, which is that of its largest terms.
 
         Args:
             accelerations: a, (s, nv), at the first states or all.
-            driven: B u, (s, nv), at the same states.
 
         Returns:
             Generalised forces, (s, nv).
         """
         count = len(accelerations)
-        units = self.free_units[:count]
-        inertial = units * self.largest(accelerations)
-        size: Array = self.free_effort[:count] + inertial + self.spread(driven, units)
-        return size
-
-    @staticmethod
-    def spread(efforts: Array, units: Array) -> Array:
-        """The largest of some efforts in their units, as an effort on each coordinate.
-
-        Args:
-            efforts: (s, nv) or (s, size).
-            units: Units of the same coordinates.
-
-        Returns:
-            Efforts of the same shape.
-        """
-        size: Array = units * (np.abs(efforts) / units).max(axis=-1, keepdims=True)
+        inertial = self.free_units[:count] * self.largest(accelerations)
+        size: Array = self.free_effort[:count] + inertial + self.free_driven[:count]
         return size
 
     def largest(self, accelerations: Array) -> Array:
@@ -301,23 +299,38 @@ class Sizes:
         return largest
 
 
-def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
-    """What each coordinate moves at most, (s, size): inertia (mass if along), and mass.
+def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
+    """What each coordinate moves, and how far off, were the arm stretched out.
 
-    An arm that is folded has less inertia than the terms that it is summed from, so levers are as
-    long as the arm if it were stretched out.
+    An arm that is folded has less inertia, and shorter levers, than the terms of these.
+
+    Args:
+        tree: The tree.
+        frames: The joints' frames.
+
+    Returns:
+        Largest inertias (masses if along) and masses, (s, size); and the levers of the tree's seats
+        (1 if along), (s, size, seats).
     """
     steps = np.linalg.norm(frames.steps, axis=-1)
     inertias, masses = np.zeros((2, steps.shape[-1], tree.size))
+    levers = np.zeros((steps.shape[-1], tree.size, len(tree.seats)))
+
+    def moving(number: int, local: Array) -> Iterator[tuple[Joint, Array]]:
+        length = np.linalg.norm(local)
+        while number != WORLD:
+            yield tree.joints[number], length
+            length = length + steps[number]
+            number = tree.joints[number].parent
+
     for number, body in enumerate(tree.joints):
-        lever = np.linalg.norm(body.com)
         # No principal moment exceeds half the trace.
         own = 0.5 * np.trace(body.inertia)
-        ancestor = number
-        while ancestor != WORLD:
-            joint = tree.joints[ancestor]
-            inertias[:, joint.place] += body.mass * lever**2 + own if joint.revolute else body.mass
+        for joint, length in moving(number, body.com):
+            turning = body.mass * length**2 + own
+            inertias[:, joint.place] += turning if joint.revolute else body.mass
             masses[:, joint.place] += body.mass
-            lever = lever + steps[ancestor]
-            ancestor = joint.parent
-    return inertias, masses
+    for k, seat in enumerate(tree.seats):
+        for joint, length in moving(seat.joint, seat.local):
+            levers[:, joint.place, k] = length if joint.revolute else 1.0
+    return inertias, masses, levers
