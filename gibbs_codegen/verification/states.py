@@ -139,7 +139,7 @@ class States:
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
-        """States next to the singular attitude, with angles of many turns, and with far angles.
+        """States with angles of many turns, with far angles, and next to the singular attitude.
 
         Args:
             tree: The tree of the robot.
@@ -158,13 +158,15 @@ class States:
         signs = rng.choice([-1.0, 1.0], shape)
         beyond = signs * rng.uniform(_FAR * far, far, shape)
         several = rng.uniform(-_TURNS, _TURNS, shape)
+        # Those of one side are half a turn from those of the other, either way: none is the first,
+        # to which `q1` leads.
         kinds = np.arange(count) % 3
-        chosen = np.where(kinds[:, None] == 1, several, beyond)
-        q[:, turning] = np.where(kinds[:, None] == 0, q[:, turning], chosen)
+        chosen = np.where(kinds[:, None] == 0, several, beyond)
+        q[:, turning] = np.where(kinds[:, None] == 2, q[:, turning], chosen)
         # From a tenth to what is next to nothing, on either side.
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
         middle = tree.middle_angle
-        q[:, middle] = np.where(kinds == 0, signs[:, 0] * near, q[:, middle])
+        q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
         return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)
 
     def rounded(self) -> States:
