@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +26,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.frame_rows import frame_rows
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -285,6 +287,37 @@ def test_states_are_away_from_the_singular_attitude() -> None:
     states = States.random(Tree(read_robot("quadrotor_2link")[0]), 200, 0)
     assert np.abs(states.q[:, 1]).max() < 1.3
     assert np.abs(states.q[:, 0]).max() > 3.0
+
+
+def test_an_arm_that_is_folded_has_the_sizes_of_its_terms() -> None:
+    """Rounding takes a share of l², r² and 2 l r cos φ each, of which little is left at φ = π."""
+    tree = Tree(read_robot("quadrotor_arm_2link")[0])
+    states = States.random(tree, 50, 0)
+    matrices = formulated(NewtonEuler(tree)).at(states).mass_matrix[:, tree.free][:, :, tree.free]
+    largest = np.abs(matrices).max(axis=0)
+    assert largest[6, 6] > 2.0 * np.abs(matrices[:, 6, 6]).min()
+    assert np.all(Sizes(tree, states).free_matrix > 0.999 * largest)
+
+
+@pytest.mark.parametrize(
+    ("backend", "file"),
+    [("numpy", "numpy_module.py"), pytest.param("c", "quadrotor.c", marks=pytest.mark.slow)],
+)
+def test_a_sign_that_tells_moments_of_inertia_apart(
+    backend: str, file: str, shipped: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    """The moments about x and y are equal in the robot file, and cannot be zero."""
+    folder = tmp_path / "quadrotor"
+    shutil.copytree(Path(shipped("quadrotor").__file__ or "").parent, folder)
+    path = folder / file
+    text = path.read_text(encoding="utf-8")
+    (zero,) = re.findall(r"(k\d+) = base_inertia_xx - base_inertia_yy\b", text)
+    faults = [*re.finditer(rf" - {zero}\b", text)]
+    assert len(faults) == 2
+    for fault in faults:
+        path.write_text(f"{text[: fault.start()]} + {zero}{text[fault.end() :]}", encoding="utf-8")
+        found = verify(folder, states=1, backends=[backend])
+        assert "other parameters" in {c.against for _, c in found.failures}
 
 
 def test_wrenches_whose_forces_cancel_have_a_size() -> None:
