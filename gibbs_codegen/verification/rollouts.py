@@ -16,13 +16,13 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.rollouts.compiled import compiled_rollout
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import REALS, Feedback, Method, Motors, Precision, Problem
-from gibbs_codegen.verification.comparison import Comparison, compared, merged
+from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
 from gibbs_codegen.verification.self_consistency import conditions
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
 
-IN_NUMPY = "rollouts in NumPy"
+ROLLOUTS = "rollouts"
 # Blocks that are full in either precision, and one that is not.
 _STATES, _STEPS = 2 * LANES + 4, 6
 # Out of so many times as many.
@@ -46,18 +46,29 @@ def compare_rollouts(
         flags: Of the compiler, after its own.
 
     Returns:
-        A comparison of all that comes out.
-
-    Raises:
-        UsageError, CompilerError, CacheError: As of `compiled_rollout`.
+        A comparison of all that comes out, which fails where nothing does.
     """
-    what = f"rollouts in {precision} precision"
-    tree = Tree(robot)
+    against = f"NumPy, in {precision} precision"
+    try:
+        rows = [*_compared(against, numpy, Tree(robot), seed, precision, flags)]
+    except Exception as error:  # Whatever was done to the module.
+        return [failed(ROLLOUTS, against, error)]
+    return [replace(row, states=_STATES) for row in merged(rows)]
+
+
+def _compared(
+    against: str,
+    numpy: ModuleType,
+    tree: Tree,
+    seed: int,
+    precision: Precision,
+    flags: tuple[str, ...],
+) -> Iterator[Comparison]:
+    """A comparison of each array that comes out of each rollout."""
     states, dt = _natural(numpy, tree, States.random(tree, _DRAWN * _STATES, (seed, 7)))
     # Accelerations lose the digits of the mass matrix's condition number, and a few more.
     condition = float(conditions(numpy.mass_matrix(states.q)).max())
     limit = _ROUNDINGS * float(np.finfo(REALS[precision]).eps) * condition
-    rows: list[Comparison] = []
     for problem in _problems(numpy, tree, states, dt):
         ours = compiled_rollout(replace(problem, precision=precision), flags=flags)
         theirs = plain_rollout(problem)
@@ -66,8 +77,7 @@ def compare_rollouts(
             if expected is None:
                 continue
             size = np.abs(expected).max(axis=tuple(range(min(expected.ndim, 2))))
-            rows.append(compared(what, IN_NUMPY, getattr(ours, name), expected, size, limit))
-    return merged(rows)
+            yield compared(ROLLOUTS, against, getattr(ours, name), expected, size, limit)
 
 
 def _problems(numpy: ModuleType, tree: Tree, states: States, dt: float) -> Iterator[Problem]:
@@ -82,10 +92,8 @@ def _problems(numpy: ModuleType, tree: Tree, states: States, dt: float) -> Itera
     most = np.abs(states.u).max(axis=0)
     sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
     gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
-    desired = (
-        states.q[::-1, None] + np.zeros((*shape, 1)),
-        states.v[::-1, None] * rng.uniform(0.5, 1.5, (*shape, 1)),
-    )
+    desired_q = np.repeat(states.q[::-1, None], _STEPS, axis=1)
+    desired_v = states.v[::-1, None] * rng.uniform(0.5, 1.5, (*shape, 1))
     rotors = len(tree.motors)
     lags = np.arange(rotors) % 2 * dt * rng.uniform(0.5, 5.0, (_STATES, rotors))
     motors = Motors(-0.4 * most, 0.6 * most, lags, states.u[::-1, :rotors])
@@ -93,14 +101,14 @@ def _problems(numpy: ModuleType, tree: Tree, states: States, dt: float) -> Itera
         plain,
         constants=numpy.prepare(varied),
         every=2,
-        feedback=Feedback(gain, *desired),
+        feedback=Feedback(gain, desired_q, desired_v),
         motors=motors,
         wrenches=wrenches,
     )
     whole = replace(whole, bounds=_bounds(whole))
     some = replace(
         plain,
-        feedback=Feedback(gain, desired[0][:, :1], desired[1][:1]),
+        feedback=Feedback(gain, desired_q[:, :1], desired_v[:1]),
         motors=replace(motors, time_constants=0.0 * lags),
         wrenches=wrenches[:, :1],
     )
@@ -126,13 +134,22 @@ def _natural(numpy: ModuleType, tree: Tree, states: States) -> tuple[States, flo
     u[:, rotors:] = numpy.inverse_dynamics(q, v, states.a)[:, tree.layout.v.joints]
     moved = numpy.forward_dynamics(q, v, u)
     pushed = numpy.forward_dynamics_with_wrenches(q, v, u, states.W) - moved
-    share = (np.abs(moved).max(axis=0) / np.abs(pushed).max(axis=0)).min()
-    return replace(states, u=u, W=min(share, 1.0) * states.W), _LONG * float(falling.h.min())
+    with np.errstate(all="ignore"):
+        share = np.abs(pushed).max(axis=0) / np.abs(moved).max(axis=0)
+    states = replace(states, u=u, W=states.W / np.nanmax(share, initial=1.0))
+    return states, _LONG * float(falling.h.min())
 
 
 def _bounds(problem: Problem) -> Array:
-    """Bounds beyond which one state goes in each entry, on either side."""
+    """Bounds (2, nq + nv) beyond which some states go in each entry."""
     free = plain_rollout(replace(problem, every=1))
     entries = np.concatenate([free.q, free.v], axis=-1)
-    least, most = np.sort(entries.min(axis=1), axis=0), np.sort(entries.max(axis=1), axis=0)
-    return np.array([least[:2].mean(axis=0), most[-2:].mean(axis=0)])
+    return np.array([-_exceeded(-entries.min(axis=1)), _exceeded(entries.max(axis=1))])
+
+
+def _exceeded(values: Array) -> Array:
+    """What few of the values (n, …) exceed, and none by rounding alone, (…)."""
+    largest = np.sort(values, axis=0)[-6:]
+    widest = np.diff(largest, axis=0).argmax(axis=0)
+    between: Array = np.choose(widest, 0.5 * (largest[1:] + largest[:-1]))
+    return between

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +17,7 @@ import pytest
 from conftest import ROOT
 from hypothesis import given, settings
 from support.emitted import emitted_module
-from support.planted_faults import planted
+from support.planted_faults import ANY_IN_C, planted
 from support.random_robots import robots
 from support.tools import tool
 
@@ -60,6 +62,16 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
     assert {"Newton–Euler", "Lagrange", "other parameters", "power balance, Ė = vᵀB u"} <= against
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_pass_in_both_back_ends_as_the_command_compares_them(
+    name: str, shipped: Callable[[str], ModuleType]
+) -> None:
+    found = verify(Path(shipped(name).__file__ or "").parent)
+    assert found.passed, found.failures
+    assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
+
+
 @pytest.fixture(scope="module")
 def quaternion(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A module of a robot whose base has a quaternion, which `generate` has checked."""
@@ -99,6 +111,7 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
         for backend, comparisons in found.comparisons.items()
     }
     own = {"last block not full", "single precision", "the header"}
+    own |= {"NumPy, in double precision", "NumPy, in single precision"}
     assert against["numpy"] == against["c"] - own
     assert own < against["c"]
     assert 100 < len(found.comparisons["numpy"]) < len(found.comparisons["c"])
@@ -141,6 +154,57 @@ def test_planted_faults_in_c_are_found(
         if found.passed:
             missed.append(what)
     assert len(missed) <= faults - least, missed
+
+
+# Compares rollouts alone, in a process that a fault may end.
+ROLLOUTS = """
+import sys
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.verification.rollouts import compare_rollouts
+robot, numpy = read_robot(sys.argv[1] + "/robot.toml")[0], load(sys.argv[1])
+for precision in ("double", "single"):
+    (found,) = compare_rollouts(numpy, robot, 0, precision, ("-O0",))
+    print("passed" if found.passed else "failed")
+"""
+
+
+@pytest.mark.parametrize(
+    ("faults", "least"), [(3, 3), pytest.param(30, 29, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("attitude", ["angles", pytest.param("quaternion", marks=pytest.mark.slow)])
+def test_planted_faults_in_rollouts_are_found(
+    faults: int, least: int, attitude: str, copied: Path, request: pytest.FixtureRequest
+) -> None:
+    tool("cc")
+    folder = copied if attitude == "angles" else request.getfixturevalue("quaternion")
+    path = folder / "quadrotor_2link_rollout.c"
+    text = path.read_text(encoding="utf-8")
+    command = [sys.executable, "-c", ROLLOUTS, str(folder)]
+    missed = []
+    for altered, what in planted(text, faults, seed=1, statement=ANY_IN_C):
+        path.write_text(altered, encoding="utf-8")
+        found = subprocess.run(command, check=False, capture_output=True, text=True)
+        if found.stdout.split() == ["passed", "passed"]:
+            missed.append(what)
+    path.write_text(text, encoding="utf-8")
+    found = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["passed", "passed"]
+    assert len(missed) <= faults - least, missed
+
+
+def test_a_module_of_wrong_rollouts_fails_and_one_without_says_so(copied: Path) -> None:
+    tool("cc")
+    path = copied / "quadrotor_2link_rollout.c"
+    text = path.read_text(encoding="utf-8")
+    assert text.count("2.0) * a3[e]") == 1
+    path.write_text(text.replace("2.0) * a3[e]", "2.1) * a3[e]"), encoding="utf-8")
+    found = verify(copied, states=1, backends=["c"])
+    assert {c.what for _, c in found.failures} == {"rollouts"}
+    path.unlink()
+    found = verify(copied, states=1, backends=["c"])
+    assert found.passed
+    assert found.not_done["rollouts"] == "the module has no C source of them"
 
 
 class OffByLittle(NewtonEuler):
