@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gibbs_codegen.cli.terminal import plain_table
-from gibbs_codegen.verification.comparison import Comparison, failure_text
+from gibbs_codegen.verification.comparison import Comparison, failure_text, shown
 from gibbs_codegen.verification.verify import Verification
 
 # Longer, a list of failures is not read.
@@ -133,11 +133,17 @@ def _formulation_table(title: str, columns: Columns) -> Table:
     functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
     for function in functions:
         table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
-    limits = [f"{max(c.limit for c in rows.values()):.0e}" for rows in columns.values()]
+    limits = [_limit([*rows.values()]) for rows in columns.values()]
     states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
     table.add_row("limit", *limits, style="dim")
     table.add_row("states", *states, style="dim")
     return table
+
+
+def _limit(comparisons: list[Comparison]) -> str:
+    """The largest limit; where errors exceed theirs, one of these with the digits that tell."""
+    failed = [shown(c)[1] for c in comparisons if not c.passed]
+    return max(failed, key=len, default=f"{max(c.limit for c in comparisons):.2g}")
 
 
 def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
@@ -147,7 +153,7 @@ def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
     for column in ("states", "error", "limit"):
         table.add_column(column, justify="right")
     for c in comparisons:
-        limit = "exact" if c.limit == 0.0 else f"{c.limit:.0e}"
+        limit = "exact" if c.limit == 0.0 else shown(c)[1]
         states = str(c.states) if c.states else "-"
         table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
         if c.fault:
@@ -158,10 +164,8 @@ def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
 def _cell(comparison: Comparison | None) -> Text:
     if comparison is None:
         return Text("-", style="dim")
-    number = f"{comparison.error:.1e}" if comparison.error else "0"
-    if not math.isfinite(comparison.error):
-        number = ""
     if comparison.passed:
-        return Text(number)
+        return Text(f"{comparison.error:.1e}" if comparison.error else "0")
+    number = shown(comparison)[0] if math.isfinite(comparison.error) else ""
     # The word too, for a pipe has no colours.
     return Text(f"FAILS {number}".strip(), style="bold red")

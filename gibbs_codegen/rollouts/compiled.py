@@ -87,6 +87,7 @@ def compiled_rollout(
     problem: Problem,
     threads: int = 1,
     progress: Callable[[float], None] = lambda share: None,
+    flags: tuple[str, ...] = (),
 ) -> Rollout:
     """Roll states out in C.
 
@@ -95,6 +96,7 @@ def compiled_rollout(
         threads: How many threads share the states.
         progress: Is told between calls, which take some tenths of a second at most, the share of
             all that is done, 0 to 1. What it raises ends the rollout.
+        flags: Of the compiler, after its own.
 
     Returns:
         What comes out, in the precision of the problem.
@@ -105,7 +107,7 @@ def compiled_rollout(
         CacheError: The library cannot be kept.
     """
     run = _Run(problem)
-    function = rollout_function(problem.module, problem.precision)
+    function = rollout_function(problem.module, problem.precision, flags)
     by_reference = ctypes.byref(run.settings), ctypes.byref(run.states)
 
     def call(piece: Piece) -> None:
@@ -218,12 +220,15 @@ def _default_constants(module: ModuleType) -> Reals:
     return np.array([np.frombuffer(constants) if isinstance(constants, bytes) else constants])
 
 
-def rollout_function(module: ModuleType, precision: Precision) -> Callable[..., None]:
+def rollout_function(
+    module: ModuleType, precision: Precision, flags: tuple[str, ...] = ()
+) -> Callable[..., None]:
     """The compiled function of a module.
 
     Args:
         module: The module, of any back end.
         precision: Of its numbers.
+        flags: As of `compiled_rollout`.
 
     Returns:
         As of `_loaded`.
@@ -232,17 +237,20 @@ def rollout_function(module: ModuleType, precision: Precision) -> Callable[..., 
         UsageError, CompilerError, CacheError: As of `compiled_rollout`.
     """
     compiler = find_compiler(os.environ.get("CC") or None)
-    return _loaded(module, precision == "single", compiler)
+    return _loaded(module, precision == "single", compiler, flags)
 
 
 @functools.lru_cache(maxsize=64)
-def _loaded(module: ModuleType, single: bool, compiler: Compiler) -> Callable[..., None]:
+def _loaded(
+    module: ModuleType, single: bool, compiler: Compiler, flags: tuple[str, ...]
+) -> Callable[..., None]:
     """The compiled function of a module.
 
     Args:
         module: The module, of any back end.
         single: Whether numbers are single.
         compiler: What compiles it.
+        flags: After its own.
 
     Returns:
         The function of settings, states, first state, number of states, first step and the step
@@ -253,7 +261,7 @@ def _loaded(module: ModuleType, single: bool, compiler: Compiler) -> Callable[..
     """
     name = module.NAME
     files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c", "_rollout.h", "_rollout.c")]
-    extra = [f"-D{name.upper()}_FLOAT"] if single else []
+    extra = [*flags, f"-D{name.upper()}_FLOAT"] if single else flags
     folder = Path(module.__path__[0])
     path = compiled_files(folder, name, files, compiler, extra, included=[f"{name}.c"])
     try:

@@ -130,4 +130,14 @@ def failure_text(comparison: Comparison) -> str:
     text = f"{comparison.what}{against}: "
     if comparison.fault:
         return text + comparison.fault
-    return text + f"error {comparison.error:.2g}, limit {comparison.limit:.0e}"
+    error, limit = shown(comparison)
+    return text + f"error {error}, limit {limit}"
+
+
+def shown(comparison: Comparison) -> tuple[str, str]:
+    """Error and limit in as many digits as tell them apart, where one exceeds the other."""
+    for digits in range(2, 18):
+        error, limit = f"{comparison.error:.{digits - 1}e}", f"{comparison.limit:.{digits}g}"
+        if comparison.passed or float(error) != float(limit):
+            break
+    return error, limit

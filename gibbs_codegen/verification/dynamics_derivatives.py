@@ -51,8 +51,7 @@ class Dynamics:
             self.effort = sizes.free_inertial_effort
             self.loss = np.zeros(len(states))
             return
-        driven = times(call("input_matrix", states.q), states.u)
-        self.effort = sizes.balance(self.value, driven)
+        self.effort = sizes.balance(self.value)
         scaled = self.mass_matrix / sizes.free_matrix
         finite = np.isfinite(scaled).all(axis=(1, 2))
         condition = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0))

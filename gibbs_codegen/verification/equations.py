@@ -49,13 +49,14 @@ class Expected:
         self._matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
         driven = times(inputs, states.u)[:, tree.free]
         pushed = driven + wrench_forces(tree, found, states)
+        # With the sizes of what is added to those that `Sizes.balance` knows.
         self._driven = {
-            "forward_dynamics": driven,
-            "forward_dynamics_with_wrenches": pushed,
+            "forward_dynamics": (driven, 0.0 * driven),
+            "forward_dynamics_with_wrenches": (pushed, self.sizes.free_pushed),
         }
         residual = found.residual[:, tree.free]
         rows = [
-            *((what, residual + by, self.sizes.free_effort) for what, by in self._driven.items()),
+            *((what, residual + by, size) for what, (by, size) in self._driven.items()),
             *_system(tree, found, inputs, states, self.sizes),
             *_hybrid(tree, found, inputs, self.sizes),
             *frame_rows(tree, found, states, self.sizes),
@@ -99,7 +100,7 @@ class Expected:
         for what in filter(self._rows.__contains__, values):
             ours, (theirs, size) = values[what][:count], self._rows[what]
             if what in self._driven:  # Unlike the accelerations, M a is well-conditioned.
-                size = self.sizes.balance(ours, self._driven[what][:count])
+                size = self.sizes.balance(ours) + size[:count]
                 with np.errstate(invalid="ignore"):  # Infinite ones are infinitely far off.
                     ours = times(self._matrix[:count], ours)
             size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
@@ -153,9 +154,9 @@ def _system(
     yield "mass_matrix_and_residual.mass_matrix", matrix, sizes.free_matrix
     yield "residual", residual, sizes.free_effort
     yield "mass_matrix_and_residual.residual", residual, sizes.free_effort
-    yield "input_matrix", inputs[:, free], _levers(inputs, sizes)[:, free]
+    yield "input_matrix", inputs[:, free], sizes.inputs[:, free]
     yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
-    effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
+    effort = sizes.inertial_effort + sizes.driven
     yield "constraint_torques", (inverse - driven)[:, constrained], effort[:, constrained]
     by_parts = np.sum(states.a * (0.5 * times(matrix, states.a) - residual), axis=-1)
     yield "gibbs", by_parts, sizes.gibbs
@@ -185,12 +186,5 @@ def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Itera
     size = np.pad(sizes.effort, row, constant_values=1.0)
     yield "hybrid_residual", np.pad(found.residual, row), size
     columns = ((0, 0), more, (0, 0))
-    size = np.pad(_levers(inputs, sizes), columns, constant_values=1.0)
+    size = np.pad(sizes.inputs, columns, constant_values=1.0)
     yield "hybrid_input_matrix", np.pad(inputs, columns), size
-
-
-def _levers(inputs: Array, sizes: Sizes) -> Array:
-    """Sizes of the entries of an input matrix: by column, of the largest in the rows' units."""
-    units = sizes.units[:, :, None]
-    size: Array = units * (np.abs(inputs) / units).max(axis=1, keepdims=True)
-    return size

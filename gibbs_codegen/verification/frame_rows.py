@@ -43,10 +43,7 @@ def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> I
     velocities = times(jacobians, states.v[:, None])
     size = rate * np.broadcast_to(twist, velocities.shape)
     yield "frame_velocities", velocities, size
-    # Forces on many frames may all but cancel.
-    terms = np.einsum("sfij,sfi->sj", np.abs(jacobians), np.abs(states.W))
-    forces = wrench_forces(tree, found, states)
-    yield "wrench_forces", forces, sizes.spread(terms, sizes.free_units)
+    yield "wrench_forces", wrench_forces(tree, found, states), sizes.free_pushed
     if found.bias_accelerations is not None:
         yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, rate * size)
 

@@ -89,8 +89,7 @@ class _Invariants:
         left = times(values["hybrid_mass_matrix"], solution)
         size = np.ones_like(right)
         inertial = sizes.units * sizes.largest(accelerations)
-        driving = sizes.spread(driven[:, : tree.size], sizes.units)
-        size[:, : tree.size] = sizes.effort + inertial + driving
+        size[:, : tree.size] = sizes.effort + inertial + sizes.driven
         against = "I_H a_H = R_H + B_H u of the reduced"
         return compared("hybrid_mass_matrix", against, left, right, size, EXACT)
 

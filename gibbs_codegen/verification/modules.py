@@ -30,6 +30,7 @@ from gibbs_codegen.verification.contents import (
 )
 from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.rollouts import ROLLOUTS, compare_rollouts
 from gibbs_codegen.verification.self_consistency import compared_with_themselves
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
@@ -102,6 +103,8 @@ def verify(
             if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                 step("as a C program calls it")
                 comparisons += _compare_c(module, folder, robot, verification)
+                step("rollouts")
+                comparisons += _compare_rollouts(folder, robot, verification)
         verification.comparisons[backend] = comparisons
         verification.not_done |= compared_with_themselves(comparisons)
     return verification
@@ -212,6 +215,18 @@ def _compare_c(
         verification.not_done[SINGLE_PRECISION] = single
         return comparisons
     return comparisons + single
+
+
+def _compare_rollouts(folder: Path, robot: Robot, verification: Verification) -> list[Comparison]:
+    """Compare rollouts in C, in single precision too unless it is not compared at all."""
+    if not (folder / f"{robot.name}_rollout.c").is_file():
+        verification.not_done[ROLLOUTS] = "the module has no C source of them"
+        return []
+    numpy, seed = load(folder), verification.seed
+    rows = compare_rollouts(numpy, robot, seed, "double", _UNOPTIMISED)
+    if SINGLE_PRECISION not in verification.not_done:
+        rows += compare_rollouts(numpy, robot, seed, "single", _UNOPTIMISED)
+    return rows
 
 
 def _source(folder: Path) -> str:

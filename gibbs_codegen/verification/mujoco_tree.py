@@ -13,7 +13,7 @@ from gibbs_codegen.verification.formulation import (
     Quantities,
     state_by_state,
 )
-from gibbs_codegen.verification.joints import WORLD, Point
+from gibbs_codegen.verification.joints import WORLD, Joint, Point
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
@@ -28,7 +28,11 @@ class MuJoCo:
     It computes neither `positions`, since MuJoCo has no joint frames apart from bodies, nor
     `bias_accelerations`, since its accelerations include gravity.
     Creating it raises `NotApplicableError` for a robot that MuJoCo rejects, such as one with a
-    point mass at its end, or with a rotor or frame on a link without mass.
+    point mass in a joint at its end, or with a rotor or frame on a link without mass.
+
+    MuJoCo takes no thin rod, nor a point mass, since their moments of inertia are not all positive.
+    It is given these with more inertia, and again with twice as much more. All that it computes is
+    linear in inertias, and follows for no more from both.
     """
 
     name = "MuJoCo"
@@ -38,17 +42,19 @@ class MuJoCo:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
+        thin = any(_missing(joint) for joint in tree.joints)
         try:
             with _without_log():
-                self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
+                texts = [_model_text(tree, more) for more in ((1.0, 2.0) if thin else (0.0,))]
+                self._models = [mujoco.MjModel.from_xml_string(text) for text in texts]
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
-        bodies = {self._model.body(number).name for number in range(self._model.nbody)}
+        model = self._models[0]
+        bodies = {model.body(number).name for number in range(model.nbody)}
         if any(f"body_{seat.joint}" not in bodies for seat in tree.seats):
             raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")
-        self._data = mujoco.MjData(self._model)
-        self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
-        names = [self._model.joint(number).name for number in range(self._model.njnt)]
+        self._turn, self._step = model.body_quat[1].copy(), model.body_pos[1].copy()
+        names = [model.joint(number).name for number in range(model.njnt)]
         numbers = [int(name.removeprefix("joint_")) for name in names]
         self._places = np.array([tree.joints[number].place for number in numbers])
 
@@ -76,11 +82,23 @@ class MuJoCo:
         Returns:
             The quantities at that state, in MuJoCo's order.
         """
-        model, data, tree = self._model, self._data, self.tree
         turn = np.empty(4)
         mujoco.mju_mat2Quat(turn, rotation.ravel())
-        mujoco.mju_mulQuat(model.body_quat[1], turn, self._turn)
-        model.body_pos[1] = position + rotation @ self._step
+        mujoco.mju_mulQuat(turn, turn.copy(), self._turn)
+        place = position + rotation @ self._step
+        found = [self._computed(model, turn, place, q, v, a) for model in self._models]
+        if len(found) == 1:
+            return found[0]
+        return Quantities._make(
+            None if more is None else 2.0 * more - twice for more, twice in zip(*found, strict=True)
+        )
+
+    def _computed(
+        self, model: mujoco.MjModel, turn: Array, place: Array, q: Array, v: Array, a: Array
+    ) -> Quantities:
+        """The quantities of a model whose first body begins at `place`, turned by a quaternion."""
+        tree, data = self.tree, mujoco.MjData(model)
+        model.body_quat[1], model.body_pos[1] = turn, place
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
@@ -91,33 +109,30 @@ class MuJoCo:
         matrix = np.empty((tree.size, tree.size))
         for row, unit in zip(matrix, np.eye(tree.size), strict=True):
             mujoco.mj_mulM(model, data, row, unit)
+        poses = np.array([_pose(data, seat) for seat in tree.seats])
+        jacobians = np.empty((len(poses), 6, tree.size))
+        for seat, pose, rows in zip(tree.seats, poses, jacobians, strict=True):
+            body = data.body(f"body_{seat.joint}").id
+            mujoco.mj_jac(model, data, rows[:3], rows[3:], pose[:3, 3], body)
         return Quantities(
             mass_matrix=matrix,
             residual=-data.qfrc_bias,
             inverse_dynamics=data.qfrc_inverse.copy(),
-            poses=np.array([self._pose(seat) for seat in tree.seats]),
-            jacobians=np.array([self._jacobian(seat) for seat in tree.seats]),
+            poses=poses,
+            jacobians=jacobians,
             kinetic_energy=data.energy[1],
             potential_energy=data.energy[0],
         )
 
-    def _body(self, joint: int) -> int:
-        return int(self._data.body(f"body_{joint}").id)
 
-    def _pose(self, point: Point) -> Array:
-        body = self._body(point.joint)
-        pose = np.eye(4)
-        axes = self._data.xmat[body].reshape(3, 3)
-        pose[:3, :3] = axes @ point.rotation
-        pose[:3, 3] = self._data.xpos[body] + axes @ point.local
-        return pose
-
-    def _jacobian(self, point: Point) -> Array:
-        jacobian = np.empty((6, self.tree.size))
-        place = self._pose(point)[:3, 3]
-        linear, angular = jacobian[:3], jacobian[3:]
-        mujoco.mj_jac(self._model, self._data, linear, angular, place, self._body(point.joint))
-        return jacobian
+def _pose(data: mujoco.MjData, point: Point) -> Array:
+    """Transform (4, 4) of a point that is fixed to a body."""
+    body = data.body(f"body_{point.joint}")
+    pose = np.eye(4)
+    axes = body.xmat.reshape(3, 3)
+    pose[:3, :3] = axes @ point.rotation
+    pose[:3, 3] = body.xpos + axes @ point.local
+    return pose
 
 
 @contextmanager
@@ -135,8 +150,8 @@ def _without_log() -> Iterator[None]:
         mujoco.set_mju_user_warning(former)
 
 
-def _model_text(tree: Tree) -> str:
-    """The tree in MJCF.
+def _model_text(tree: Tree, more: float) -> str:
+    """The tree in MJCF, with `more` times as much inertia added to bodies that are thin.
 
     A joint whose body has no mass is given to the bodies that hang on it, since MuJoCo moves no
     body without mass; where several hang on it, it stays and MuJoCo rejects it.
@@ -145,7 +160,7 @@ def _model_text(tree: Tree) -> str:
         number: [child for child, joint in enumerate(tree.joints) if joint.parent == number]
         for number in range(WORLD, len(tree.joints))
     }
-    bodies = "".join(_body_text(tree, children, number) for number in children[WORLD])
+    bodies = "".join(_body_text(tree, children, number, more) for number in children[WORLD])
     return (
         '<mujoco><compiler angle="radian"/>'
         f'<option gravity="0 0 {-tree.gravity!r}">'
@@ -154,13 +169,14 @@ def _model_text(tree: Tree) -> str:
     )
 
 
-def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
+def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: float) -> str:
     """A body and all that hangs on it, in MJCF.
 
     Args:
         tree: The tree.
         children: For each joint, the joints that hang on it.
         number: The joint that the body hangs on.
+        more: As of `_model_text`.
 
     Returns:
         The text of the element.
@@ -179,7 +195,8 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
         f'xyaxes="{_numbers(turn.T[:2].ravel())}">'
     ]
     if joint.mass > 0.0:
-        moments, axes = _principal(joint.inertia)
+        moments, axes = _principal(joint)
+        moments = moments + more * _missing(joint)
         lines.append(
             f'<inertial pos="{_numbers(joint.com)}" mass="{joint.mass!r}" '
             f'xyaxes="{_numbers(axes.T[:2].ravel())}" diaginertia="{_numbers(moments)}"/>'
@@ -191,21 +208,32 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
             f'axis="{_numbers(turn.T @ its_turn[:, moved.axis])}" '
             f'pos="{_numbers(turn.T @ (its_step - step))}"/>'
         )
-    lines += [_body_text(tree, children, child) for child in children[number]]
+    lines += [_body_text(tree, children, child, more) for child in children[number]]
     return "".join([*lines, "</body>"])
 
 
-def _principal(inertia: Array) -> tuple[Array, Array]:
+def _principal(joint: Joint) -> tuple[Array, Array]:
     """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits.
 
     Raises:
         NotApplicableError: If a moment is negative.
     """
-    moments, axes = np.linalg.eigh(inertia)
+    moments, axes = np.linalg.eigh(joint.inertia)
     if moments[0] < -_ROUNDING * moments[2]:
         raise NotApplicableError("MuJoCo rejects it: a moment of inertia is negative")
     # Rounding may leave less than nothing about the axis of a thin rod.
     return np.maximum(moments, 0.0), axes * np.linalg.det(axes)
+
+
+def _missing(joint: Joint) -> float:
+    """Inertia to add to a body that has none about some axis, such as a thin rod, in kg m²."""
+    moments, _ = _principal(joint)
+    if joint.mass == 0.0 or moments[0] > _ROUNDING * moments[2]:
+        return 0.0
+    missing = float(moments[2] or joint.mass * joint.com @ joint.com)
+    if missing == 0.0:
+        raise NotApplicableError("MuJoCo has no body that is a point mass in its joint")
+    return missing
 
 
 def _numbers(values: Iterable[float]) -> str:

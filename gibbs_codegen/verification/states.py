@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.joints import WORLD
+from gibbs_codegen.verification.joints import WORLD, Joint
 from gibbs_codegen.verification.tree import Frames, Tree
-from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
+from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices, times
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -139,7 +139,7 @@ class States:
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
-        """States next to the singular attitude, with angles of many turns, and with far angles.
+        """States with angles of many turns, with far angles, and next to the singular attitude.
 
         Args:
             tree: The tree of the robot.
@@ -158,13 +158,15 @@ class States:
         signs = rng.choice([-1.0, 1.0], shape)
         beyond = signs * rng.uniform(_FAR * far, far, shape)
         several = rng.uniform(-_TURNS, _TURNS, shape)
+        # Those of one side are half a turn from those of the other, either way: none is the first,
+        # to which `q1` leads.
         kinds = np.arange(count) % 3
-        chosen = np.where(kinds[:, None] == 1, several, beyond)
-        q[:, turning] = np.where(kinds[:, None] == 0, q[:, turning], chosen)
+        chosen = np.where(kinds[:, None] == 0, several, beyond)
+        q[:, turning] = np.where(kinds[:, None] == 2, q[:, turning], chosen)
         # From a tenth to what is next to nothing, on either side.
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
         middle = tree.middle_angle
-        q[:, middle] = np.where(kinds == 0, signs[:, 0] * near, q[:, middle])
+        q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
         return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)
 
     def rounded(self) -> States:
@@ -224,7 +226,7 @@ class Sizes:
         passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
-        inertias, masses = _moved(tree, frames)
+        inertias, masses, levers = _stretched(tree, frames)
         units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
@@ -256,35 +258,33 @@ class Sizes:
         self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
         # The function has a term in the square of gravity, which its difference loses.
         self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
+        # Of the forces of inputs and of wrenches, which may cancel, all terms.
+        rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.arm))
+        drags = np.abs([motor.drag for motor in tree.motors])
+        thrusts = levers[..., :rotors] + tree.turns[:, None] * drags
+        arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], shape)
+        inputs = np.concatenate([thrusts, arm], axis=-1) / self.units[..., None]
+        self.inputs = self.units[..., None] * inputs.max(axis=1, keepdims=True)
+        self.driven = times(self.inputs, np.abs(states.u))
+        self.free_driven = self.driven[:, tree.free]
+        forces, moments = np.split(np.abs(states.W), 2, axis=-1)
+        pushed = times(levers[..., rotors:], forces.sum(axis=-1))
+        pushed += tree.turns * moments.sum(axis=(1, 2))[:, None]
+        largest = (pushed / self.units).max(axis=-1, keepdims=True)
+        self.free_pushed = self.free_units * largest
 
-    def balance(self, accelerations: Array, driven: Array) -> Array:
+    def balance(self, accelerations: Array) -> Array:
         """Size of M a = R + B u, which is that of its largest terms.
 
         Args:
             accelerations: a, (s, nv), at the first states or all.
-            driven: B u, (s, nv), at the same states.
 
         Returns:
             Generalised forces, (s, nv).
         """
         count = len(accelerations)
-        units = self.free_units[:count]
-        inertial = units * self.largest(accelerations)
-        size: Array = self.free_effort[:count] + inertial + self.spread(driven, units)
-        return size
-
-    @staticmethod
-    def spread(efforts: Array, units: Array) -> Array:
-        """The largest of some efforts in their units, as an effort on each coordinate.
-
-        Args:
-            efforts: (s, nv) or (s, size).
-            units: Units of the same coordinates.
-
-        Returns:
-            Efforts of the same shape.
-        """
-        size: Array = units * (np.abs(efforts) / units).max(axis=-1, keepdims=True)
+        inertial = self.free_units[:count] * self.largest(accelerations)
+        size: Array = self.free_effort[:count] + inertial + self.free_driven[:count]
         return size
 
     def largest(self, accelerations: Array) -> Array:
@@ -301,20 +301,38 @@ class Sizes:
         return largest
 
 
-def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
-    """What each coordinate moves, (s, size): its largest inertia (mass if along), and its mass."""
-    rotations, positions, steps = frames
-    inertias, masses = np.zeros((2, len(positions[0]), tree.size))
+def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
+    """What each coordinate moves, and how far off, were the arm stretched out.
+
+    An arm that is folded has less inertia, and shorter levers, than the terms of these.
+
+    Args:
+        tree: The tree.
+        frames: The joints' frames.
+
+    Returns:
+        Largest inertias (masses if along) and masses, (s, size); and the levers of the tree's seats
+        (1 if along), (s, size, seats).
+    """
+    steps = np.linalg.norm(frames.steps, axis=-1)
+    inertias, masses = np.zeros((2, steps.shape[-1], tree.size))
+    levers = np.zeros((steps.shape[-1], tree.size, len(tree.seats)))
+
+    def moving(number: int, local: Array) -> Iterator[tuple[Joint, Array]]:
+        length = np.linalg.norm(local)
+        while number != WORLD:
+            yield tree.joints[number], length
+            length = length + steps[number]
+            number = tree.joints[number].parent
+
     for number, body in enumerate(tree.joints):
-        lever = rotations[number] @ body.com
         # No principal moment exceeds half the trace.
         own = 0.5 * np.trace(body.inertia)
-        ancestor = number
-        while ancestor != WORLD:
-            joint = tree.joints[ancestor]
-            turning = body.mass * np.sum(lever**2, axis=-1) + own
+        for joint, length in moving(number, body.com):
+            turning = body.mass * length**2 + own
             inertias[:, joint.place] += turning if joint.revolute else body.mass
             masses[:, joint.place] += body.mass
-            lever = lever + steps[ancestor]
-            ancestor = joint.parent
-    return inertias, masses
+    for k, seat in enumerate(tree.seats):
+        for joint, length in moving(seat.joint, seat.local):
+            levers[:, joint.place, k] = length if joint.revolute else 1.0
+    return inertias, masses, levers

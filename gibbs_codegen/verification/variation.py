@@ -17,8 +17,12 @@ from gibbs_codegen.verification.parameters import (
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
-# Larger or smaller by 2 to 8 times.
-_OCTAVES = (1.0, 3.0)
+Inertia = tuple[float, float, float, float, float, float]
+
+# Larger or smaller by 2 to 8 times; so that sums are, with some small addend, a little less far.
+_OCTAVES, _ADDED_OCTAVES = (1.0, 3.0), (1.3, 2.7)
+# What stands for zero beside other numbers, as a share of the smallest of them; and what is zero.
+_SMALL, _FLAT = (0.05, 0.2), 1e-9
 # Least eigenvalue of a mass matrix of unit diagonal that rounding surely leaves positive.
 _DETERMINED = 1e-10
 
@@ -148,8 +152,13 @@ class _Draw:
 
     def factor(self) -> float:
         """From 2 to 8, or the inverse of that."""
+        return self.factors(1, _OCTAVES)[0]
+
+    def factors(self, count: int, octaves: tuple[float, float] = _ADDED_OCTAVES) -> list[float]:
+        """Several such factors, all larger or all smaller."""
         smaller = int(self._rng.integers(2)) ^ self._turned
-        return float(2.0 ** ((1 - 2 * smaller) * self._rng.uniform(*_OCTAVES)))
+        factors = 2.0 ** ((1 - 2 * smaller) * self._rng.uniform(*octaves, count))
+        return [*map(float, factors)]
 
     def share(self, least: float, most: float) -> float:
         """Between two bounds."""
@@ -176,27 +185,40 @@ def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
     Returns:
         A body of the same kind.
     """
-    factor = draw.factor()
     if isinstance(body, Rod):
         sign = draw.sign()
         length = sign * draw.sized(body.length, reach)
         density = sign * draw.sized(body.mass_per_length, mass / reach)
         natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
-        x, y, z = (factor * i or draw.share(0.5, 1.0) * natural for i in body.section_inertia)
+        x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
         return Rod(length, density, (x, y, z))
     natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
-    xx, yy, zz = (factor * i or draw.share(0.5, 1.0) * natural for i in body.inertia[:3])
-    # Diagonally dominant where there were no products: positive definite.
-    small = min(xx, yy, zz)
-    x, y, z = (draw.sign() for _ in range(3))
-    xy, xz, yz = (
-        sign * (factor * product or draw.share(0.05, 0.2) * small)
-        for sign, product in zip((x * y, x * z, y * z), body.inertia[3:], strict=True)
-    )
     cx, cy, cz = (draw.signed(value, reach) for value in body.com)
     return RigidBody(
         draw.signed(body.length, reach),
         draw.sized(body.mass, mass),
         (cx, cy, cz),
-        (xx, yy, zz, xy, xz, yz),
+        _stretched(body.inertia, draw, natural),
     )
+
+
+def _stretched(inertia: Inertia, draw: _Draw, natural: float) -> Inertia:
+    """Inertia of a body that is stretched, or squeezed, by another factor along each axis.
+
+    So no moments stay equal, and none exceeds the sum of the others. Axes change their signs.
+    """
+    half = 0.5 * sum(inertia[:3])
+    # Each moment is the sum of the second moments of mass along the other axes.
+    along = [half - moment if half - moment > _FLAT * half else 0.0 for moment in inertia[:3]]
+    factors = draw.factors(3)
+    spread = [factor * moment for factor, moment in zip(factors, along, strict=True)]
+    least = min(filter(None, spread), default=natural)
+    x, y, z = (moment or draw.share(*_SMALL) * least for moment in spread)
+    least, signs = min(x, y, z), [draw.sign() for _ in range(3)]
+    # What is diagonally dominant is positive definite.
+    roots = np.sqrt(factors)
+    xy, xz, yz = (
+        signs[i] * signs[j] * (float(roots[i] * roots[j]) * product or draw.share(*_SMALL) * least)
+        for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), inertia[3:], strict=True)
+    )
+    return y + z, x + z, x + y, xy, xz, yz

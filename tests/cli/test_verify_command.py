@@ -19,7 +19,9 @@ from rich.console import Console
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.cli.verify_report import print_verification
 from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.verification.comparison import Comparison, failure_text
 from gibbs_codegen.verification.modules import verify
+from gibbs_codegen.verification.verify import Verification
 
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
@@ -47,6 +49,23 @@ def test_tables_break_no_name_at_80_columns() -> None:
     words = set(out.split())
     assert {c.what for c in failed} <= words
     assert {"Newton–Euler", "Lagrange", "parameters", "2.5e-01"} <= words
+
+
+def test_a_failure_has_the_digits_that_decide() -> None:
+    """In the tables and in the line, at 80 columns and wider."""
+    rows = [Comparison(what, "single precision", 4, 3.0e-6, 3.8147e-6) for what in "abcdefgh"]
+    rows += [Comparison(what, "itself", 4, 3.8e-6, 3.8147e-6) for what in "ab"]
+    rows[2:9:6] = [replace(rows[2], error=3.8247e-6), replace(rows[8], error=3.8247e-6)]
+    found = Verification("robot", 0, {"c": rows})
+    for width in (80, 160):
+        console = Console(width=width, file=io.StringIO(), highlight=False)
+        print_verification(found, console)
+        by_function, others = console.file.getvalue().split("c: other comparisons")
+        for table in by_function, others:
+            assert re.search(r"FAILS 3\.82e-06", table)
+            assert re.search(r"\b3\.81e-06", table)
+    for _, comparison in found.failures:
+        assert failure_text(comparison).endswith("error 3.82e-06, limit 3.81e-06")
 
 
 def test_verify_as_json(capsys: pytest.CaptureFixture[str]) -> None:

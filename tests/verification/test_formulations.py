@@ -7,26 +7,37 @@ compared here too.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from support.emitted import NUMPY
+from support.pages import blocks
 from support.pinocchio_oracle import Oracle
+from support.planted_faults import planted
 from support.random_robots import random_robot, random_tree, robots, trees
 
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust
-from gibbs_codegen.verification.equations import input_matrix
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Base, RigidBody, Robot, Rod, alternating_thrust
+from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.equations import Expected, input_matrix
+from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError, Quantities
 from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.lagrange import Lagrange
+from gibbs_codegen.verification.modules import _from_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import formulations
 
 # Exact formulations to rounding; Lagrange's differences of fourth order to their truncation.
 EXACT, BY_DIFFERENCES = 1e-12, 1e-8
@@ -109,6 +120,43 @@ def test_mujoco(robot: Robot) -> None:
     """One with a link without mass, one with joints of both kinds, and trees."""
     mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
     assert_agree(formulated(mujoco_tree.MuJoCo(Tree(robot))), robot, EXACT)
+
+
+@pytest.fixture
+def of_rods(tmp_path: Path) -> Robot:
+    """The robot of the README, whose links are thin rods."""
+    (text,) = blocks("README.md", "toml")
+    path = tmp_path / "my_uav.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_robot(str(path))[0]
+
+
+def test_mujoco_takes_thin_rods_and_points(of_rods: Robot) -> None:
+    """It refuses both by itself, since some of their moments of inertia are zero."""
+    mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
+    assert {link.body.section_inertia for link in of_rods.links} == {(0.0, 0.0, 0.0)}
+    point = replace(of_rods.links[1], body=RigidBody(0.25, 0.1, (0.2, 0.0, 0.0)))
+    for robot in of_rods, replace(of_rods, links=(of_rods.links[0], point)):
+        assert_agree(formulated(mujoco_tree.MuJoCo(Tree(robot))), robot, EXACT)
+        assert formulations(robot)[1].keys() <= {"Pinocchio"}
+
+
+def test_mujoco_finds_faults_in_modules_of_thin_rods(of_rods: Robot) -> None:
+    mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
+    formulation = InOwnUnits(mujoco_tree.MuJoCo, of_rods)
+    states = States.random(formulation.tree, 3, 0)
+    expected = Expected(formulation, states)
+    text = render_module(derive(of_rods), "", NUMPY)["numpy_module.py"]
+    start = text.index("\ndef _mass_matrix_and_residual(")
+    end = text.index("\ndef ", start + 1)
+
+    def passes(kernel: str) -> bool:
+        module = _from_text(text[:start] + kernel + text[end:])
+        return all(c.passed for c in expected.compare(Evaluation(module).all(states)))
+
+    assert passes(text[start:end])
+    missed = [what for kernel, what in planted(text[start:end], 30, seed=3) if passes(kernel)]
+    assert len(missed) <= 1, missed
 
 
 @pytest.mark.parametrize("length", [1e-3, 1e5])

@@ -227,7 +227,7 @@ def extreme(count: int) -> Iterator[np.ndarray]:
 
 
 def test_extreme_states_are_what_they_are_called() -> None:
-    near, several, far = extreme(60)
+    several, far, near = extreme(60)
     distances = np.abs(np.abs(near[:, 1]) - 0.5 * math.pi)
     assert distances.max() < 0.1001
     assert distances.min() < 1e-6

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +17,7 @@ import pytest
 from conftest import ROOT
 from hypothesis import given, settings
 from support.emitted import emitted_module
-from support.planted_faults import planted
+from support.planted_faults import ANY_IN_C, planted
 from support.random_robots import robots
 from support.tools import tool
 
@@ -25,6 +28,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.frame_rows import frame_rows
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States
@@ -56,6 +60,16 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
     assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
     against = {c.against for c in found.comparisons["numpy"]}
     assert {"Newton–Euler", "Lagrange", "other parameters", "power balance, Ė = vᵀB u"} <= against
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_pass_in_both_back_ends_as_the_command_compares_them(
+    name: str, shipped: Callable[[str], ModuleType]
+) -> None:
+    found = verify(Path(shipped(name).__file__ or "").parent)
+    assert found.passed, found.failures
+    assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +111,7 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
         for backend, comparisons in found.comparisons.items()
     }
     own = {"last block not full", "single precision", "the header"}
+    own |= {"NumPy, in double precision", "NumPy, in single precision"}
     assert against["numpy"] == against["c"] - own
     assert own < against["c"]
     assert 100 < len(found.comparisons["numpy"]) < len(found.comparisons["c"])
@@ -139,6 +154,57 @@ def test_planted_faults_in_c_are_found(
         if found.passed:
             missed.append(what)
     assert len(missed) <= faults - least, missed
+
+
+# Compares rollouts alone, in a process that a fault may end.
+ROLLOUTS = """
+import sys
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.verification.rollouts import compare_rollouts
+robot, numpy = read_robot(sys.argv[1] + "/robot.toml")[0], load(sys.argv[1])
+for precision in ("double", "single"):
+    (found,) = compare_rollouts(numpy, robot, 0, precision, ("-O0",))
+    print("passed" if found.passed else "failed")
+"""
+
+
+@pytest.mark.parametrize(
+    ("faults", "least"), [(3, 3), pytest.param(30, 29, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("attitude", ["angles", pytest.param("quaternion", marks=pytest.mark.slow)])
+def test_planted_faults_in_rollouts_are_found(
+    faults: int, least: int, attitude: str, copied: Path, request: pytest.FixtureRequest
+) -> None:
+    tool("cc")
+    folder = copied if attitude == "angles" else request.getfixturevalue("quaternion")
+    path = folder / "quadrotor_2link_rollout.c"
+    text = path.read_text(encoding="utf-8")
+    command = [sys.executable, "-c", ROLLOUTS, str(folder)]
+    missed = []
+    for altered, what in planted(text, faults, seed=1, statement=ANY_IN_C):
+        path.write_text(altered, encoding="utf-8")
+        found = subprocess.run(command, check=False, capture_output=True, text=True)
+        if found.stdout.split() == ["passed", "passed"]:
+            missed.append(what)
+    path.write_text(text, encoding="utf-8")
+    found = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["passed", "passed"]
+    assert len(missed) <= faults - least, missed
+
+
+def test_a_module_of_wrong_rollouts_fails_and_one_without_says_so(copied: Path) -> None:
+    tool("cc")
+    path = copied / "quadrotor_2link_rollout.c"
+    text = path.read_text(encoding="utf-8")
+    assert text.count("2.0) * a3[e]") == 1
+    path.write_text(text.replace("2.0) * a3[e]", "2.1) * a3[e]"), encoding="utf-8")
+    found = verify(copied, states=1, backends=["c"])
+    assert {c.what for _, c in found.failures} == {"rollouts"}
+    path.unlink()
+    found = verify(copied, states=1, backends=["c"])
+    assert found.passed
+    assert found.not_done["rollouts"] == "the module has no C source of them"
 
 
 class OffByLittle(NewtonEuler):
@@ -285,6 +351,37 @@ def test_states_are_away_from_the_singular_attitude() -> None:
     states = States.random(Tree(read_robot("quadrotor_2link")[0]), 200, 0)
     assert np.abs(states.q[:, 1]).max() < 1.3
     assert np.abs(states.q[:, 0]).max() > 3.0
+
+
+def test_an_arm_that_is_folded_has_the_sizes_of_its_terms() -> None:
+    """Rounding takes a share of l², r² and 2 l r cos φ each, of which little is left at φ = π."""
+    tree = Tree(read_robot("quadrotor_arm_2link")[0])
+    states = States.random(tree, 50, 0)
+    matrices = formulated(NewtonEuler(tree)).at(states).mass_matrix[:, tree.free][:, :, tree.free]
+    largest = np.abs(matrices).max(axis=0)
+    assert largest[6, 6] > 2.0 * np.abs(matrices[:, 6, 6]).min()
+    assert np.all(Sizes(tree, states).free_matrix > 0.999 * largest)
+
+
+@pytest.mark.parametrize(
+    ("backend", "file"),
+    [("numpy", "numpy_module.py"), pytest.param("c", "quadrotor.c", marks=pytest.mark.slow)],
+)
+def test_a_sign_that_tells_moments_of_inertia_apart(
+    backend: str, file: str, shipped: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    """The moments about x and y are equal in the robot file, and cannot be zero."""
+    folder = tmp_path / "quadrotor"
+    shutil.copytree(Path(shipped("quadrotor").__file__ or "").parent, folder)
+    path = folder / file
+    text = path.read_text(encoding="utf-8")
+    (zero,) = re.findall(r"(k\d+) = base_inertia_xx - base_inertia_yy\b", text)
+    faults = [*re.finditer(rf" - {zero}\b", text)]
+    assert len(faults) == 2
+    for fault in faults:
+        path.write_text(f"{text[: fault.start()]} + {zero}{text[fault.end() :]}", encoding="utf-8")
+        found = verify(folder, states=1, backends=[backend])
+        assert "other parameters" in {c.against for _, c in found.failures}
 
 
 def test_wrenches_whose_forces_cancel_have_a_size() -> None:
