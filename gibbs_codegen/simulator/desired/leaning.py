@@ -59,7 +59,10 @@ class Leaning:
         return self.vehicle.base_wrench(q, self.vehicle.inverse_dynamics(q, v, a))[:3]
 
     def motion(self, axes: Derivatives, shift: Derivatives) -> Motion:
-        """The motion with thrust axes, and shifts of the base centre, both (s, 3) with derivatives."""
+        """The motion with thrust axes, and shifts of the base centre.
+
+        Each is (s, 3) with its first two derivatives, world axes.
+        """
         centre = self.centre[:, :3] + np.stack(shift, axis=1)
         tilt = swing(self.upright, unit_derivatives(*axes))
         turning = turning_of(*product(np.matmul, tilt, self._wanted))
@@ -86,8 +89,7 @@ class Leaning:
         return self._at(span, self.joints.time[span])
 
     def with_room(self, count: int) -> tuple[Leaning, slice]:
-        """The same with `count` more knots at each end where the machine rests, and the path's
-        knots.
+        """The same with `count` more knots at ends where the machine rests, and the path's knots.
 
         A base swings before its path begins to move, and after it has ended.
         """
