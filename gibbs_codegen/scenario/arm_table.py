@@ -170,7 +170,7 @@ class ArmTable(Table):
         ]
 
     def task(self, base: Path) -> ArmTask:
-        """The task that the table describes, its angles in rad; `base` is the base centre's path."""
+        """The task that the table describes, its angles in rad; `base` is the base's path."""
         tip = self.tip.path() if self.tip else None
         if self.tip_beside_base:
             tip = Sum((base, self.tip_beside_base.path()))
