@@ -49,8 +49,7 @@ class CompiledConstants:
         self.default = self._one([*self._parameters.values()])
 
     def prepare(self, parameters: Mapping[str, ArrayLike]) -> Constants:
-        """Bytes of the C module's struct; or its numbers (..., count), if arrays broadcast to
-        (...).
+        """Bytes of the C module's struct; or its numbers (..., count), for arrays that broadcast.
 
         Raises `ValueError` if they leave an acceleration undetermined, or the NumPy module refuses
         them.
