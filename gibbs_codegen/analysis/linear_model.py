@@ -102,8 +102,9 @@ def linearise(
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
-    """A and B of x' = A x + B w, exact for ẋ = A x + B w with inputs held for `dt` (zero-order
-    hold).
+    """A and B of x' = A x + B w, exact for ẋ = A x + B w with held inputs (zero-order hold).
+
+    `dt` is how long they are held, s.
     """
     size = len(a)
     both = np.zeros((size + b.shape[1],) * 2)

@@ -57,7 +57,7 @@ def polytope(support: Support, size: int) -> Polytope:
 
 
 def _spanning(support: Support, size: int) -> tuple[Array, Array]:
-    """Supports (r + 1, n) that span all that a set spans, and orthonormal columns (n, r) along it."""
+    """Supports (r + 1, n) that span all that a set spans, and orthonormal columns (n, r)."""
     points, basis = [support(np.eye(size)[0])], np.zeros((size, 0))
     while True:
         left = np.linalg.svd(basis)[0][:, basis.shape[1] :]

@@ -101,9 +101,7 @@ class ReachableWrenches:
         return produced * max(float(found[0]), 0.0)
 
     def _slice(self, kept: slice, held: slice) -> Polytope:
-        """The polytope, in 3 dimensions, of `kept` components with those `held` as they are at
-        hover.
-        """
+        """The polytope, in 3 dimensions, of `kept` components, with those `held` as at hover."""
         ways = _null_space(self.columns[held])
 
         def support(direction: Array) -> Array:
