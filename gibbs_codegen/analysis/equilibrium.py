@@ -67,7 +67,7 @@ class SteadyMotion:
         return missing
 
     def size(self, q: Array) -> float:
-        """The largest component, N or N m, of the wrench that the base needs; 1 if it needs none."""
+        """The largest component, N or N m, of the wrench that the base needs; 1 if none."""
         return float(np.abs(self.vehicle.base_wrench(q, self.force(q))).max()) or 1.0
 
 

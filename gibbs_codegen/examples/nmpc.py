@@ -90,7 +90,10 @@ def report(flown: TrackedPath) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the example: exit code 0, 1 if the flight ended early, or of an error, which is printed."""
+    """Run the example.
+
+    Returns the exit code: 0, 1 if the flight ended early, or that of an error, which is printed.
+    """
     options = argument_parser().parse_args(arguments)
     try:
         if options.figure is not None:
