@@ -102,17 +102,9 @@ def read_flight(path: StrPath) -> Flight:
 
 
 def _checked(stored: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a flight from the arrays of a file.
+    """Fields of a flight from a file's arrays by their names.
 
-    Args:
-        stored: The arrays by the names of the fields.
-
-    Returns:
-        The fields.
-
-    Raises:
-        ValueError: If an array is not what its field must be.
-        TypeError: Likewise.
+    Raises `ValueError` or `TypeError` if an array is not what its field must be.
     """
     values = dict(stored)
     for name, value in stored.items():
@@ -128,11 +120,7 @@ def _checked(stored: dict[str, Any]) -> dict[str, Any]:
 def is_flight(path: StrPath) -> bool:
     """Whether a file is one that `write_npz` wrote, by the names of what it holds.
 
-    Args:
-        path: The file.
-
-    Returns:
-        Whether it is; False if it cannot be read.
+    False if it cannot be read.
     """
     try:
         with ZipFile(path) as archive:
