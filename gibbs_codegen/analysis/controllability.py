@@ -14,17 +14,11 @@ _RANK = 1e-9
 
 
 def unreached(a: Array, b: Array, matters: Callable[[complex], bool]) -> Array:
-    """The combinations of states that no input reaches, and whose eigenvalues matter.
+    """Orthonormal combinations (n, k) that no input reaches, and whose eigenvalues matter.
 
-    Eigenvalues of the whole model would not serve: those of integrators are double, and rounding
-    moves them by its square root. So what inputs reach is taken away first.
-
-    Args:
-        a, b: A (n, n) and B (n, m).
-        matters: Tells which eigenvalues matter.
-
-    Returns:
-        The combinations (n, k), orthonormal columns: wᵀ x, for a column w, goes its own way.
+    For a column w, wᵀ x goes its own way. Eigenvalues of the whole model would not serve: those of
+    integrators are double, and rounding moves them by its square root. So what inputs reach is
+    taken away first.
     """
     rest = _complement(_reached(a, b))
     if not rest.shape[1]:

@@ -38,14 +38,7 @@ class SteadyMotion:
     wrenches: Array
 
     def rates(self, q: Array) -> tuple[Array, Array]:
-        """Velocities and accelerations at coordinates.
-
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            v and a, both (nv).
-        """
+        """Velocities and accelerations (nv) at coordinates."""
         vehicle = self.vehicle
         base = vehicle.layout.v.base
         jacobian = vehicle.function("frame_jacobians")(q)[vehicle.frames.index("base")]
@@ -57,26 +50,14 @@ class SteadyMotion:
         return moved[0], moved[1]
 
     def force(self, q: Array) -> Array:
-        """What the inputs must produce at coordinates.
-
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            Generalised force (nv).
-        """
+        """Generalised force (nv) that the inputs must produce at coordinates."""
         acting = self.vehicle.wrench_forces(q, self.wrenches)
         return self.vehicle.inverse_dynamics(q, *self.rates(q)) - acting
 
     def missing(self, q: Array) -> Array:
-        """What no thrusts produce of the wrench that the base needs.
+        """The least part (6) that thrusts leave of the wrench that the base needs.
 
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            The least part that they leave (6): force, N, and torque about the base centre, N m, in
-            the base's axes.
+        Force, N, and torque about the base centre, N m, in the base's axes.
         """
         needed, columns = (
             self.vehicle.base_wrench(q, self.force(q)),
@@ -86,28 +67,15 @@ class SteadyMotion:
         return missing
 
     def size(self, q: Array) -> float:
-        """The largest component of the wrench that the base needs.
-
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            N or N m; 1 where it needs none.
-        """
+        """The largest component, N or N m, of the wrench that the base needs; 1 if none."""
         return float(np.abs(self.vehicle.base_wrench(q, self.force(q))).max()) or 1.0
 
 
 def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:
-    """The coordinates, near given ones, at which thrusts balance the base best.
+    """Coordinates (nq), near given ones, at which thrusts balance the base best.
 
-    Args:
-        motion: What is to be held.
-        q: Coordinates (nq) to begin with.
-        free: Places in v of what may differ from them.
-        bounds: Least and greatest displacements of those, (2, len(free)), rad or m.
-
-    Returns:
-        Coordinates (nq), at which something may be missing still.
+    Something may be missing still. `free` are places in v of what may differ, by displacements
+    within `bounds` (2, len(free)), rad or m.
     """
     size = motion.size(q)
     if not free or np.abs(motion.missing(q)).max() <= _BALANCED * size:

@@ -13,20 +13,7 @@ _LENGTH = 1e-3
 
 
 def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
-    """A copy of real, finite numbers.
-
-    Args:
-        name: Of the argument.
-        given: What was given for it.
-        wanted: What it must be, in words.
-        shapes: The shapes that it may have.
-
-    Returns:
-        The numbers, in one of the shapes.
-
-    Raises:
-        UsageError: It is something else.
-    """
+    """A copy of real, finite numbers in one of the shapes. Raises `UsageError`, with `wanted`."""
     found = real(name, given, wanted, *shapes)
     if not np.isfinite(found).all():
         raise UsageError(f"{name}: must be {wanted}; some are NaN or infinite")
@@ -34,17 +21,7 @@ def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) 
 
 
 def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
-    """A copy of real numbers, which may be infinite or NaN.
-
-    Args:
-        name, given, wanted, shapes: As of `numbers`.
-
-    Returns:
-        The numbers, in one of the shapes.
-
-    Raises:
-        UsageError: They are no real numbers, or of another shape.
-    """
+    """A copy of real numbers, which may be infinite or NaN; else as `numbers`."""
     try:
         kind = np.asarray(given).dtype.kind
         found = np.array(given, dtype=np.float64) if kind in "biufO" else None
@@ -58,34 +35,14 @@ def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> 
 
 
 def vector(name: str, given: ArrayLike, count: int) -> Array:
-    """A copy of so many finite numbers.
-
-    Args:
-        name: Of the argument.
-        given: What was given for it.
-        count: How many there must be.
-
-    Returns:
-        The numbers (count).
-
-    Raises:
-        UsageError: It is something else.
-    """
+    """A copy of so many finite numbers. Raises `UsageError` otherwise."""
     return numbers(name, given, f"{count} finite numbers", (count,))
 
 
 def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
-    """Coordinates of a robot, of which a quaternion is normalised.
+    """Coordinates (nq) of a robot, of which a quaternion is normalised.
 
-    Args:
-        vehicle: The robot.
-        given: What was given for q.
-
-    Returns:
-        The coordinates (nq).
-
-    Raises:
-        UsageError: They are something else, or their quaternion has not the length 1.
+    Raises `UsageError`, also if its length is not 1.
     """
     q = vector(f"q ({', '.join(vehicle.coordinates)})", given, len(vehicle.coordinates))
     length = float(np.linalg.norm(q[vehicle.layout.q.attitude]))
@@ -98,17 +55,7 @@ def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
 
 
 def period(given: float | None) -> float | None:
-    """The period for which inputs are held.
-
-    Args:
-        given: What was given for `dt`.
-
-    Returns:
-        The period, s, or None.
-
-    Raises:
-        UsageError: It is neither None nor a period.
-    """
+    """The period `dt`, s, for which inputs are held, or None. Raises `UsageError` otherwise."""
     if given is None:
         return None
     wanted = "a period above zero, s"

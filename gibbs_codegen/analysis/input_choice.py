@@ -32,16 +32,7 @@ class Balancing:
 
     @classmethod
     def of(cls, vehicle: Vehicle, q: Array, force: Array) -> Balancing:
-        """The inputs that produce a generalised force, as nearly as they can.
-
-        Args:
-            vehicle: The robot.
-            q: Coordinates (nq).
-            force: The generalised force (nv).
-
-        Returns:
-            The inputs.
-        """
+        """The inputs that produce a generalised force (nv), as nearly as they can."""
         columns = vehicle.thrust_wrenches(q)
         _, values, right = np.linalg.svd(columns)
         rank = int(np.sum(values > RANK * values.max(initial=0.0)))
@@ -53,19 +44,10 @@ class Balancing:
 
 
 def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) -> Array:
-    """The inputs of least thrust, or of which the thrust next to a limit is farthest from it.
+    """Inputs (nu) of least thrust, or whose thrust next to a limit is farthest from it.
 
-    Args:
-        vehicle: The robot.
-        inputs: Those that balance.
-        limits: Least and greatest inputs (2, nu), infinite where there are none.
-        aim: Which inputs are wanted.
-
-    Returns:
-        The inputs (nu), N and N m. Of inputs with the same margin they are those of least thrust.
-
-    Raises:
-        UsageError: No inputs within the limits balance, or no thrust has a limit on either side.
+    Of inputs with the same margin they are those of least thrust. `limits` (2, nu) may be infinite.
+    Raises `UsageError` if no inputs within them balance, or no thrust has a limit on either side.
     """
     if aim == "least_thrust" and _within(inputs.least, limits):
         return inputs.least
@@ -82,15 +64,7 @@ def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) 
 
 
 def margins(inputs: Array, limits: Array) -> Array:
-    """How far inputs are from the nearer of their limits.
-
-    Args:
-        inputs: The inputs (nu).
-        limits: Least and greatest inputs (2, nu).
-
-    Returns:
-        The distances (nu), negative beyond a limit, infinite without limits.
-    """
+    """Distances (nu) of inputs from the nearer limit, negative beyond, infinite without limits."""
     within: Array = np.minimum(inputs - limits[0], limits[1] - inputs)
     return within
 
@@ -104,14 +78,9 @@ def _within(inputs: Array, limits: Array) -> bool:
 
 
 def _rows(inputs: Balancing, limits: Array) -> tuple[Array, Array, Array]:
-    """The limits as rows · z ≥ bounds for inputs `least` + `idle` z.
+    """The limits (2, nu) as rows · z ≥ bounds for inputs `least` + `idle` z.
 
-    Args:
-        inputs: Those that balance.
-        limits: Least and greatest inputs (2, nu).
-
-    Returns:
-        Rows (m, k), bounds (m), and the place of the input of each, (m).
+    Rows (m, k), bounds (m), and the place of the input of each (m).
     """
     least, most = limits
     low, high = np.flatnonzero(np.isfinite(least)), np.flatnonzero(np.isfinite(most))
@@ -121,18 +90,11 @@ def _rows(inputs: Balancing, limits: Array) -> tuple[Array, Array, Array]:
 
 
 def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
-    """The inputs whose least margin is the widest.
+    """The inputs (nu) whose least margin is the widest.
 
-    Args:
-        inputs: Those that balance.
-        limits: Least and greatest inputs (2, nu).
-        counts: By input (nu), how much of the margin it must have; 0 to stay within limits only.
-
-    Returns:
-        The inputs (nu), or None where none keep the limits of inputs that do not count.
-
-    Raises:
-        UsageError: The margin may grow without bound.
+    None where none keep the limits of inputs that do not count. `counts` (nu): how much of the
+    margin each must have; 0 to stay within limits only. Raises `UsageError` if the margin may grow
+    without bound.
     """
     rows, bounds, places = _rows(inputs, limits)
     found = linprog(
@@ -151,15 +113,9 @@ def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
 
 
 def _least(inputs: Balancing, limits: Array, safe: Array) -> Array:
-    """The inputs of least thrust within limits, by Lawson and Hanson's least distance programming.
+    """Inputs (nu) of least thrust within limits, by Lawson and Hanson's least distance programming.
 
-    Args:
-        inputs: Those that balance.
-        limits: Least and greatest inputs (2, nu).
-        safe: Inputs (nu) within the limits.
-
-    Returns:
-        The inputs (nu).
+    `safe` (nu) are some within the limits.
     """
     rows, bounds, _ = _rows(inputs, limits)
     size = float(np.abs(bounds).max(initial=0.0)) or 1.0
@@ -172,16 +128,7 @@ def _least(inputs: Balancing, limits: Array, safe: Array) -> Array:
 
 
 def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
-    """The limits which even the best inputs exceed, in words.
-
-    Args:
-        vehicle: The robot.
-        inputs: Those that balance.
-        limits: Least and greatest inputs (2, nu).
-
-    Returns:
-        The message.
-    """
+    """The limits which even the best inputs exceed, in words."""
     nearest = _safest(inputs, limits, np.ones(len(inputs.least)))
     if nearest is None:
         nearest = inputs.least

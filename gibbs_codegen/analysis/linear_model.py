@@ -27,12 +27,7 @@ _DERIVATIVES = "forward_dynamics_derivatives"
 
 
 class State(NamedTuple):
-    """Where a robot is to be linearised.
-
-    Attributes:
-        q, v, u: Coordinates (nq), velocities (nv) and inputs (nu).
-        wrenches: On the frames (f, 6), in the order of `FRAMES`, world axes, N and N m.
-    """
+    """Where a robot is to be linearised; `wrenches` (f, 6) are as of `SteadyMotion`."""
 
     q: Array
     v: Array
@@ -43,18 +38,9 @@ class State(NamedTuple):
 def given_state(
     vehicle: Vehicle, q: ArrayLike | Trim, v: ArrayLike | None, u: ArrayLike | None
 ) -> State:
-    """The state that callers give, as a trim or by its parts.
+    """The state that callers give, as a trim or by its parts; without a trim no wrenches act.
 
-    Args:
-        vehicle: The robot.
-        q: A trim, or coordinates (nq).
-        v, u: None beside a trim, else velocities (nv) and inputs (nu).
-
-    Returns:
-        The state; without a trim no wrenches act.
-
-    Raises:
-        UsageError: An argument is not what it must be, or the trim is another robot's.
+    Raises `UsageError` for what an argument must not be, or a trim of another robot.
     """
     wrenches = np.zeros((len(vehicle.frames), 6))
     if isinstance(q, Trim):
@@ -116,14 +102,9 @@ def linearise(
 
 
 def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
-    """The exact discrete form of ẋ = A x + B w for inputs that are held (zero-order hold).
+    """A and B of x' = A x + B w, exact for ẋ = A x + B w with held inputs (zero-order hold).
 
-    Args:
-        a, b: A (n, n) and B (n, m).
-        dt: How long inputs are held, s.
-
-    Returns:
-        A (n, n) and B (n, m) of x' = A x + B w.
+    `dt` is how long they are held, s.
     """
     size = len(a)
     both = np.zeros((size + b.shape[1],) * 2)

@@ -13,18 +13,10 @@ from gibbs_codegen.simulator.plant.vehicle import Vehicle
 def vehicle_of(
     robot: ModuleType | str | os.PathLike[str], parameters: Mapping[str, float] | None = None
 ) -> Vehicle:
-    """The functions and layout of a robot.
+    """Functions and layout of a module, loaded by name or path if need be, with parameters.
 
-    Args:
-        robot: A generated module with the back end "numpy" or "c", or the name or path of one,
-            which is loaded.
-        parameters: Parameters of the module's `prepare`; those left out keep their defaults.
-
-    Returns:
-        The robot.
-
-    Raises:
-        UsageError: There is no such module or parameter, or the module is of another back end.
+    Its back end is "numpy" or "c". Raises `UsageError` if there is no such module or parameter, or
+    for another back end.
     """
     module = load(robot) if isinstance(robot, str | os.PathLike) else robot
     return Vehicle(module, parameters)

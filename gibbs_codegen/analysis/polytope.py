@@ -36,15 +36,7 @@ class Polytope:
     offsets: Array
 
     def contains(self, point: Array, tolerance: float = 1e-9) -> bool:
-        """Whether a point (n) is inside, or outside by no more than a tolerance.
-
-        Args:
-            point: The point (n).
-            tolerance: How far outside it may be, in units of its entries.
-
-        Returns:
-            Whether it is.
-        """
+        """Whether a point (n) is inside, or outside by no more than a tolerance."""
         away = point - self.vertices[0]
         off = away - self.basis @ (self.basis.T @ away)
         beyond = self.normals @ point - self.offsets
@@ -52,15 +44,7 @@ class Polytope:
 
 
 def polytope(support: Support, size: int) -> Polytope:
-    """The polytope of a support.
-
-    Args:
-        support: The point (n) of the set that is farthest along a direction (n).
-        size: n.
-
-    Returns:
-        The polytope.
-    """
+    """The polytope of a support: the point (n) of a set that is farthest along a direction (n)."""
     points, basis = _spanning(support, size)
     rank = basis.shape[1]
     if rank == 0:
@@ -73,15 +57,7 @@ def polytope(support: Support, size: int) -> Polytope:
 
 
 def _spanning(support: Support, size: int) -> tuple[Array, Array]:
-    """Supports that span all that a set spans.
-
-    Args:
-        support: That of the set.
-        size: Entries of a point, n.
-
-    Returns:
-        The points (r + 1, n), and orthonormal columns (n, r).
-    """
+    """Supports (r + 1, n) that span all that a set spans, and orthonormal columns (n, r)."""
     points, basis = [support(np.eye(size)[0])], np.zeros((size, 0))
     while True:
         left = np.linalg.svd(basis)[0][:, basis.shape[1] :]
@@ -97,15 +73,9 @@ def _spanning(support: Support, size: int) -> tuple[Array, Array]:
 
 
 def _grown(support: Support, points: Array, basis: Array) -> Polytope:
-    """The polytope that spans at least a plane.
+    """The polytope that spans at least a plane, from supports (r + 1, n) that span it.
 
-    Args:
-        support: That of the set.
-        points: Supports (r + 1, n) that span it.
-        basis: Orthonormal columns (n, r) along which it extends.
-
-    Returns:
-        The polytope.
+    It extends along the orthonormal columns of `basis` (n, r).
     """
     first, asked = points[0], set()
     while True:

@@ -101,15 +101,7 @@ class ReachableWrenches:
         return produced * max(float(found[0]), 0.0)
 
     def _slice(self, kept: slice, held: slice) -> Polytope:
-        """The polytope of some components with the others as they are at hover.
-
-        Args:
-            kept: The components that vary.
-            held: Those that do not.
-
-        Returns:
-            The polytope, in 3 dimensions.
-        """
+        """The polytope, in 3 dimensions, of `kept` components, with those `held` as at hover."""
         ways = _null_space(self.columns[held])
 
         def support(direction: Array) -> Array:
@@ -122,15 +114,8 @@ class ReachableWrenches:
     def _farthest(self, ways: Array, value: Array) -> Array:
         """The steps z (k) for which thrusts + ways z are within limits and value · z is greatest.
 
-        Args:
-            ways: Thrusts (N, k).
-            value: Of the steps, (k).
-
-        Returns:
-            The steps.
-
-        Raises:
-            UsageError: There are none, so no thrusts within the limits hover; or SciPy fails.
+        `ways` are thrusts (N, k). Raises `UsageError` if there are none, so no thrusts within the
+        limits hover; or SciPy fails.
         """
         low, high = self.limits - self.thrusts
         # The solver's tolerances are absolute.
@@ -200,14 +185,9 @@ def reachable_wrenches(
 
 
 def margin_lines(margins: ArrayLike, point: str) -> list[str]:
-    """What can be taken from hovering and added to it, in words.
+    """What can be taken from hovering and added to it, margins (6, 2) about a point, in words.
 
-    Args:
-        margins: Of each component of a wrench (6, 2).
-        point: The point that wrenches are about.
-
-    Returns:
-        A heading, and a line each for forces and torques.
+    A heading, and a line each for forces and torques.
     """
     named = zip("xyzxyz", np.asarray(margins), strict=True)
     each = [f"{axis} {-low + 0.0:.3g} … {high:.3g}" for axis, (low, high) in named]
@@ -219,15 +199,7 @@ def margin_lines(margins: ArrayLike, point: str) -> list[str]:
 
 
 def about(wrenches: Array, point: Array) -> Array:
-    """Wrenches about another point.
-
-    Args:
-        wrenches: Wrenches (6, N).
-        point: The point (3), m, from the one that they are about.
-
-    Returns:
-        The same wrenches (6, N) about the point.
-    """
+    """Wrenches (6, N) about another point (3), m, from the one that they are about."""
     moved = wrenches.copy()
     moved[_TORQUE] -= np.cross(point, wrenches[_FORCE], axisb=0, axisc=0)
     return moved

@@ -122,19 +122,9 @@ def _warn_if_unbalanced(vehicle: Vehicle, state: State) -> None:
 
 
 def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:
-    """A matrix of weights.
+    """A matrix (size, size) of weights, given whole or by its diagonal.
 
-    Args:
-        name: Its name.
-        given: The matrix, or its diagonal.
-        size: Its rows.
-        definite: Whether every deviation must cost.
-
-    Returns:
-        The matrix (size, size).
-
-    Raises:
-        UsageError: Its shape or its eigenvalues are wrong.
+    Raises `UsageError` for a wrong shape or sign; if `definite`, every deviation must cost.
     """
     wanted = f"a symmetric matrix ({size}, {size}) or its diagonal ({size})"
     matrix = numbers(name, given, wanted, (size, size), (size,))
@@ -150,17 +140,10 @@ def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:
 
 
 def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: float | None) -> None:
-    """Raise an error that names the motions for which there is no regulator.
+    """Raise `UsageError` that names the motions for which there is no regulator.
 
-    Args:
-        vehicle: The robot.
-        a, b: The model.
-        weights: Of its states, (2 nv, 2 nv).
-        dt: None for a continuous model.
-
-    Raises:
-        UsageError: Inputs do not reach a motion that does not decay, or Q one that neither grows
-            nor decays.
+    Inputs do not reach a motion that does not decay, or Q one that neither grows nor decays.
+    `weights` (2 nv, 2 nv) are of the states; `dt` is None for a continuous model.
     """
     tolerance = _MARGINAL * max(1.0, float(np.linalg.norm(a, 2)))
 
@@ -183,14 +166,7 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
 
 
 def deviation_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the entries of a deviation: those of δ, then those of velocities.
-
-    Args:
-        vehicle: The robot.
-
-    Returns:
-        The names (2 nv).
-    """
+    """Names (2 nv) of the entries of a deviation: those of δ, then those of velocities."""
     places, names = vehicle.layout.v, list(vehicle.layout.v.names)
     names[places.joints] = vehicle.joint_names
     if vehicle.layout.is_quaternion:

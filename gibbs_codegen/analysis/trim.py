@@ -144,17 +144,7 @@ def trim(
 
 
 def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Actuators) -> Trim:
-    """The result for coordinates and inputs.
-
-    Args:
-        motion: What is held.
-        start: Coordinates (nq) that were asked for.
-        q, u: Coordinates (nq) and inputs (nu) found.
-        actuators: Limits of the inputs and the joints.
-
-    Returns:
-        The trim.
-    """
+    """The result for coordinates (nq) and inputs (nu) found; `start` (nq) was asked for."""
     vehicle = motion.vehicle
     v, a = motion.rates(q)
     left, values, _ = np.linalg.svd(vehicle.thrust_wrenches(q))
@@ -195,16 +185,7 @@ def _attitude(vehicle: Vehicle, q: Array) -> dict[str, float]:
 
 
 def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
-    """The joints that are beyond their limits, in words.
-
-    Args:
-        vehicle: The robot.
-        limits: Least and greatest coordinates of the joints, (2, n).
-        q: Coordinates (nq).
-
-    Returns:
-        Each joint with its value and its limit.
-    """
+    """The joints that are beyond their limits (2, n), each with its value and limit, in words."""
     found = []
     for name, place, low, high in zip(
         vehicle.joint_names, vehicle.layout.q.joint_places, *limits, strict=True
@@ -217,18 +198,9 @@ def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
 
 
 def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:
-    """The coordinates asked for.
+    """The coordinates (nq) asked for, zero if None, with a posture of joints by name.
 
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq), or None for those of zero.
-        posture: Joints' coordinates by name.
-
-    Returns:
-        The coordinates (nq).
-
-    Raises:
-        UsageError: The wrong number of them, or a joint that the robot does not have.
+    Raises `UsageError` for a wrong number of them, or an unknown joint.
     """
     start = vehicle.neutral if q is None else coordinates(vehicle, q)
     if not isinstance(posture, Mapping):
@@ -264,19 +236,10 @@ def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
 def _freedom(
     vehicle: Vehicle, actuators: Actuators, start: Array, free: Iterable[str] | None
 ) -> tuple[list[int], Array]:
-    """What may differ from the coordinates asked for.
+    """Places in v of what may differ from `start` (nq), and displacements (2, k), rad or m.
 
-    Args:
-        vehicle: The robot.
-        actuators: The limits of its joints.
-        start: Coordinates (nq) asked for.
-        free: "attitude" and names of joints, or None.
-
-    Returns:
-        Places in v, and the least and the greatest displacements there, (2, k), rad or m.
-
-    Raises:
-        UsageError: A joint that the robot does not have, or that is beyond its limits.
+    These are the least and the greatest. Raises `UsageError` for an unknown joint, or one beyond
+    its limits.
     """
     if free is None:
         full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
@@ -302,15 +265,9 @@ def _freedom(
 
 
 def _require_balance(motion: SteadyMotion, q: Array, varied: bool) -> None:
-    """Raise an error that names what thrusts cannot balance.
+    """Raise `UsageError` that names what thrusts cannot balance, if anything is missing.
 
-    Args:
-        motion: What is to be held.
-        q: Coordinates (nq).
-        varied: Whether other coordinates were tried.
-
-    Raises:
-        UsageError: If anything is missing.
+    `varied`: whether other coordinates were tried.
     """
     missing, size = motion.missing(q), motion.size(q)
     if np.abs(missing).max() <= EXACT * size:

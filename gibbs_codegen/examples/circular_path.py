@@ -11,40 +11,20 @@ from gibbs_codegen.simulator.plant.vehicle import Array
 
 @dataclass(frozen=True)
 class CircularPath:
-    """A level circle that begins and ends at rest.
-
-    Attributes:
-        start: Where it begins and ends (3), m.
-        radius: Its radius, m.
-        duration: How long it takes, s.
-    """
+    """A level circle that begins and ends at rest at `start` (3), m."""
 
     start: Array
     radius: float
     duration: float
 
     def __call__(self, time: Array) -> Array:
-        """Positions.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Positions (…, 3), m.
-        """
+        """Positions (…, 3), m."""
         angle, _ = self._turned(time)
         moved = np.stack([1 - np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
         return np.asarray(self.start + self.radius * moved)
 
     def velocity(self, time: Array) -> Array:
-        """Velocities.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Velocities (…, 3), m/s.
-        """
+        """Velocities (…, 3), m/s."""
         angle, rate = self._turned(time)
         along = np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
         return np.asarray(self.radius * rate[..., None] * along)

@@ -45,16 +45,9 @@ class SolverStuckError(GibbsCodegenError):
 
 
 def solver_plugin(wanted: str | None) -> str:
-    """CasADi's solver that is used.
+    """CasADi's solver that is used: the one wanted, or fatrop, or IPOPT where there is no fatrop.
 
-    Args:
-        wanted: One of `SOLVERS`; fatrop, or IPOPT where CasADi has no fatrop, if None.
-
-    Returns:
-        Its name.
-
-    Raises:
-        UsageError: It is unknown, or CasADi has no such solver.
+    Raises `UsageError` if it is unknown, or CasADi has no such solver.
     """
     if wanted is None:
         wanted = "fatrop" if casadi.has_nlpsol("fatrop") else "ipopt"
@@ -70,13 +63,9 @@ def solver_plugin(wanted: str | None) -> str:
 
 @dataclass(frozen=True)
 class Solution:
-    """How one solution went.
+    """How one solution went: seconds of the whole call, and those in the problem's functions.
 
-    Attributes:
-        seconds: Of the whole call.
-        in_functions: Those of them spent in the functions of the problem and their derivatives.
-        iterations: Of the solver.
-        succeeded: Whether the solver converged.
+    The functions' derivatives are among them. `succeeded`: whether the solver converged.
     """
 
     seconds: float
@@ -87,15 +76,9 @@ class Solution:
 
 @dataclass
 class Controller:
-    """Brings a point along a path, within limits.
+    """Brings a point along a path, within limits, over a horizon of `nodes` steps of `h`, s.
 
-    Attributes:
-        prediction: Of the robot.
-        task: What is to be done, within which limits.
-        h: Length of a step, s.
-        nodes: Number of steps of the horizon.
-        plugin: CasADi's solver, as of `solver_plugin`.
-        solutions: How each call of `inputs` went.
+    `plugin` is as of `solver_plugin`; `solutions` tells how each call of `inputs` went.
     """
 
     prediction: Prediction
@@ -128,23 +111,14 @@ class Controller:
     def __call__(self, seen: Observation) -> Array:
         """The inputs u (nu) of a step, for `simulate`; of the scenario's motion nothing is used.
 
-        Raises:
-            SolverStuckError: The solver does not come back.
+        Raises `SolverStuckError` if the solver does not come back.
         """
         return self.inputs(seen.time, seen.q, seen.v)
 
     def inputs(self, now: float, q: Array, v: Array) -> Array:
-        """The inputs of the step that begins now.
+        """The inputs u (nu), N and N m, of the step that begins now.
 
-        Args:
-            now: The time, s.
-            q, v: The state.
-
-        Returns:
-            u (nu), N and N m.
-
-        Raises:
-            SolverStuckError: The solver does not come back.
+        Raises `SolverStuckError` if the solver does not come back.
         """
         ahead = np.asarray(now + self.h * np.arange(1.0, self.nodes + 1))
         guess = self._guess or self._hovering(ahead)

@@ -22,14 +22,9 @@ _STEPS = 500
 
 
 def cost_to_go(prediction: Prediction, weights: Weights) -> Array:
-    """The Hessian of the cost of all steps after a state, without the cost of the state itself.
+    """The Hessian (nq + nv, nq + nv) of the cost of all steps after a state, without its own.
 
-    Args:
-        prediction: Of the robot.
-        weights: Of the cost; the step and the point are linearised about what is wanted.
-
-    Returns:
-        The Hessian (nq + nv, nq + nv), of a deviation of q and v from what is wanted.
+    It is of deviations of q and v from what is wanted, about which step and point are linearised.
     """
     step, point = prediction.step, prediction.point
     nq, nv, nu = (step.size1_in(i) for i in range(3))

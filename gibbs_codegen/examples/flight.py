@@ -23,13 +23,10 @@ _FEWEST_STEPS, _DECAY = 20, 1.0
 class TrackedPath:
     """What was flown, a row for each step of the controller.
 
-    Attributes:
-        time: Ends of the steps (s), s.
-        point, wanted: Where the point was then, and was to be (s, 3), m, world axes.
-        q, v: States then (s, nq) and (s, nv).
-        u: Inputs during the step (s, nu), N and N m.
-        solutions: How the controller found them.
-        ended: Why the flight ended before its time, in words; None if it did not.
+    - `time` (s): ends of the steps, s
+    - `point`, `wanted` (s, 3): where the point was then, and was to be, m, world axes
+    - `q` (s, nq), `v` (s, nv): states then; `u` (s, nu): inputs during the step, N and N m
+    - `ended`: why the flight ended before its time, in words, or None
     """
 
     time: Array
@@ -51,18 +48,8 @@ def fly(plant: ModuleType, controller: Controller, duration: float) -> TrackedPa
     """Fly a controller's task, until its time is over or the robot is lost.
 
     It is lost where its point is further from the circle than that is wide, or the solver is stuck.
-
-    Args:
-        plant: The robot's module, with `step_rk4`.
-        controller: What chooses the inputs.
-        duration: How long to fly, s.
-
-    Returns:
-        What was flown.
-
-    Raises:
-        UsageError: The flight is shorter than a step of the controller.
-        SolverStuckError: The solver is stuck at the first step.
+    `plant` is the robot's module, with `step_rk4`. Raises `UsageError` if the flight is shorter
+    than a step, and `SolverStuckError` if the solver is stuck at the first one.
     """
     task, h = controller.task, controller.h
     q, v, place = task.q, task.v, plant.FRAMES.index(task.frame)
@@ -91,18 +78,7 @@ def fly(plant: ModuleType, controller: Controller, duration: float) -> TrackedPa
 
 
 def control_steps(duration: float, h: float) -> int:
-    """How many steps of a controller a flight has.
-
-    Args:
-        duration: Of the flight, s.
-        h: Length of a step, s.
-
-    Returns:
-        Their number.
-
-    Raises:
-        UsageError: There is none.
-    """
+    """How many steps of `h`, s, a flight has. Raises `UsageError` if there is none."""
     wanted = f"at least one step of the controller, {h:g} s, and finite"
     steps = round(float(numbers("duration of the flight", duration, wanted, ())) / h)
     if steps < 1:
@@ -111,16 +87,7 @@ def control_steps(duration: float, h: float) -> int:
 
 
 def _steps(plant: ModuleType, start: tuple[Array, Array], h: float) -> int:
-    """How many steps of the plant a step of the controller takes, so that they are stable.
-
-    Args:
-        plant: The robot's module.
-        start: q (nq) and v (nv).
-        h: Length of a step of the controller, s.
-
-    Returns:
-        Their number.
-    """
+    """How many steps of the plant a step of the controller takes, so that they are stable."""
     q, v = start
     u = np.zeros(len(plant.INPUTS))
     turned = plant.forward_dynamics(q, v + np.eye(len(v)), u)

@@ -39,19 +39,10 @@ def track(
 ) -> TrackedPath:
     """Generate the modules of a robot, and fly it around a circle.
 
-    Args:
-        robot_file: Path of a robot file, or the name of a robot that ships.
-        out: Folder of modules.
-        circle: What is flown.
-        plugin: CasADi's solver, "fatrop" or "ipopt"; fatrop where CasADi has it, if None.
-        until: When the flight ends, s; with the circle if None.
-
-    Returns:
-        What was flown.
-
-    Raises:
-        UsageError: CasADi is not installed, nothing compiles, or what is asked for is refused.
-        GibbsCodegenError: The robot is refused.
+    `robot_file` is a path, or the name of a robot that ships; modules go into the folder `out`.
+    `plugin` is fatrop where CasADi has it, if None; the flight ends at `until`, s, or with the
+    circle. Raises `UsageError` if CasADi is not installed, nothing compiles, or what is asked for
+    is refused, and another `GibbsCodegenError` if the robot is.
     """
     require("casadi", "this example")
     from gibbs_codegen.examples import prediction
@@ -79,14 +70,7 @@ def track(
 
 
 def report(flown: TrackedPath) -> str:
-    """What the flight was like, in words.
-
-    Args:
-        flown: The flight.
-
-    Returns:
-        Lines.
-    """
+    """What the flight was like, in lines of words."""
     seconds = 1e3 * np.array([solution.seconds for solution in flown.solutions])
     within = 1e3 * np.array([solution.in_functions for solution in flown.solutions])
     iterations = [solution.iterations for solution in flown.solutions]
@@ -108,11 +92,7 @@ def report(flown: TrackedPath) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the example.
 
-    Args:
-        arguments: Words of the command; those of the process if None.
-
-    Returns:
-        The exit code: 0, 1 if the flight ended early, or that of an error, which is printed.
+    Returns the exit code: 0, 1 if the flight ended early, or that of an error, which is printed.
     """
     options = argument_parser().parse_args(arguments)
     try:
@@ -138,12 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def draw(flown: TrackedPath, file: str) -> None:
-    """Draw the flown path over the desired one, seen from above, and their distance over time.
-
-    Args:
-        flown: The flight.
-        file: Path of the figure.
-    """
+    """Draw the flown path over the desired one, seen from above, and their distance over time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")

@@ -26,11 +26,9 @@ DERIVATIVES = ("step_euler", "step_euler_derivatives", "frame_poses_derivatives"
 
 @dataclass(frozen=True)
 class Prediction:
-    """A time step and a point, both differentiable once.
+    """A time step (q, v, u) -> (q_next, v_next) and a point, both differentiable once.
 
-    Attributes:
-        step: (q, v, u) -> (q_next, v_next).
-        point: q -> position (3), world axes, m.
+    `point` takes q to a position (3), world axes, m.
     """
 
     step: casadi.Function
@@ -40,12 +38,7 @@ class Prediction:
 def predicted_robot(robot: Robot, h: float) -> Robot:
     """The robot whose semi-implicit Euler step treats the dampers of another one's joints stably.
 
-    Args:
-        robot: The robot that flies.
-        h: Length of a step, s.
-
-    Returns:
-        The same robot, named so, whose joints have a larger armature.
+    It is the same, named so, with joints of a larger armature; `h` is the step, s.
     """
 
     def damped(link: Link) -> Link:
@@ -60,13 +53,7 @@ def predicted_robot(robot: Robot, h: float) -> Robot:
 def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
     """Predict with a module's compiled C functions and their exact derivatives.
 
-    Args:
-        module: A module with the C back end and the functions of `DERIVATIVES`.
-        frame: One of its frames, whose origin is the point.
-        h: Length of a step, s.
-
-    Returns:
-        The prediction.
+    It has the C back end and the functions of `DERIVATIVES`; the origin of `frame` is the point.
     """
     step, poses = (
         casadi.external(f"{module.NAME}_casadi_{name}", library(module))
@@ -76,16 +63,9 @@ def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
 
 
 def library(module: ModuleType) -> str:
-    """The shared library of a module with the C back end.
+    """Path of the shared library of a module with the C back end.
 
-    Args:
-        module: The module.
-
-    Returns:
-        Its path.
-
-    Raises:
-        UsageError: The module has another back end, such as NumPy where nothing compiles.
+    Raises `UsageError` for another, such as NumPy where nothing compiles.
     """
     path = Path(module.__file__ or "")
     if path.suffix in ("", ".py"):
@@ -100,12 +80,7 @@ def library(module: ModuleType) -> str:
 def traced(module: ModuleType, frame: str, h: float) -> Prediction:
     """Predict with CasADi's own symbols, which it differentiates itself.
 
-    Args:
-        module: A module with the CasADi back end and the functions of `DERIVATIVES`.
-        frame, h: As of `compiled`.
-
-    Returns:
-        The prediction.
+    The module has the CasADi back end and the functions of `DERIVATIVES`.
     """
     return Prediction(
         _step(module.step_euler, h), _point(module.frame_poses, module.FRAMES.index(frame))
@@ -138,14 +113,7 @@ def _with_jacobian(
 ) -> casadi.Function:
     """A function that CasADi differentiates by given blocks and not through its expressions.
 
-    Args:
-        name: Of the function.
-        inputs: Its symbols.
-        outputs: Its expressions.
-        blocks: The derivative of each output by each input, those of the first output first.
-
-    Returns:
-        The function.
+    They are the derivative of each output by each input, those of the first output first.
     """
     unused = [casadi.MX.sym(f"out{i}", _nothing(o).sparsity()) for i, o in enumerate(outputs)]
     jacobian = casadi.Function(f"jac_{name}", [*inputs, *unused], blocks)

@@ -31,18 +31,14 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Circle:
-    """What is asked for.
+    """What is asked for; None is a choice by default.
 
-    Attributes:
-        frame: The frame whose origin is the point; the last of the module's frames if None.
-        posture: Joints' coordinates in hover by name, rad or m; the arm hangs if None.
-        radius: m; a quarter of the point's distance from the base if None.
-        duration: How long the circle takes, s.
-        thrust: Least and greatest thrust, N; those of the robot file if None.
-        effort: Greatest torque or force of the joints, N m or N; those of the robot file if None.
-
-    Raises:
-        UsageError: A number is not what it must be.
+    - `frame`: whose origin is the point; the last of the module's frames if None
+    - `posture`: joints' coordinates in hover by name, rad or m; the arm hangs if None
+    - `radius`: m; a quarter of the point's distance from the base if None
+    - `thrust`: least and greatest, N; `effort`: greatest torque or force of the joints, N m or N;
+      those of the robot file if None
+    Raises `UsageError` for a number that is not what it must be.
     """
 
     frame: str | None = None
@@ -67,16 +63,7 @@ class Circle:
 
 
 def _require_above_zero(name: str, given: float, wanted: str) -> None:
-    """Refuse a number that is not finite and above zero.
-
-    Args:
-        name: Of the number.
-        given: The number.
-        wanted: What it must be, in words.
-
-    Raises:
-        UsageError: It is not.
-    """
+    """Raise `UsageError`, with `wanted`, for a number that is not finite and above zero."""
     if numbers(name, given, wanted, ()) <= 0.0:
         raise UsageError(f"{name}: must be {wanted}, not {given:g}")
 
@@ -85,11 +72,9 @@ def _require_above_zero(name: str, given: float, wanted: str) -> None:
 class Weights:
     """What a cost wants: half the weighted sum of squares of what is off, at every step.
 
-    Attributes:
-        point: Weight of the point's distance from its path, 1/m².
-        stage: Weights of u, q and v, one after the other.
-        wanted: What u, q and v are to be near to.
-        position: Places of the base's position in q, which is free.
+    - `point`: weight of the point's distance from its path, 1/m²
+    - `stage`, `wanted`: weights of u, q and v, one after the other, and what they are to be near to
+    - `position`: places of the base's position in q, which is free
     """
 
     point: float
@@ -102,13 +87,10 @@ class Weights:
 class Task:
     """What is to be done, from where, within which limits.
 
-    Attributes:
-        frame: The frame whose origin is the point.
-        q, v: State of hovering (nq) and (nv).
-        path: Of the point, world axes.
-        carried: States (…, nq + nv) at times (…), s: those of hovering, moved along the path.
-        weights: Of a controller's cost.
-        limits: Least and greatest u, q and v (2, nu + nq + nv).
+    - `frame`: whose origin is the point; `path` is its path, world axes
+    - `q`, `v`: state of hovering
+    - `carried`: states (…, nq + nv) at times (…), s: those of hovering, moved along the path
+    - `limits` (2, nu + nq + nv): least and greatest u, q and v
     """
 
     frame: str
@@ -121,32 +103,15 @@ class Task:
 
 
 def module_of(robot: Robot, out: Path, derivatives: tuple[str, ...]) -> Path:
-    """Generate the module of a robot that was changed.
-
-    Args:
-        robot: The robot.
-        out: Folder of modules.
-        derivatives: What the module has on request.
-
-    Returns:
-        The module's folder.
-    """
+    """Generate the module of a robot that was changed, with derivatives on request: its folder."""
     return generate_robot(robot, robot_text(robot), out, derivatives=derivatives)[1]
 
 
 def circle_task(module: ModuleType, circle: Circle) -> Task:
     """From hover, bring a point once around a circle.
 
-    Args:
-        module: The robot's module.
-        circle: What is asked for.
-
-    Returns:
-        The task.
-
-    Raises:
-        UsageError: The module has no such frame, the frame is at the base, or the robot cannot
-            hover on its rotors within its limits.
+    Raises `UsageError` if the module has no such frame, it is at the base, or the robot cannot
+    hover on its rotors within its limits.
     """
     frame = module.FRAMES[-1] if circle.frame is None else circle.frame
     if frame not in module.FRAMES:
@@ -186,18 +151,9 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
 
 
 def _reach(module: ModuleType, frame: str, positions: Array) -> float:
-    """Distance of a frame from the base.
+    """Distance, m, of a frame from the base, of positions (f, 3), m, world axes.
 
-    Args:
-        module: The robot's module.
-        frame: One of its frames.
-        positions: Of its frames (f, 3), m, world axes.
-
-    Returns:
-        The distance, m.
-
-    Raises:
-        UsageError: There is none.
+    Raises `UsageError` if there is none.
     """
     distances = np.linalg.norm(positions - positions[module.FRAMES.index("base")], axis=-1)
     reach = float(distances[module.FRAMES.index(frame)])
@@ -216,16 +172,7 @@ def _reach(module: ModuleType, frame: str, positions: Array) -> float:
 
 
 def _carried(vehicle: Vehicle, path: CircularPath, q: Array, v: Array) -> Callable[[Array], Array]:
-    """States that hover and move along a path.
-
-    Args:
-        vehicle: The robot.
-        path: Of its point.
-        q, v: State of hovering.
-
-    Returns:
-        States (…, nq + nv) at times (…), s.
-    """
+    """States (…, nq + nv), by times (…), s, that hover as q and v and move along a path."""
     layout = vehicle.layout
     # Beside a quaternion, v has the base's velocity in its own axes.
     axes = vehicle.base_rotation(q) if layout.is_quaternion else np.eye(3)
@@ -240,15 +187,9 @@ def _carried(vehicle: Vehicle, path: CircularPath, q: Array, v: Array) -> Callab
 
 
 def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
-    """Weights that suit a robot of any size.
+    """Weights that suit a robot of any size; where the base is does not matter.
 
-    Args:
-        vehicle: The robot.
-        reach: Distance of the point from the base, m.
-        q, u: Coordinates and inputs in hover.
-
-    Returns:
-        The weights; where the base is does not matter.
+    `reach` is the distance of the point from the base, m; q and u are those of hover.
     """
     rotors = vehicle.rotors
     thrust = np.abs(u[:rotors]).max()
@@ -263,14 +204,9 @@ def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
 
 
 def limits(vehicle: Vehicle, actuators: Actuators) -> Array:
-    """Least and greatest inputs and states; of rates, only those of the joints have limits.
+    """Least and greatest u, q and v (2, nu + nq + nv), one after the other, infinite if none.
 
-    Args:
-        vehicle: The robot.
-        actuators: Its actuators, such as those of its robot file.
-
-    Returns:
-        Limits (2, nu + nq + nv) of u, q and v, one after the other; infinite where there are none.
+    Of rates, only those of the joints have limits.
     """
     unlimited = np.array([[-np.inf], [np.inf]])
     q = np.tile(unlimited, len(vehicle.coordinates))

@@ -28,13 +28,7 @@ from gibbs_codegen.examples.task import Weights
 
 
 class TrackingProblem:
-    """The functions of the problem, which a solver takes as they are.
-
-    Args:
-        prediction: Of the robot.
-        weights: Of the cost.
-        nodes: Number of steps.
-    """
+    """The functions of the problem of `nodes` steps, which a solver takes as they are."""
 
     def __init__(self, prediction: Prediction, weights: Weights, nodes: int) -> None:
         self._prediction, self._weights = prediction, weights
@@ -61,15 +55,10 @@ class TrackingProblem:
         self._cost, self._gradient, self._hessian = self._costs()
 
     def solver(self, plugin: str, options: Mapping[str, Any]) -> casadi.Function:
-        """A solver of the problem with these derivatives.
+        """A solver, "fatrop" or "ipopt", of the problem with these derivatives.
 
-        Args:
-            plugin: "fatrop" or "ipopt".
-            options: Of the solver's own.
-
-        Returns:
-            CasADi's function, whose parameters are, in turn, the state, the points of the path, and
-            the state that the end is to be near to.
+        Its parameters are, in turn, the state, the points of the path, and the state that the end
+        is to be near to.
         """
         x, p = self._variables, self._parameters
         factor = casadi.MX.sym("lam_f")

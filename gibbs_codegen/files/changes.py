@@ -17,19 +17,10 @@ from gibbs_codegen.files.toml_depth import MAX_DEPTH
 
 
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:
-    """Changes out of entries such as `start.offset=[0.2,0,0]`, in TOML.
+    """Changes out of entries such as `start.offset=[0.2,0,0]`, in TOML; later ones prevail.
 
     A value that is not TOML is taken as a string, so that quotes may be left out; none at all
-    removes the entry.
-
-    Args:
-        entries: The entries, of which later ones prevail.
-
-    Returns:
-        The changes.
-
-    Raises:
-        UsageError: If an entry is not of this form.
+    removes the entry. Raises `UsageError` for an entry that is not of this form.
     """
     changes: dict[str, Any] = {}
     for entry in entries:
@@ -48,14 +39,7 @@ def changes_of(entries: Sequence[str]) -> dict[str, Any]:
 
 
 def nested(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes with tables in place of keys with dots.
-
-    Args:
-        changes: The changes, which may have keys such as `start.offset`; later ones prevail.
-
-    Returns:
-        The same changes in the form of the file.
-    """
+    """Changes with tables in place of keys with dots such as `start.offset`; later ones prevail."""
     whole: dict[str, Any] = {}
     for key, value in changes.items():
         _add(whole, _with_value(_one_entry(str(key), "0") or {key: 0}, value))
@@ -66,13 +50,7 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     """A document with changes in place of what it says, table by table.
 
     A table whose `kind` is changed is replaced as a whole: its other keys belong to the old kind.
-
-    Args:
-        document: The document as `tomllib` gives it.
-        changes: The changes; tuples and NumPy's arrays are made lists.
-
-    Returns:
-        The changed document.
+    Tuples and NumPy's arrays are made lists.
     """
     whole = dict(document)
     for key, value in changes.items():
@@ -90,15 +68,9 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 def nothing_to_remove(
     document: Mapping[str, Any], changes: Mapping[str, Any], outer: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Faults of changes that would remove what is not there.
+    """Keys and words of faults of changes that would remove what is not there.
 
-    Args:
-        document: The document as `tomllib` gives it.
-        changes: The changes.
-        outer: Keys of the tables that both are taken from.
-
-    Yields:
-        Keys and words of each fault.
+    `outer` are keys of the tables that both are taken from.
     """
     for key, value in changes.items():
         if isinstance(value, Mapping):
@@ -111,15 +83,7 @@ def nothing_to_remove(
 
 
 def changed_paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Key paths of what changes replace.
-
-    Args:
-        changes: The changes.
-        prefix: What each path begins with.
-
-    Yields:
-        The paths, such as `start.offset`.
-    """
+    """Key paths of what changes replace, such as `start.offset`, after a prefix."""
     for key, value in changes.items():
         if isinstance(value, Mapping) and value:
             yield from changed_paths(value, f"{prefix}{key}.")

@@ -18,28 +18,13 @@ _KINDS = {str: "a string", list: "a list", dict: "a table", int: "a number", flo
 
 
 def fault(words: str, kind: str = FAULT) -> PydanticCustomError:
-    """What a validator of one value raises.
-
-    Args:
-        words: What is wrong and what would be right.
-        kind: `IN_NAME` if the value is the name of an entry.
-
-    Returns:
-        The exception.
-    """
+    """What a validator of one value raises; `kind` is `IN_NAME` if it is the name of an entry."""
     # In a message template braces would be read as fields.
     return PydanticCustomError(kind, "{words}", {"words": words})
 
 
 def refusal(faults: Collection[tuple[Place, str]]) -> ValidationError:
-    """What a validator raises that finds faults at several places inside its value.
-
-    Args:
-        faults: Place of each fault, relative to the value, and its words.
-
-    Returns:
-        The exception.
-    """
+    """What a validator raises that finds faults at several places, relative to its value."""
     details = [
         InitErrorDetails(type=fault(words), loc=place, input=None) for place, words in faults
     ]
@@ -47,28 +32,14 @@ def refusal(faults: Collection[tuple[Place, str]]) -> ValidationError:
 
 
 def kind_of(value: object) -> str:
-    """Kind of a TOML value in words.
-
-    Args:
-        value: The value.
-
-    Returns:
-        Such as "a list".
-    """
+    """Kind of a TOML value in words, such as "a list"."""
     if isinstance(value, bool):
         return "a boolean"
     return _KINDS.get(type(value), "a date or time")
 
 
 def shown(value: object) -> str:
-    """A value of a file, short and in ASCII, for a message.
-
-    Args:
-        value: The value.
-
-    Returns:
-        At most 80 characters.
-    """
+    """A value of a file in at most 80 characters of ASCII, for a message."""
     if isinstance(value, list | dict):  # What is in it may be as deep or as long as it likes.
         return kind_of(value)
     if isinstance(value, int) and abs(value) > 10**20:
@@ -77,28 +48,16 @@ def shown(value: object) -> str:
 
 
 def not_one_of(value: object, choices: Collection[str]) -> str:
-    """Words for a value that is none of those it may be, with the nearest one.
-
-    Args:
-        value: The value.
-        choices: What it may be.
-
-    Returns:
-        The words.
-    """
+    """Words for a value that is none of those it may be, with the nearest one."""
     near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"must be one of {', '.join(map(repr, choices))}, not {shown(value)}{hint}"
 
 
 def key_path(place: Place) -> str:
-    """Key path of a place, such as `link[0].mass`.
+    """Key path of a place from the top of the file, such as `link[0].mass`.
 
-    Args:
-        place: The place, from the top of the file.
-
-    Returns:
-        The path; a key that is no identifier, or is long, stands in quotes.
+    A key that is no identifier, or is long, stands in quotes.
     """
     parts = [f"[{key}]" if isinstance(key, int) else f".{_shown_key(key)}" for key in place]
     return "".join(parts).removeprefix(".")

@@ -47,19 +47,7 @@ class Bounds:
 
 
 def list_of(value: object, length: int, what: str = "numbers") -> Any:
-    """The value, if it is a list of so many entries.
-
-    Args:
-        value: The value.
-        length: Number of entries that it must have.
-        what: What the entries are.
-
-    Returns:
-        The value.
-
-    Raises:
-        PydanticCustomError: If it is no such list.
-    """
+    """The value, if it is a list of so many `what`. Raises `PydanticCustomError` otherwise."""
     if not isinstance(value, list):
         raise fault(f"must be a list of {length} {what}, not {kind_of(value)}")
     if len(value) != length:
@@ -68,27 +56,14 @@ def list_of(value: object, length: int, what: str = "numbers") -> Any:
 
 
 def listed(length: int, what: str = "numbers") -> BeforeValidator:
-    """Metadata of a tuple that a file gives as a list.
-
-    Args:
-        length: Number of its entries.
-        what: What the entries are.
-
-    Returns:
-        The metadata.
-    """
+    """Metadata of a tuple that a file gives as a list of so many `what`."""
     return BeforeValidator(lambda value: tuple(list_of(value, length, what)))
 
 
 def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
-    """Metadata of a value that must meet a condition.
+    """Metadata of a value of the right type that must meet a condition.
 
-    Args:
-        is_right: Whether a value of the right type meets it.
-        otherwise: What is wrong else, and what would be right.
-
-    Returns:
-        The metadata.
+    `otherwise` says what is wrong else, and what would be right.
     """
 
     def check(value: Any) -> Any:
@@ -127,18 +102,9 @@ class Tables:
 
 
 def at_most(value: list[Any], most: int, what: str) -> list[Any]:
-    """The list, if it is not longer than allowed; its entries are looked at afterwards.
+    """The list; its entries are looked at afterwards.
 
-    Args:
-        value: The list.
-        most: Greatest number of entries.
-        what: What the entries are.
-
-    Returns:
-        The list.
-
-    Raises:
-        PydanticCustomError: If it has more entries.
+    Raises `PydanticCustomError` for more than `most` entries.
     """
     if len(value) > most:
         raise fault(f"{len(value)} {what}; give at most {most}")
@@ -146,14 +112,9 @@ def at_most(value: list[Any], most: int, what: str) -> list[Any]:
 
 
 def by_kind(*models: type[Table], default: str | None = None) -> WrapValidator:
-    """Metadata of a table that is one of several, as its key `kind` tells.
+    """Metadata of a table that is one of several, as its key `kind`, a literal in each, tells.
 
-    Args:
-        models: The tables; `kind` of each is a literal.
-        default: Kind of a table without the key; None where the key is required.
-
-    Returns:
-        The metadata.
+    `default` is the kind of a table without it; None where the key is required.
     """
     known = {get_args(model.model_fields["kind"].annotation)[0]: model for model in models}
 

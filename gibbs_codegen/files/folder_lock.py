@@ -22,15 +22,9 @@ _log = logging.getLogger("gibbs_codegen")
 def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
     """Keep other processes that write modules into a folder waiting, where it can be locked.
 
-    Between two renames a module is not there, which is not for others to see. A lock that is
-    held for a minute, longer than many that take turns need, ends in an `OutputError`.
-
-    Args:
-        folder: The folder.
-        held: Signals that have come; the first ends the waiting.
-
-    Yields:
-        Nothing.
+    Between two renames a module is not there, which is not for others to see. A lock that is held
+    for a minute, longer than many that take turns need, ends in an `OutputError`. The first of the
+    signals `held`, which have come, ends the waiting.
     """
     from filelock import unlock_descriptor  # Late, as a lock is needed by few commands.
 
@@ -51,15 +45,9 @@ def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
 
 
 def _wait_for_lock(number: int, folder: Path, held: Sequence[int]) -> None:
-    """Wait for a lock, and say so if it takes long.
+    """Wait for a lock of an open folder, by its descriptor, and say so if it takes long.
 
-    Args:
-        number: Descriptor of the open folder.
-        folder: The folder, for messages.
-        held: Signals that have come; the first ends the waiting.
-
-    Raises:
-        OutputError: If another holds the lock for a minute.
+    The first of the signals `held`, which have come, ends it. Raises `OutputError` after a minute.
     """
     from filelock import lock_descriptor
 

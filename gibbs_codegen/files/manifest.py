@@ -20,28 +20,14 @@ _TEXT = re.compile(rf"# {HEADER_START} .*\n((?:[0-9a-f]{{64}}  .+\n)+)")
 
 
 def with_manifest(files: Mapping[str, str]) -> dict[str, str]:
-    """Files of a module with their manifest.
-
-    Args:
-        files: Text of each file by its name.
-
-    Returns:
-        The same, with the manifest among them.
-    """
+    """Files of a module, texts by name, with their manifest among them."""
     lines = [f"# {HEADER_START} {__version__}: SHA-256 of each file that was generated"]
     lines += [f"{_digest(text.encode())}  {name}" for name, text in sorted(files.items())]
     return {**files, MANIFEST: "\n".join(lines) + "\n"}
 
 
 def generated_files(folder: Path) -> dict[str, str]:
-    """Files that the manifest in a folder names.
-
-    Args:
-        folder: The folder.
-
-    Returns:
-        Digest of each by its name; empty where there is no manifest.
-    """
+    """Digests by name of files that a folder's manifest names; empty where there is none."""
     path = folder / MANIFEST
     if not _is_plain(path):
         return {}
@@ -53,16 +39,10 @@ def generated_files(folder: Path) -> dict[str, str]:
 
 
 def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """What in a folder is not as the manifest there says it was generated.
+    """Names of what in a folder is not as the manifest there says it was generated.
 
-    What cannot be read raises `OSError`.
-
-    Args:
-        folder: The folder.
-        files: Text by name of files that are not foreign even where no manifest names them.
-
-    Returns:
-        The names.
+    Those of `files` with that text are not foreign even where no manifest names them. What cannot
+    be read raises `OSError`.
     """
     digests = {name: _digest(text.encode()) for name, text in files.items()}
     known = {*generated_files(folder).items(), *digests.items()}
@@ -76,14 +56,9 @@ def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
 
 
 def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
-    """What is in a folder, but for what Python keeps there of some sources.
+    """Paths, with /, of what is in a folder, but for what Python keeps there of some sources.
 
-    Args:
-        folder: The folder.
-        names: Names of the sources. A folder that some of them are in is entered.
-
-    Yields:
-        Paths from the folder, with / between names.
+    A folder that some of them are in is entered.
     """
     if not folder.is_dir():
         return

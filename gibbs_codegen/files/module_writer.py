@@ -20,17 +20,9 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Files in a folder that are missing, changed, or not of a module.
+    """Names of files in a folder that are missing, changed, or not of a module of such texts.
 
-    Args:
-        folder: Folder of the module.
-        files: Text of each file of the module by its name.
-
-    Returns:
-        The names.
-
-    Raises:
-        OutputError: If they cannot be read.
+    Raises `OutputError` if they cannot be read.
     """
     expected = with_manifest(files)
     try:
@@ -50,12 +42,8 @@ def _holds(path: Path, text: str) -> bool:
 def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> None:
     """Refuse what `write_module` will refuse, as far as that can be told before there are files.
 
-    What has no manifest may yet turn out to be what would be written. A refusal is a `UsageError`.
-
-    Args:
-        folder: Folder of the module.
-        robot_text: What its robot file is about to become.
-        force: Whether files of a user may be put aside.
+    What has no manifest may yet turn out to be what would be written. `robot_text` is what its
+    robot file is about to become. Raises `UsageError`.
     """
     with alone_in(folder.parent):
         names = _foreign(folder, {"robot.toml": robot_text})
@@ -97,16 +85,9 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
     They are written and flushed in a hidden folder beside it, which then takes its place. A failure
     leaves what was there, and nothing else; signals to end are held back until a whole module is in
     place, the old or the new one, and the hidden folder is gone. What must not be replaced raises
-    `UsageError`.
-
-    Args:
-        folder: Folder of the module.
-        files: Text of each file by its name.
-        force: Whether a folder with files that were not generated, or were changed since, is kept
-            under another name, which the log tells.
-
-    Raises:
-        OutputError: If the files cannot be written, or a signal came.
+    `UsageError`; with `force` a folder with files that were not generated, or were changed since,
+    is kept under another name, which the log tells. Raises `OutputError` if the files cannot be
+    written, or a signal came.
     """
     check_output_folder(folder.parent)
     files = with_manifest(files)
@@ -146,16 +127,10 @@ def _unused_name(folder: Path) -> Path:
 def _write_and_swap(
     folder: Path, files: Mapping[str, str], aside: Path | None, held: Sequence[int]
 ) -> bool:
-    """Write a module and swap it for what is there.
+    """Write a module, swap it for what is there, and return whether no signal came before the end.
 
-    Args:
-        folder: Folder of the module.
-        files: Text of each file by its name.
-        aside: Where what is there goes; it is removed where None.
-        held: Signals that have come; the first ends the writing.
-
-    Returns:
-        Whether that came to its end before a signal.
+    What is there goes to `aside`, or is removed. The first of the signals `held`, which have come,
+    ends the writing.
     """
     with staging_folder(folder.parent) as new:
         for name, text in files.items():
@@ -169,14 +144,8 @@ def _write_and_swap(
 def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
     """Write a file that must not exist yet, or with force in place of another: whole, or not.
 
-    Args:
-        path: The file.
-        text: What it shall hold.
-        force: Whether it may replace a file; None where users cannot ask for that.
-
-    Raises:
-        UsageError: If it exists.
-        OutputError: If it cannot be written.
+    `force` is None where users cannot ask for that. Raises `UsageError` if it exists, `OutputError`
+    if it cannot be written.
     """
     fresh = path.with_name(f"{path.name}.{os.getpid()}.new") if force else path
     try:

@@ -10,13 +10,9 @@ from gibbs_codegen.errors import UsageError, cause_of, printable
 
 
 def check_output_folder(folder: str | os.PathLike[str]) -> None:
-    """Refuse a path at which, or above which, something else than a folder stands.
+    """Raise `UsageError` where something else than a folder stands at a path or above it.
 
-    Args:
-        folder: The path. Symbolic links to folders are followed.
-
-    Raises:
-        UsageError: If output cannot go there.
+    Symbolic links to folders are followed.
     """
     if not os.fspath(folder):
         raise UsageError("--out: a folder is needed, not an empty name")

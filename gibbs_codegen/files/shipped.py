@@ -12,31 +12,16 @@ MAX_BYTES = 1_000_000
 
 
 def shipped_names(folder: str) -> tuple[str, ...]:
-    """Names of the files of one kind that ship, in order.
-
-    Args:
-        folder: Folder of the package that holds them, such as "robots".
-
-    Returns:
-        The names, without their ending.
-    """
+    """Names, in order and without ending, of files that ship in a folder, such as "robots"."""
     files = (resources.files("gibbs_codegen") / folder).iterdir()
     return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
 
 
 def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> tuple[str, str]:
-    """Text of a file.
+    """Text of a file that ships, which comes first, or of a path, and its name in messages.
 
-    Args:
-        name_or_path: Name of one that ships, which comes first, or path.
-        folder: Folder of the package that holds those that ship.
-        refused: Error for a file that is not a page of UTF-8 text.
-
-    Returns:
-        The text, and the name of the file for messages.
-
-    Raises:
-        UsageError: If there is no such file, or it cannot be read.
+    `folder` holds those that ship. Raises `refused` for what is not a page of UTF-8 text, and
+    `UsageError` if there is no such file, or it cannot be read.
     """
     shipped = shipped_names(folder)
     if name_or_path in shipped:
@@ -61,16 +46,7 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
 
 
 def _not_found(path: Path, noun: str, shipped: tuple[str, ...]) -> str:
-    """Words for a path at which there is no file.
-
-    Args:
-        path: The path.
-        noun: What the file would describe.
-        shipped: Names of those that ship.
-
-    Returns:
-        The words.
-    """
+    """Words for a path at which there is no file, which would describe `noun`."""
     if path.exists():
         return f"{printable(path)}: is not a file; give a {noun} file in TOML"
     near = difflib.get_close_matches(str(path)[:80].removesuffix(".toml"), shipped, n=1)

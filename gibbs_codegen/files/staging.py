@@ -27,12 +27,6 @@ def made(folder: Path) -> Iterator[None]:
     """Make a folder where there is none; in the end remove what was made and holds nothing.
 
     What cannot be made raises `OSError`.
-
-    Args:
-        folder: The folder.
-
-    Yields:
-        Nothing.
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
@@ -48,13 +42,8 @@ def made(folder: Path) -> Iterator[None]:
 def staging_folder(parent: Path) -> Iterator[Path]:
     """A hidden folder to write in, which in the end is removed with what is still in it.
 
-    What cannot be made raises `OSError`.
-
-    Args:
-        parent: Folder on whose disk it is; made where need be.
-
-    Yields:
-        The folder.
+    It is on the disk of `parent`, which is made where need be. What cannot be made raises
+    `OSError`.
     """
     with made(parent):
         _remove_stale(parent)
@@ -70,10 +59,7 @@ def staging_folder(parent: Path) -> Iterator[Path]:
 def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
     """Rename a staging folder; a failure leaves what was there, and raises `OSError`.
 
-    Args:
-        new: The staging folder.
-        place: What it becomes.
-        aside: Where what was there is kept; it is removed with what else is staged where None.
+    What was there is kept at `aside`, or removed with what else is staged where None.
     """
     old = aside or new.with_name(place.name)
     if os.path.lexists(place):

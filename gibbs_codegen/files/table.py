@@ -53,25 +53,17 @@ class Table(BaseModel):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """Faults that are told even where entries of the table have faults of their own.
+        """Key, or place inside the table, and words of faults that are always told.
 
-        Args:
-            values: The table as it stands in the file, unchecked.
-
-        Returns:
-            Key, or place inside the table, and words of each fault.
+        That is even where entries of the table, here unchecked, have faults of their own.
         """
         return iter(())
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> tuple[Self | None, list[tuple[Place, str]]]:
-        """Check a whole document, which is the context of its tables' validators.
+        """The table of a whole document, or None, and place and words of every fault.
 
-        Args:
-            values: The document as `tomllib` gives it.
-
-        Returns:
-            The table, or None; and place and words of every fault.
+        The document is the context of its tables' validators.
         """
         try:
             return cls.model_validate(values, context=values), []
@@ -118,12 +110,7 @@ class Table(BaseModel):
     def _words(cls, found: ErrorDetails, with_suggestion: bool) -> str:
         """What pydantic found, in words of this package.
 
-        Args:
-            found: One of pydantic's errors.
-            with_suggestion: Whether to look for the key that an unknown one was meant to be.
-
-        Returns:
-            The words.
+        With a suggestion, it is looked for the key that an unknown one was meant to be.
         """
         kind, value = found["type"], found["input"]
         if "words" in found.get("ctx", {}):

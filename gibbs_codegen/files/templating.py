@@ -9,14 +9,9 @@ import jinja2
 
 
 def render(template: str, context: object) -> str:
-    """Text of one template.
+    """Text of a template, which reads attributes of `context`.
 
-    Args:
-        template: Name of its file.
-        context: A value whose attributes the template reads by their names, such as a dataclass.
-
-    Returns:
-        The text; a name that the context lacks is an error of Jinja's.
+    A name that it lacks is an error of Jinja's.
     """
     return _environment(template_folder()).get_template(template).render(vars(context))
 

@@ -28,17 +28,10 @@ def checked(
     refused: type[RefusedFileError],
     changes: Mapping[str, Any] | None = None,
 ) -> Checked:
-    """Check a document against what its tables may hold.
+    """The top table of a document, once it is checked against what its tables may hold.
 
-    Args:
-        text: The document.
-        source: Name of the file for messages.
-        table: The model of the top table.
-        refused: Error for a refused file; it has every fault, in the order of the file.
-        changes: What is put in place of what the text says, table by table.
-
-    Returns:
-        The top table.
+    Raises `refused` with every fault, in the order of the file, which messages call `source`.
+    `changes` come in place of what the text says, table by table.
     """
     from gibbs_codegen.files.faults import key_path  # Late, as it imports pydantic.
 

@@ -27,14 +27,7 @@ _TOKEN = re.compile(
 
 
 def too_deep_line(text: str) -> int | None:
-    """Where a text goes too deep: a bracket, or a key of more than `MAX_DEPTH` parts.
-
-    Args:
-        text: The text, in TOML.
-
-    Returns:
-        The first such line, counted from 1, or None.
-    """
+    """First line, from 1, with a bracket, or a key of more than `MAX_DEPTH` parts, too deep."""
     depth = 0
     for token in _TOKEN.finditer(text):
         if bracket := token["bracket"]:

@@ -19,14 +19,7 @@ _TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*+"?|'[^']*+'?|[\[\]{}#]""")
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Lines of the keys of a document.
-
-    Args:
-        text: The document, in TOML.
-
-    Returns:
-        Lines, counted from 1, by key path, written like `link[0].mass`.
-    """
+    """Lines, counted from 1, of the keys of a document, by key path like `link[0].mass`."""
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
     prefix, unfinished = "", _Unfinished()
@@ -53,14 +46,9 @@ def key_lines(text: str) -> dict[str, int]:
 
 
 def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:
-    """Line of an entry, or of the nearest table or list around it that has one.
+    """Line, from 1, of an entry, or of the nearest table or list around it that has one.
 
-    Args:
-        lines: Lines by key path.
-        place: Keys and list places of the entry, from the top of the file inwards.
-
-    Returns:
-        The line, counted from 1, or None where there is none.
+    `place` leads from the top of the file inwards.
     """
     parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
     for count in range(len(parts), 0, -1):

@@ -16,14 +16,7 @@ _MOST_LISTED = 12
 
 
 def balance_lines(robot: Robot) -> list[str]:
-    """Mass, centre of mass and inertia of the base, and hover thrusts, in words.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        A line each for mass with its centre, inertia, and thrusts.
-    """
+    """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
     found = base_properties(robot)
     x, y, z = map(number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
@@ -35,14 +28,7 @@ def balance_lines(robot: Robot) -> list[str]:
 
 
 def frame_text(robot: Robot) -> str:
-    """The frame that masses are told in, in words.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Such as "the base centre in arm 1's axes".
-    """
+    """The frame that masses are told in, such as "the base centre in arm 1's axes"."""
     if not robot.base.rotors:
         return "the origin of the base's frame"
     by_rule = robot.base.azimuth_deg is None
@@ -50,15 +36,7 @@ def frame_text(robot: Robot) -> str:
 
 
 def hover_lines(robot: Robot, found: Hover) -> list[str]:
-    """Thrusts of hovering in words, and what they leave.
-
-    Args:
-        robot: The robot.
-        found: How it hovers.
-
-    Returns:
-        A line for the thrusts, and others on limits where there are any.
-    """
+    """Thrusts of hovering in words, what they leave, and limits where there are any."""
     if not robot.rotors:
         return ["hover thrusts: the robot has no rotors"]
     where = "level"
@@ -87,15 +65,10 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
 
 
 def lopsided(robot: Robot) -> str | None:
-    """What is wrong with a base of rods whose centre of mass is off its axis, and a remedy.
+    """A warning of a base of rods whose centre of mass is off its axis, and a remedy.
 
-    A central body, and rods at angles of their own, may be anywhere on purpose.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The warning, or None for a base that is balanced.
+    None for a balanced one. A central body, and rods at angles of their own, may be anywhere on
+    purpose.
     """
     base = robot.base
     if not base.rotors or base.body or base.azimuth_deg is not None:
@@ -130,12 +103,5 @@ def lopsided(robot: Robot) -> str | None:
 
 
 def number(value: float) -> str:
-    """A number as reports have it.
-
-    Args:
-        value: The number.
-
-    Returns:
-        Four of its digits.
-    """
+    """A number as reports have it, in four digits."""
     return f"{value:.4g}"

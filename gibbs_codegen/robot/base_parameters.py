@@ -27,14 +27,7 @@ GIVEN: dict[LinkKind, tuple[str, ...]] = {
 
 
 def base_parameters(robot: Robot) -> tuple[Coordinate, ...]:
-    """The base parameters, body by body.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Their names and units: those of the base, then of each link whose joint moves.
-    """
+    """The base parameters: of the base, then of each link whose joint moves."""
     found = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
     for i in robot.moving:
         prefix, given = parameter_prefix(robot, i), GIVEN[robot.links[i - 1].joint]

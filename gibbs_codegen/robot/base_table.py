@@ -69,14 +69,7 @@ class BaseTable(RigidTable):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of arms that are not whole, or not as many as there are rotors.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of each fault.
-        """
+        """Faults of arms that are not whole, or not as many as there are rotors."""
         yield from super().key_faults(values)
         if any(key in values for key in ROD_KEYS):
             for key in ROD_KEYS[:2]:
@@ -108,15 +101,9 @@ class BaseTable(RigidTable):
     def _one_or_each(
         cls, value: object, _: object, info: ValidationInfo
     ) -> ArmTable | list[ArmTable]:
-        """One table for all arms, or a list of them.
+        """One checked table for all arms, or a list of them.
 
-        Args:
-            value: What the file gives.
-            _: The validator of the field, which would try both forms and tell faults of both.
-            info: Holds the context of validators of tables.
-
-        Returns:
-            The checked table or tables.
+        The field's own validator would try both forms and tell faults of both.
         """
         if isinstance(value, list):
             arms = at_most(value, MAX_ROTORS, "arms")

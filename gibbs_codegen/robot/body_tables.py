@@ -39,14 +39,7 @@ class RigidTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Fault of a rigid body without a mass.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of the fault.
-        """
+        """Fault of a rigid body without a mass."""
         if ("com" in values or "inertia" in values) and "mass" not in values:
             yield "mass", "missing: a rigid body needs its mass in kg"
 
@@ -64,14 +57,7 @@ class RigidTable(Table):
         return self.rigid_body(0.0)
 
     def rigid_body(self, length: float) -> RigidBody | None:
-        """The rigid body that the table describes.
-
-        Args:
-            length: The distance along x to what comes next, m.
-
-        Returns:
-            The body, or None where the table gives no mass.
-        """
+        """The rigid body, None without mass; `length`, m, is the way along x to what comes next."""
         if self.mass is None:
             return None
         return RigidBody(length, self.mass, self.com or (0.0,) * 3, self.inertia or (0.0,) * 6)
@@ -106,14 +92,7 @@ class BodyTable(RigidTable, RodTable):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of a body that is both a rod and a rigid body, or has no mass.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of each fault.
-        """
+        """Faults of a body that is both a rod and a rigid body, or has no mass."""
         rigid = [key for key in ("mass", "com", "inertia") if key in values]
         rod = [key for key in ("mass_per_length", "section_inertia") if key in values]
         if rigid and rod:

@@ -65,14 +65,7 @@ class Chain:
 
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
-    """Open chains that a robot falls into (eq. 1).
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The chains, in order.
-    """
+    """Open chains that a robot falls into (eq. 1), in order."""
     chains = [_rod_chain(robot, k) for k in range(2, robot.base.rotors + 1)]
     taken: set[int] = {BASE} if chains else set()
     for path in _paths(robot):
@@ -114,14 +107,8 @@ def _paths(robot: Robot) -> list[tuple[int, ...]]:
 def _link_chain(robot: Robot, number: int, path: Sequence[int], taken: set[int]) -> Chain:
     """A chain that ends in a link.
 
-    Args:
-        robot: The robot.
-        number: Of the chain.
-        path: Numbers of its links, from the base outwards.
-        taken: Numbers of the bodies that chains before it have.
-
-    Returns:
-        The chain.
+    `path` are numbers of its links, from the base outwards, and `taken` those of bodies that chains
+    before it have.
     """
     rotors = robot.rotors
     new = {BASE, *path} - taken
@@ -147,14 +134,9 @@ def _link_chain(robot: Robot, number: int, path: Sequence[int], taken: set[int])
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
-    """Where the unknowns of each chain stand among the hybrid ones (eq. 18, Figs. 6–9).
+    """Where the unknowns of each chain stand among the hybrid ones (eq.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        For each chain the place of each of its unknowns. Places count from 0; the method counts its
-        rows from −1.
+    18, Figs. 6–9). Places count from 0; the method counts its rows from −1.
     """
     place = {unknown.name: i for i, unknown in enumerate(hybrid_coordinates(robot))}
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

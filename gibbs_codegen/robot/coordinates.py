@@ -42,11 +42,7 @@ class Coordinate:
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     """Entries of q: attitude and position of the base, and the arm's joints.
 
-    Args:
-        robot: The robot, with n links.
-
-    Returns:
-        The coordinates, in order: 6 + n with Tait–Bryan angles, 7 + n with a quaternion.
+    With n links 6 + n with Tait–Bryan angles, 7 + n with a quaternion.
     """
     layout = layout_of(robot)
     if layout.is_quaternion:
@@ -61,14 +57,7 @@ def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def velocities(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of v: rates of the coordinates, or of the base its velocities in its own frame.
-
-    Args:
-        robot: The robot, with n links.
-
-    Returns:
-        The 6 + n velocities, in order.
-    """
+    """The 6 + n entries of v: rates of q, or of the base its velocities in its own frame."""
     layout = layout_of(robot)
     if layout.is_quaternion:
         turning = [f"angular velocity of the base, about its {axis} axis" for axis in "xyz"]
@@ -82,11 +71,7 @@ def velocities(robot: Robot) -> tuple[Coordinate, ...]:
 def free_unknowns(robot: Robot) -> tuple[Coordinate, ...]:
     """What the free unknowns of the hybrid system are the accelerations of.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        The coordinates, or the velocities where the base has a quaternion.
+    The coordinates, or the velocities where the base has a quaternion.
     """
     return (velocities if layout_of(robot).is_quaternion else reduced_coordinates)(robot)
 
@@ -98,16 +83,9 @@ def _origin(robot: Robot) -> str:
 def _listed(
     robot: Robot, entries: Entries, base: list[str], joints: list[str]
 ) -> tuple[Coordinate, ...]:
-    """Entries of q or of v with their meanings.
+    """Entries of q or of v with meanings: the base's own, attitude first, and of the joints.
 
-    Args:
-        robot: The robot.
-        entries: Their places, names and units.
-        base: Meanings of the base's own, attitude first.
-        joints: What the entry of each joint is of it.
-
-    Returns:
-        The entries, in order.
+    `joints` say what the entry of each is of it.
     """
     labels = (joint_label(robot, i) for i in robot.moving)
     own = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
@@ -116,15 +94,7 @@ def _listed(
 
 
 def coordinate_text(robot: Robot, place: int) -> str:
-    """An entry of v by its name and, of a joint, the link that it moves, for a message.
-
-    Args:
-        robot: The robot.
-        place: Place in v, from 0.
-
-    Returns:
-        Such as "theta_8 (the joint of link 2)".
-    """
+    """An entry of v in a message, such as "theta_8 (the joint of link 2)"; places are from 0."""
     v = layout_of(robot).v
     name, joints = v.names[place], v.joint_places
     if place not in joints:
@@ -135,12 +105,7 @@ def coordinate_text(robot: Robot, place: int) -> str:
 def held_coordinate(robot: Robot, arm: int) -> Coordinate:
     """The angle of a joint that a constraint torque holds, such as θ_k of a base rod.
 
-    Args:
-        robot: The robot, of N rotors.
-        arm: Number of the rod, from 2 to N, or N + i for link i.
-
-    Returns:
-        The coordinate.
+    `arm` is that of the rod, 2 to N, or N + i for link i.
     """
     if arm <= robot.base.rotors:
         return Coordinate(f"theta_{arm}", "rad", f"constrained angle of base arm {arm}")
@@ -153,12 +118,7 @@ def held_coordinate(robot: Robot, arm: int) -> Coordinate:
 def constraint_torque(robot: Robot, arm: int) -> Coordinate:
     """The torque that holds a joint, such as τ'_k of a base rod.
 
-    Args:
-        robot: The robot, of N rotors.
-        arm: Number of the rod, from 2 to N, or N + i for link i.
-
-    Returns:
-        The unknown.
+    `arm` is that of the rod, 2 to N, or N + i for link i.
     """
     if arm <= robot.base.rotors:
         return Coordinate(f"tau_prime_{arm}", "N m", f"constraint torque on base arm {arm}")
@@ -169,27 +129,13 @@ def constraint_torque(robot: Robot, arm: int) -> Coordinate:
 
 
 def held_arms(robot: Robot) -> tuple[int, ...]:
-    """What constraint torques hold: base rods, then links.
-
-    Args:
-        robot: The robot, of N rotors.
-
-    Returns:
-        Numbers of the rods from 2 to N, and N + i for link i.
-    """
+    """What constraint torques hold: base rods 2 to N, then N + i for links i."""
     rods = range(2, robot.base.rotors + 1)
     return (*rods, *(robot.rotors + i for i in robot.constrained))
 
 
 def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Hybrid unknowns.
-
-    Args:
-        robot: The robot, with n joints that move and c that are held.
-
-    Returns:
-        The 6 + n + 2c unknowns, in order.
-    """
+    """The 6 + n + 2c hybrid unknowns, of n joints that move and c that are held."""
     free, first = free_unknowns(robot), layout_of(robot).constrained.start
     arms = held_arms(robot)
     return (
@@ -201,14 +147,7 @@ def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def inputs(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of u.
-
-    Args:
-        robot: The robot, with N rotors and n joints that move.
-
-    Returns:
-        The N thrusts, then n joint torques (forces where prismatic).
-    """
+    """Entries of u: N thrusts, then n torques of joints that move (forces where prismatic)."""
     thrusts = []
     for k in range(1, robot.rotors + 1):
         label = rotor_identifier(robot, k)
@@ -225,13 +164,9 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def points(robot: Robot) -> tuple[str, ...]:
-    """Named points of the robot, no two of one name: the later of two says what it is as well.
+    """Names of points, in the order of `positions`.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        Their names, in the order of `positions`.
+    No two are of one name: the later of two says what it is as well.
     """
     names = ["O1", "O2"] if robot.base.rotors else ["base"]
     names += [f"motor{k}" for k in range(1, robot.base.rotors + 1)]
@@ -256,16 +191,10 @@ def _placed_names(robot: Robot) -> Iterator[tuple[str, str]]:
 
 
 def frames_of(robot: Robot) -> tuple[Frame, ...]:
-    """Frames that the robot has: the base's, the tip where there is one, and those of the file.
+    """Frames in the order of FRAMES: the base's, the tip where there is one, and the file's.
 
     Where the links are one arm, the tip is the end of the last link, along x; the paper's base
     without an arm has it at its centre.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The frames, in the order of FRAMES.
     """
     frames = [Frame("base")]
     if has_default_tip(robot):
@@ -278,23 +207,12 @@ def frames_of(robot: Robot) -> tuple[Frame, ...]:
 def has_default_tip(robot: Robot) -> bool:
     """Whether the end of the arm is a frame of its own accord.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        Whether there is one arm, or a base of rods without any, and no frame is named "tip".
+    So it is of one arm, or a base of rods without any, if no frame is named "tip".
     """
     arm = robot.is_serial and bool(robot.links or robot.base.rotors)
     return arm and all(frame.name != "tip" for frame in robot.frames)
 
 
 def frame_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the frames, as FRAMES of a generated module has them.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Identifiers.
-    """
+    """Identifiers of the frames, as FRAMES of a generated module has them."""
     return tuple(identifier(frame.name) for frame in frames_of(robot))

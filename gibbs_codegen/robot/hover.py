@@ -17,10 +17,10 @@ class Hover:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
     Where none do although some carry the weight, `moment` (N m, about the base centre, in the
-    base's axes) is what these leave at least.
-    `margin` is how many times its weight the robot may have before a rotor meets its limits, None
-    where they are not all given or do not let it hover at any weight, or where it was not asked
-    for. `beyond` are the numbers of the rotors whose limits the thrusts of least norm break.
+    base's axes) is what these leave at least. `margin` is how many times its weight the robot may
+    have before a rotor meets its limits, None where they are not all given or do not let it hover
+    at any weight, or where it was not asked for. `beyond` are the numbers of the rotors whose
+    limits the thrusts of least norm break.
     """
 
     thrusts: tuple[float, ...] | None
@@ -34,26 +34,12 @@ def hangs(robot: Robot) -> bool:
 
     So it is for the paper's form of file, whose joints at zero stretch the arm out sideways.
     Otherwise all joints are at zero.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Whether it is.
     """
     return bool(robot.base.rotors)
 
 
 def hover(robot: Robot, margin: bool = True) -> Hover:
-    """Hovering of a robot.
-
-    Args:
-        robot: The robot.
-        margin: Whether to find the margin, for which SciPy is imported.
-
-    Returns:
-        Its thrusts and margin.
-    """
+    """Hovering of a robot; for its margin SciPy is imported."""
     needed, matrix = _weight(robot), wrench_matrix(robot)
     size = float(np.abs(needed).max())
     thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
@@ -80,14 +66,9 @@ def _weight(robot: Robot) -> Array:
 
 
 def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
-    """The least moment that thrusts leave which carry the weight.
+    """The least moment (3), N m, that thrusts leave which carry the weight; None where none do.
 
-    Args:
-        matrix: Wrenches (6, N) of unit thrusts.
-        needed: The wrench (6) of hovering.
-
-    Returns:
-        The moment (3), N m, or None where no thrusts carry the weight.
+    `matrix` (6, N) has wrenches of unit thrusts, `needed` (6) is that of hovering.
     """
     forces, moments = matrix[:3], matrix[3:]
     _, values, right = np.linalg.svd(forces)
@@ -101,15 +82,9 @@ def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
 
 
 def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:
-    """How many times a wrench the rotors can produce within their limits.
+    """How many times a wrench (6) the rotors can produce within limits, N; None for no multiple.
 
-    Args:
-        matrix: Wrenches (6, N) of unit thrusts.
-        needed: The wrench (6).
-        limits: Of each thrust, N.
-
-    Returns:
-        The factor, or None where no multiple is within reach.
+    `matrix` (6, N) has wrenches of unit thrusts.
     """
     from scipy.optimize import linprog  # It takes longer to import than all else here.
 

@@ -35,15 +35,7 @@ JOINT_TERMS: dict[JointKind, JointTerms] = {
 
 
 def joint_terms(robot: Robot, i: int) -> JointTerms:
-    """Units of a joint's coordinate and effort.
-
-    Args:
-        robot: The robot.
-        i: Number of its link, from 1; a joint that is held is an angle.
-
-    Returns:
-        The terms of its kind.
-    """
+    """Units of coordinate and effort of link i's joint, i from 1; a held one is an angle."""
     kind = robot.links[i - 1].joint
     return JOINT_TERMS["prismatic" if kind == "prismatic" else "revolute"]
 
@@ -78,26 +70,11 @@ class Places:
         return [*range(self.size)[self.joints]]
 
     def split(self, values: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
-        """The values of the base and those of the joints.
-
-        Args:
-            values: A value for each entry.
-
-        Returns:
-            Values of the base, attitude first, and n of the joints.
-        """
+        """The values of the base, attitude first, and those of the joints."""
         return [values[place] for place in self.base], [*values[self.joints]]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
-        """Values of the base and of the joints in the order of the entries.
-
-        Args:
-            base: Those of the attitude first.
-            joints: A value for each joint.
-
-        Returns:
-            A value for each entry.
-        """
+        """Values of the base, attitude first, and of the joints in the order of the entries."""
         values = dict(zip(self.base, base, strict=True))
         values |= zip(self.joint_places, joints, strict=True)
         return [values[place] for place in range(self.size)]
@@ -116,13 +93,7 @@ class Entries(Places):
     ) -> Entries:
         """The entries of a base with joints.
 
-        Args:
-            places: Where they stand.
-            base: The base's own, attitude first, each by name and unit with a blank between.
-            names, units: Those of the joints.
-
-        Returns:
-            The entries.
+        `base` are the base's own, attitude first, each by name and unit with a blank between.
         """
         own_names, own_units = zip(*(entry.split() for entry in base), strict=True)
         return cls(
@@ -152,16 +123,7 @@ class Layout:
     def of(
         cls, attitude: str, names: Sequence[str], units: Sequence[str], constrained: int
     ) -> Layout:
-        """Layout of a base with joints.
-
-        Args:
-            attitude: "quaternion", or a sequence of Tait–Bryan angles.
-            names, units: Those of the joints' coordinates (rad or m).
-            constrained: Number of constrained angles, N − 1.
-
-        Returns:
-            The layout.
-        """
+        """Layout of a base with joints of such names and units, and N − 1 constrained angles."""
         pose: Sequence[str] = _ANGLES
         twist: Sequence[str] = [f"{entry}/s" for entry in _ANGLES]
         if attitude == QUATERNION:
@@ -176,17 +138,10 @@ class Layout:
     def listed(
         cls, attitude: str, names: Sequence[str], units: Sequence[str], constrained: int
     ) -> Layout:
-        """Layout of what a generated module lists.
+        """Layout of what a generated module lists, and N − 1 constrained angles.
 
-        Args:
-            attitude, names, units: Its ATTITUDE, COORDINATES and COORDINATE_UNITS.
-            constrained: Number of constrained angles, N − 1.
-
-        Returns:
-            The layout.
-
-        Raises:
-            UsageError: If the names are not those of a base with joints.
+        That is its ATTITUDE, COORDINATES and COORDINATE_UNITS. Raises `UsageError` if the names are
+        not those of a base with joints.
         """
         own = coordinate_places(attitude, 0)
         joints = coordinate_places(attitude, max(len(names) - own.size, 0)).joints
@@ -235,30 +190,14 @@ BASE_ENTRIES = tuple(dict.fromkeys(entry.split()[0] for entry in (*_ANGLES, *_PO
 
 
 def coordinate_places(attitude: str, joints: int) -> Places:
-    """Places of the entries of q.
-
-    Args:
-        attitude: "quaternion", or a sequence of Tait–Bryan angles.
-        joints: Number of joints, n.
-
-    Returns:
-        The places.
-    """
+    """Places of the entries of q; `attitude` is "quaternion" or a sequence of Tait–Bryan angles."""
     if attitude == QUATERNION:
         return Places(slice(3, 7), slice(7, 7 + joints), slice(0, 3))
     return velocity_places(attitude, joints)
 
 
 def velocity_places(attitude: str, joints: int) -> Places:
-    """Places of the entries of v and a.
-
-    Args:
-        attitude: "quaternion", or a sequence of Tait–Bryan angles.
-        joints: Number of joints, n.
-
-    Returns:
-        The places.
-    """
+    """Places of the entries of v and a; `attitude` is as of `coordinate_places`."""
     if attitude == QUATERNION:
         return Places(slice(3, 6), slice(6, 6 + joints), slice(0, 3))
     end = 3 + joints
@@ -266,14 +205,7 @@ def velocity_places(attitude: str, joints: int) -> Places:
 
 
 def layout_of(robot: Robot) -> Layout:
-    """Layout of the coordinates of a robot.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The layout.
-    """
+    """Layout of the coordinates of a robot."""
     return Layout.of(
         robot.base.attitude,
         [coordinate_of(robot, i) for i in robot.moving],

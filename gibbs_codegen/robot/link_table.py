@@ -141,14 +141,7 @@ class LinkTable(BodyTable, JointTable, PlaceTable):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of keys that do not go with each other.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of each fault.
-        """
+        """Faults of keys that do not go with each other."""
         yield from super().key_faults(values)
         pose = [key for key in POSE_KEYS if key in values]
         dh = [key for key in DH_KEYS if key in values]
@@ -184,14 +177,7 @@ class LinkTable(BodyTable, JointTable, PlaceTable):
                 yield "limits_deg", "belongs to a joint that turns: give limits, in m"
 
     def link(self, parent: int | None) -> Link:
-        """The link that the table describes.
-
-        Args:
-            parent: Number of the body that carries it, None for the link before.
-
-        Returns:
-            The link.
-        """
+        """The link that the table describes; `parent` numbers its carrier, None the link before."""
         return Link(
             self.body(),
             exact(self.alpha_deg),

@@ -32,16 +32,7 @@ class LinkText:
 
 
 def link_text(robot: Robot, i: int, in_both_forms: bool) -> LinkText:
-    """The text of a link.
-
-    Args:
-        robot: Whose link it is.
-        i: Number of the link, from 1.
-        in_both_forms: Whether comments give its body as a rigid one too.
-
-    Returns:
-        What the template is given.
-    """
+    """The text of link i, from 1, with its body in comments as a rigid one too if so asked."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
     if link.a is not None:
         a = f"a         = {link.a!r}  # distance along x of the frame before"
@@ -69,15 +60,7 @@ def link_text(robot: Robot, i: int, in_both_forms: bool) -> LinkText:
 
 
 def rotor_lines(robot: Robot, k: int) -> list[str]:
-    """The keys of a placed rotor.
-
-    Args:
-        robot: Whose rotor it is.
-        k: Number of the rotor, from 1.
-
-    Returns:
-        A line for each.
-    """
+    """The keys of placed rotor k, from 1, a line each."""
     rotor = robot.thrusters[k - 1]
     lines = [] if rotor.name is None else [f"name = {quoted(rotor.name)}"]
     lines += [
@@ -97,29 +80,14 @@ def rotor_lines(robot: Robot, k: int) -> list[str]:
 
 
 def frame_lines(robot: Robot, k: int) -> list[str]:
-    """The keys of a frame.
-
-    Args:
-        robot: Whose frame it is.
-        k: Its number in the file, from 1.
-
-    Returns:
-        A line for each.
-    """
+    """The keys of frame k in the file, from 1, a line each."""
     frame = robot.frames[k - 1]
     names = [f"name = {quoted(frame.name)}", f"on = {_reference(robot, frame.on)}"]
     return names + _pose(frame.pose)
 
 
 def rigid_form(body: Body) -> RigidBody:
-    """A body as a rigid one, in numbers that are short enough to be changed by hand.
-
-    Args:
-        body: A rod or rigid body.
-
-    Returns:
-        The rigid body.
-    """
+    """A body as a rigid one, in numbers that are short enough to be changed by hand."""
     rigid = as_rigid_body(body)
     xx, yy, zz, xy, xz, yz = (float(f"{value:.6g}") for value in rigid.inertia)
     return replace(rigid, inertia=(xx, yy, zz, xy, xz, yz))

@@ -22,14 +22,7 @@ _OF_VELOCITIES = ("v", "a", "w", "q_dot", "v_dot", "a_dot")
 
 
 def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Names of the entries of all arguments.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        By the names of `interface.ARGUMENTS`.
-    """
+    """Names of the entries of all arguments, by the names of `interface.ARGUMENTS`."""
     layout = layout_of(robot)
     given = {
         coordinate_of(robot, i)

@@ -7,14 +7,7 @@ LEAST, MOST = 1e-50, 1e50
 
 
 def size_fault(value: float) -> str | None:
-    """Why a number of a robot cannot be computed with.
-
-    Args:
-        value: The number, finite, in its SI unit.
-
-    Returns:
-        What is wrong, or None if nothing is.
-    """
+    """Why a finite number of a robot, in its SI unit, cannot be computed with; None if it can."""
     if value == 0.0 or LEAST <= abs(value) <= MOST:
         return None
     what = "overflow" if abs(value) > MOST else "vanish"

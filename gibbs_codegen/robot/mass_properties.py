@@ -21,8 +21,7 @@ _ROUNDING = 1e-12
 class MassProperties:
     """Mass (kg), centre of mass (m) and inertia about it (kg m²), from the base centre.
 
-    `com` and `inertia` are in the base's axes; `inertia` holds xx, yy, zz, xy, xz, yz
-    (xy = −∫ xy dm).
+    In the base's axes; `inertia` holds xx, yy, zz, xy, xz, yz (xy = −∫ xy dm).
     """
 
     mass: float
@@ -31,27 +30,12 @@ class MassProperties:
 
 
 def base_properties(robot: Robot) -> MassProperties:
-    """Mass properties of the base: its central body and its rods.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The properties.
-    """
+    """Mass properties of the base: its central body and its rods."""
     return _together(_base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
 
 
 def whole_properties(robot: Robot, joints: Sequence[float] | Array | None = None) -> MassProperties:
-    """Mass properties of the whole robot at one configuration.
-
-    Args:
-        robot: The robot.
-        joints: Angle (rad) or travel (m) of each joint that moves; all zero if None.
-
-    Returns:
-        The properties.
-    """
+    """Mass properties of the whole robot, with moving joints at rad or m, at zero if None."""
     frames = frames_on(robot, AT_ORIGIN, _at_zero(robot) if joints is None else joints)
     links = zip((link.body for link in robot.links), frames.links, strict=True)
     return _together([*_base_bodies(robot, frames), *links])
@@ -92,14 +76,6 @@ def _about_origin(place: Array) -> Array:
 
 
 def rounded(values: NDArray[np.floating[Any]], size: float) -> Array:
-    """Set what is rounding to zero.
-
-    Args:
-        values: Any.
-        size: What they are sums of is about as large as this.
-
-    Returns:
-        The values, those that are zero but for rounding being zero.
-    """
+    """Values with zeros for what is rounding, of sums of what is about as large as `size`."""
     clean: Array = np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
     return clean

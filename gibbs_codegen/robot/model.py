@@ -78,14 +78,7 @@ Body = Rod | RigidBody
 
 
 def as_rigid_body(body: Body) -> RigidBody:
-    """The same body by mass, centre of mass and inertia about it.
-
-    Args:
-        body: A rod or rigid body.
-
-    Returns:
-        The rigid body.
-    """
+    """The same body by mass, centre of mass and inertia about it."""
     if isinstance(body, RigidBody):
         return body
     mass, (xx, yy, zz) = body.total_mass, body.section_inertia
@@ -221,24 +214,13 @@ class Base:
         return len(self.arms) == 1
 
     def arm(self, k: int) -> Body:
-        """Body of a base arm.
-
-        Args:
-            k: Number of the arm, from 1 to N.
-
-        Returns:
-            The body, in the arm's frame.
-        """
+        """Body of base arm k, from 1 to N, in the arm's frame."""
         return self.arms[0] if self.shares_one_arm else self.arms[k - 1]
 
     def arm_angle_deg(self, k: int) -> Fraction:
-        """Constrained angle θ_k of a base arm against the base: −180° + 360°(k−1)/N by default.
+        """Angle θ_k of arm k against the base, in degrees.
 
-        Args:
-            k: Number of the arm, from 1 or, by the paper's rule, from 2 to N.
-
-        Returns:
-            The angle in degrees.
+        It is −180° + 360°(k−1)/N by default; k is from 1 or, by the paper's rule, from 2 to N.
         """
         if self.azimuth_deg is not None:
             return self.azimuth_deg[k - 1]
@@ -296,12 +278,5 @@ class Robot:
 
 
 def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:
-    """Default directions: odd motors push along z, even motors along y of their arm's frame.
-
-    Args:
-        rotors: Number of rotors, N.
-
-    Returns:
-        A unit vector for each motor.
-    """
+    """Default directions: odd motors push along z, even motors along y of their arm's frame."""
     return tuple(AXES["y" if k % 2 else "z"] for k in range(rotors))

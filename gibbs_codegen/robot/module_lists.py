@@ -13,15 +13,10 @@ from gibbs_codegen.robot.names import default_prefix, identifier
 
 
 def module_lists(robot: Robot, derivatives: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
-    """Names of all that arguments and results of the functions have entries or rows for.
+    """Names of what arguments and results have entries or rows for, by the constant that has them.
 
-    Args:
-        robot: The robot.
-        derivatives: Names of the functions generated on request that the module has.
-
-    Returns:
-        Names in order, by the constant that has them; the base parameters where a function has
-        entries for them.
+    Base parameters are among them where a function of `derivatives`, those on request, has entries
+    for them.
     """
     layout = layout_of(robot)
     lists = {
@@ -40,13 +35,9 @@ def module_lists(robot: Robot, derivatives: Collection[str] = ()) -> dict[str, t
 
 
 def body_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the bodies that a joint, which may be held or welded, connects to another.
+    """Identifiers of bodies that a joint, which may be held or welded, connects to another.
 
-    Args:
-        robot: The robot, of N rotors.
-
-    Returns:
-        Identifiers: of the base's rods base_arm2 … base_armN, then of the links.
+    They are the base's rods base_arm2 … base_armN, then the links.
     """
     rods = (f"base_arm{k}" for k in range(2, robot.base.rotors + 1))
     links = (

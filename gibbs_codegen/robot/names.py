@@ -42,14 +42,7 @@ _ENDINGS = {"_casadi", "_default", "_init"} | {
 
 
 def name_fault(name: str) -> str | None:
-    """Why a text is refused as a robot's name.
-
-    Args:
-        name: The text.
-
-    Returns:
-        What is wrong with it and what would be right, or None where it is accepted.
-    """
+    """Why a text is refused as a robot's name and what would be right; None if it is accepted."""
     shown = ascii(name if len(name) <= 64 else name[:61] + "...")
     if not re.fullmatch(NAME_PATTERN, name, re.ASCII):
         return (
@@ -70,14 +63,7 @@ def name_fault(name: str) -> str | None:
 
 
 def name_from(text: str) -> str:
-    """A name that is accepted, as close to a text as can be.
-
-    Args:
-        text: The text, such as the name of a file.
-
-    Returns:
-        The name.
-    """
+    """A name that is accepted, as close as can be to a text such as the name of a file."""
     letters = re.sub(r"[^a-z0-9_]+", "_", text.lower(), flags=re.ASCII).strip("_")
     if not letters[:1].isalpha():
         letters = f"robot_{letters}".rstrip("_")
@@ -88,39 +74,24 @@ def name_from(text: str) -> str:
 def identifier(text: str) -> str:
     """The identifier form of a name: what is not an ASCII letter, a digit or _ becomes _.
 
-    Args:
-        text: The name, any text.
-
-    Returns:
-        The form, which begins with _ where it would begin with a digit.
+    It begins with _ where it would begin with a digit.
     """
     form = re.sub(r"\W", "_", text, flags=re.ASCII)
     return f"_{form}" if form[:1].isdigit() else form
 
 
 def joint_name(kind: LinkKind, number: int) -> str:
-    """Name of the coordinate of a joint that the robot file does not name, such as theta_7 or d_8.
+    """Name of a joint's coordinate that the file does not name, such as theta_7 or d_8.
 
-    Args:
-        kind: Kind of the joint.
-        number: Its number, N + i for link i.
-
-    Returns:
-        The name.
+    `number` is N + i for link i.
     """
     return f"{JOINT_LETTERS[kind]}_{number}"
 
 
 def coordinate_of(robot: Robot, i: int) -> str:
-    """Name of the coordinate of a link's joint, as an identifier.
+    """Identifier of the coordinate of link i's joint, i from 1.
 
-    Args:
-        robot: The robot, with N rotors.
-        i: Number of the link, from 1.
-
-    Returns:
-        The identifier form of the link's coordinate or else of its name; without either theta_{N+i}
-        or d_{N+i}.
+    That is of the link's coordinate or else of its name; without either theta_{N+i} or d_{N+i}.
     """
     link = robot.links[i - 1]
     given = link.coordinate or link.name
@@ -128,55 +99,23 @@ def coordinate_of(robot: Robot, i: int) -> str:
 
 
 def link_label(robot: Robot, i: int) -> str:
-    """What a link is called in messages.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-
-    Returns:
-        Its name in a form that is safe in a message, or such as "link 2".
-    """
+    """What link i, from 1, is called in messages: its name in a safe form, or such as "link 2"."""
     return printable(robot.links[i - 1].name or f"link {i}")
 
 
 def rotor_label(robot: Robot, k: int) -> str:
-    """What a rotor is called in messages.
-
-    Args:
-        robot: The robot.
-        k: Number of the rotor, from 1.
-
-    Returns:
-        Its name in a form that is safe in a message, or its number.
-    """
+    """What rotor k, from 1, is called in messages: its name in a safe form, or its number."""
     name = robot.thrusters[k - 1].name if robot.thrusters else None
     return printable(name or k)
 
 
 def default_prefix(kind: str, number: int) -> str:
-    """What a link or rotor without a name is called in generated code, and in robot files.
-
-    Args:
-        kind: What it is, "link" or "rotor".
-        number: Its number, from 1.
-
-    Returns:
-        Such as link2.
-    """
+    """What a "link" or "rotor" without a name is called in code and files, such as link2."""
     return f"{kind}{number}"
 
 
 def parameter_prefix(robot: Robot, i: int) -> str:
-    """How the parameters of a link begin.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-
-    Returns:
-        The identifier form of its name, or such as link2.
-    """
+    """How parameters of link i, from 1, begin: its name as identifier, or such as link2."""
     name = robot.links[i - 1].name
     return named_prefix(name) if name else default_prefix("link", i)
 
@@ -184,65 +123,30 @@ def parameter_prefix(robot: Robot, i: int) -> str:
 def named_prefix(name: str) -> str:
     """How the parameters of a link or rotor with a name begin.
 
-    Args:
-        name: The name.
-
-    Returns:
-        Its identifier form, which ends in _ where it would be the name of an argument.
+    That is its identifier form, which ends in _ where it would be the name of an argument.
     """
     form = identifier(name)
     return f"{form}_" if form.lower() in _ARGUMENTS else form
 
 
 def rotor_prefix(robot: Robot, k: int) -> str:
-    """How the parameters of a placed rotor begin.
-
-    Args:
-        robot: The robot.
-        k: Number of the rotor, from 1.
-
-    Returns:
-        The identifier form of its name, or such as rotor2.
-    """
+    """How parameters of placed rotor k, from 1, begin: its name as identifier, or rotor2."""
     name = robot.thrusters[k - 1].name
     return named_prefix(name) if name else default_prefix("rotor", k)
 
 
 def frame_prefix(name: str) -> str:
-    """How the parameters of a frame begin.
-
-    Args:
-        name: Its name.
-
-    Returns:
-        Such as frame_gripper.
-    """
+    """How the parameters of a frame begin, such as frame_gripper."""
     return f"frame_{identifier(name)}"
 
 
 def joint_label(robot: Robot, i: int) -> str:
-    """What a joint is called in messages and comments.
-
-    Args:
-        robot: The robot.
-        i: Number of its link, from 1.
-
-    Returns:
-        Such as "joint 8", or "the joint of forearm" with the identifier form of the link's name.
-    """
+    """What link i's joint is called in messages: "joint 8", or "the joint of forearm"."""
     name = robot.links[i - 1].name
     return f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}"
 
 
 def rotor_identifier(robot: Robot, k: int) -> str:
-    """What the input of a rotor is called after F_.
-
-    Args:
-        robot: The robot.
-        k: Number of the rotor, from 1.
-
-    Returns:
-        The identifier form of its name, or its number.
-    """
+    """What the input of rotor k, from 1, is called after F_: its name, or its number."""
     name = robot.thrusters[k - 1].name if robot.thrusters else None
     return identifier(name) if name else str(k)

@@ -92,14 +92,7 @@ class RotorTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of a rotor of which the angular momentum is not known.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words.
-        """
+        """Faults of a rotor of which the angular momentum is not known."""
         for key, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
             if key in values and other not in values:
                 yield key, f"needs {other} beside it: give both or none"
@@ -107,14 +100,7 @@ class RotorTable(Table):
             yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
 
     def rotor(self, on: int) -> Rotor:
-        """The rotor that the table describes.
-
-        Args:
-            on: Number of the body that carries it.
-
-        Returns:
-            The rotor.
-        """
+        """The rotor that the table describes, on the body of that number."""
         return Rotor(
             self.position,
             self.direction,
@@ -135,12 +121,5 @@ class FrameTable(PoseTable):
     on: Label = Field(default="base", description=_ON)
 
     def frame(self, on: int) -> Frame:
-        """The frame that the table describes.
-
-        Args:
-            on: Number of the body that carries it.
-
-        Returns:
-            The frame.
-        """
+        """The frame that the table describes, on the body of that number."""
         return Frame(self.name, on, self.pose())

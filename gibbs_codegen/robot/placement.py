@@ -11,15 +11,7 @@ Array = NDArray[np.float64]
 
 
 def turn(axis: int, angle: float) -> Array:
-    """Rotation matrix about a coordinate axis.
-
-    Args:
-        axis: 0, 1 or 2 for x, y or z.
-        angle: The angle, rad.
-
-    Returns:
-        The matrix (3, 3).
-    """
+    """Rotation matrix (3, 3) about axis 0, 1 or 2, x, y or z, by an angle in rad."""
     c, s = np.cos(angle), np.sin(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3
     matrix: Array = np.eye(3)
@@ -29,15 +21,7 @@ def turn(axis: int, angle: float) -> Array:
 
 
 def turn_about(axis: Array, angle: float) -> Array:
-    """Rotation matrix about any axis (Rodrigues).
-
-    Args:
-        axis: Unit vector (3).
-        angle: The angle, rad.
-
-    Returns:
-        The matrix (3, 3).
-    """
+    """Rotation matrix (3, 3) about any unit vector (3), by an angle in rad (Rodrigues)."""
     if np.count_nonzero(axis) == 1 and axis.max() == 1.0:
         return turn(int(np.argmax(axis)), angle)
     x, y, z = axis
@@ -47,27 +31,15 @@ def turn_about(axis: Array, angle: float) -> Array:
 
 
 def pose_frame(pose: Pose) -> tuple[Array, Array]:
-    """Axes and origin of a pose.
-
-    Args:
-        pose: Of a frame in another.
-
-    Returns:
-        The axes (3, 3), a column each, and the origin (3), m.
-    """
+    """Axes (3, 3) of a pose, a column each, and origin (3), m."""
     x, y, z = (turn(axis, np.deg2rad(float(angle))) for axis, angle in enumerate(pose.rpy_deg))
     return z @ y @ x, np.array(pose.xyz)
 
 
 def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
-    """Frame of a base rod, from the base centre in the base's axes.
+    """Axes (3, 3), a column each, and origin (3), m, of rod k, 1 to N, in the base's axes.
 
-    Args:
-        base: The base.
-        k: Number of the rod, from 1 to N.
-
-    Returns:
-        The axes (3, 3), a column each, and the origin (3), m.
+    They are from the base centre.
     """
     if _starts_at_motor(base, k):
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
@@ -75,14 +47,9 @@ def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
 
 
 def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
-    """Frame of a link in that of the body which carries it, its joint at zero.
+    """Axes (3, 3), a column each, and origin (3), m, of link i, from 1, its joint at zero.
 
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-
-    Returns:
-        The axes (3, 3), a column each, and the origin (3), m.
+    They are in the frame of the body which carries it.
     """
     link, parent = robot.links[i - 1], robot.parents[i - 1]
     if link.pose is not None:
@@ -97,11 +64,7 @@ def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
 def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
     """All rotors as placed ones: the motors at the ends of the rods of the base, or `thrusters`.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        The N rotors, those of rods in the base's axes from the base centre.
+    Those of rods are in the base's axes from the base centre.
     """
     base = robot.base
     motors = []
@@ -115,14 +78,7 @@ def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
 
 
 def base_centre(base: Base) -> Array:
-    """The base centre from the origin of the coordinates.
-
-    Args:
-        base: The base.
-
-    Returns:
-        The place (3) in the base's axes, m.
-    """
+    """The base centre (3), m, from the origin of the coordinates, in the base's axes."""
     if base.origin != "motor1":
         return np.zeros(3)
     axes, origin = arm_frame(base, 1)

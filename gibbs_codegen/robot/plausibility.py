@@ -19,14 +19,7 @@ LARGEST_DRAG = 0.1
 
 
 def implausible(robot: Robot) -> tuple[str, ...]:
-    """What is probably grams, millimetres or degrees.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        A warning for each number, which says what it is and what was perhaps meant.
-    """
+    """Warnings of what is probably grams, millimetres or degrees, with what was perhaps meant."""
     extent = _extent(robot)
     found = []
     if extent and robot.total_mass > _WATER * extent**3:

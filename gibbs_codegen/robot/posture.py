@@ -35,38 +35,17 @@ class Frame:
     axes: Array
 
     def point(self, x: float) -> Array:
-        """A point on the x axis.
-
-        Args:
-            x: Distance along the axis, m.
-
-        Returns:
-            The point (3) in the outer axes, m.
-        """
+        """A point (3), m, at a distance along the x axis, in the outer axes."""
         place: Array = self.origin + x * self.axes[:, 0]
         return place
 
     def place(self, point: Sequence[float] | Array) -> Array:
-        """A point of the frame seen from outside.
-
-        Args:
-            point: The point (3) in the frame, m.
-
-        Returns:
-            The point (3) in the outer axes, m.
-        """
+        """A point (3) of the frame seen from outside, m."""
         place: Array = self.origin + self.axes @ np.asarray(point)
         return place
 
     def within(self, axes: Array, origin: Array) -> Frame:
-        """A frame that is given in this one.
-
-        Args:
-            axes, origin: Its axes (3, 3) and origin (3), m, in this frame.
-
-        Returns:
-            The same in the outer axes.
-        """
+        """A frame that is given in this one, in the outer axes."""
         return Frame(self.place(origin), self.axes @ axes)
 
 
@@ -105,18 +84,7 @@ class RobotFrames:
 
 
 def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
-    """Frames of a robot at one configuration.
-
-    Args:
-        robot: The robot.
-        q: Its coordinates (rad, m).
-
-    Returns:
-        The frames, in world axes.
-
-    Raises:
-        UsageError: If q has another length.
-    """
+    """Frames of a robot at q, in world axes. Raises `UsageError` if q has another length."""
     layout = layout_of(robot)
     if np.shape(q) != (layout.q.size,):
         raise UsageError(f"{robot.name} has {layout.q.size} coordinates, not {np.shape(q)}")
@@ -127,15 +95,9 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
 
 
 def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> RobotFrames:
-    """Frames of a robot whose base is somewhere.
+    """Frames of a robot with a base's frame at the base centre, in the axes that it is given in.
 
-    Args:
-        robot: The robot.
-        base: The base's frame, at the base centre.
-        joints: Angle (rad) or travel (m) of each joint that moves.
-
-    Returns:
-        The frames, in the axes that `base` is given in.
+    `joints` are those that move, rad or m.
     """
     bodies = _bodies(robot, base, joints)
     rods = tuple(base.within(*arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1))
@@ -170,15 +132,9 @@ def _attitude(layout: Layout, parts: Array) -> Array:
 
 
 def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> list[Frame]:
-    """Frames of the base and of all links, those that are welded or held among them.
+    """Frames of the base and of all links, also welded or held ones, by the numbers of the bodies.
 
-    Args:
-        robot: The robot.
-        base: The base's frame, at the base centre.
-        joints: Angle (rad) or travel (m) of each joint that moves.
-
-    Returns:
-        The frames, by the numbers of the bodies.
+    `base` is at the base centre, `joints` are those that move, rad or m.
     """
     values = dict(zip(robot.moving, joints, strict=True))
     frames = [base]

@@ -73,26 +73,12 @@ def _unit_vector(direction: Vector3) -> Vector3:
 
 
 def exact(angle: float) -> Fraction:
-    """An angle as the shortest decimal that is its float: what the file says.
-
-    Args:
-        angle: The angle, in degrees.
-
-    Returns:
-        The same angle.
-    """
+    """An angle, degrees, as the shortest decimal that is its float: what the file says."""
     return Fraction(repr(angle))
 
 
 def exact3(angles: tuple[float, float, float]) -> Angles3:
-    """Three angles, each as `exact` gives it.
-
-    Args:
-        angles: Roll, pitch and yaw, in degrees.
-
-    Returns:
-        The same angles.
-    """
+    """Roll, pitch and yaw, degrees, each as `exact` gives it."""
     roll, pitch, yaw = angles
     return (exact(roll), exact(pitch), exact(yaw))
 

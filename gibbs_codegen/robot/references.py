@@ -24,13 +24,9 @@ _MOST_SUGGESTIONS = 20
 
 
 def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
-    """Numbers of the bodies that names refer to.
+    """Numbers of the bodies that names of links refer to: 0 of the base, and of each link.
 
-    Args:
-        names: Those of the links, in order; None where one has no name.
-
-    Returns:
-        Number of the base, 0, and of each link by name; link 2 without a name is link2.
+    Link 2 without a name is link2.
     """
     numbers = {"base": BASE}
     for i, name in enumerate(names, start=1):
@@ -39,14 +35,7 @@ def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
 
 
 def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
-    """Faults of the names in a robot file, and of what refers to them.
-
-    Args:
-        document: The file as it stands, unchecked.
-
-    Yields:
-        Place and words of each fault.
-    """
+    """Place and words of faults of the names in a robot file, and of what refers to them."""
     links = _tables(document, "link", MAX_LINKS)
     rotors = _tables(document, "rotor", MAX_ROTORS)
     frames = _tables(document, "frame", MAX_FRAMES)
@@ -69,16 +58,7 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
 
 
 def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
-    """The tables of an array.
-
-    Args:
-        document: The file as it stands.
-        key: Key of the array.
-        most: Greatest number of its tables.
-
-    Returns:
-        The tables, or none where the array is faulty as a whole.
-    """
+    """The tables of an array, none where it is faulty as a whole or has more than `most`."""
     found = document.get(key)
     if not isinstance(found, list) or len(found) > most:
         return []
@@ -93,15 +73,9 @@ def _text(entry: Entry, key: str) -> str | None:
 def _unknown(
     references: Sequence[tuple[Place, str | None]], numbers: Mapping[str, int], right: str
 ) -> Iterator[PlacedFault]:
-    """Faults of references that refer to no body.
+    """Faults of references, by place and text, that refer to no body.
 
-    Args:
-        references: Place and text of each.
-        numbers: Numbers of the bodies by name.
-        right: What would be right.
-
-    Yields:
-        Place and words of each fault.
+    `right` says what would be right.
     """
     unknown = [(place, name) for place, name in references if name and name not in numbers]
     for place, name in unknown:
@@ -134,12 +108,7 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
 def _carries(parents: Sequence[int], carrier: int, carried: int) -> bool:
     """Whether a link carries another, directly or over others.
 
-    Args:
-        parents: For each link the number of what carries it, whatever order they are in.
-        carrier, carried: Numbers of the links.
-
-    Returns:
-        Whether it does.
+    `parents` of the links are in any order.
     """
     passed: set[int] = set()
     while carried != BASE and carried not in passed:
@@ -151,14 +120,9 @@ def _carries(parents: Sequence[int], carrier: int, carried: int) -> bool:
 
 
 def _named(arrays: Mapping[str, Sequence[Entry]], taken: TakenNames) -> list[_Named]:
-    """What the file names; what it leaves without a name takes that by default.
+    """Place, kind and name of what the file names or has a default for, and whose it is, in words.
 
-    Args:
-        arrays: The tables of links, rotors and frames.
-        taken: The names of the base.
-
-    Returns:
-        Place, kind and name of each, and whose the name is, in words.
+    `taken` are the names of the base.
     """
     named: list[_Named] = []
     for array, tables in arrays.items():
@@ -181,15 +145,7 @@ def _coordinate_clashes(
 ) -> Iterator[PlacedFault]:
     """Coordinates that clash with each other or with the base's own.
 
-    Names of links that clash are told already.
-
-    Args:
-        links: Their tables.
-        rotors: Number of all rotors, N.
-        taken: The names of the base.
-
-    Yields:
-        Place and words of each fault.
+    Names of links that clash are told already. `rotors` is N.
     """
     by_name: dict[str, _Named] = {}
     given: list[_Named] = []
@@ -212,15 +168,7 @@ def _coordinate_clashes(
 
 
 def _clashes(named: Iterable[_Named], taken: TakenNames) -> Iterator[PlacedFault]:
-    """Names that are taken.
-
-    Args:
-        named: Place, kind and name of each, and whose the name is.
-        taken: Names that are taken; those that are not yet are added.
-
-    Yields:
-        Place and words of each fault.
-    """
+    """Faults of names that are taken; those that are not yet are added."""
     for place, kind, name, whose in named:
         if words := taken.fault(kind, name):
             yield place, words

@@ -15,31 +15,18 @@ _TOLERANCE = 1e-9
 
 
 def inertia_matrix(inertia: Sequence[float]) -> NDArray[np.float64]:
-    """The matrix of an inertia.
-
-    Args:
-        inertia: Xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm.
-
-    Returns:
-        The matrix (3, 3), in the unit of its entries.
-    """
+    """The matrix (3, 3) of inertia xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm."""
     xx, yy, zz, xy, xz, yz = inertia
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
-    """Why no body has a certain inertia.
+    """Why no body has a certain inertia about its centre of mass, kg m²; None if one has.
 
     An inertia matrix J belongs to a mass distribution if and only if the matrix of its second
     moments E = ½ tr(J)·1 − J is positive semidefinite, which is the triangle inequality between
-    principal moments, positive semidefiniteness of J included.
-
-    Args:
-        mass: Mass of the body, kg.
-        inertia: Xx, yy, zz, xy, xz, yz about its centre of mass, kg m².
-
-    Returns:
-        What is wrong with the inertia, or None if a body has it.
+    principal moments, positive semidefiniteness of J included. `inertia` holds xx, yy, zz, xy, xz,
+    yz.
     """
     scale = max(abs(entry) for entry in inertia)
     if scale == 0.0:
@@ -59,14 +46,7 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
 
 
 def body_fault(body: Body) -> str | None:
-    """Why no body has the inertia that a rod or rigid body is given.
-
-    Args:
-        body: The body.
-
-    Returns:
-        What is wrong, or None where nothing is.
-    """
+    """Why no body has the inertia that a rod or rigid body is given; None if one has."""
     if isinstance(body, Rod):
         return inertia_fault(body.total_mass, (*body.section_inertia, 0.0, 0.0, 0.0))
     found = inertia_fault(body.mass, body.inertia)
@@ -80,14 +60,7 @@ def body_fault(body: Body) -> str | None:
 
 
 def impossible_inertias(robot: Robot) -> tuple[str, ...]:
-    """Warnings of inertias that no body has and that the robot file lets pass.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        A line for each, which names the body.
-    """
+    """Warnings of inertias that no body has and that the robot file lets pass, with the body."""
     bodies: list[tuple[str, Body]] = []
     bodies += [("the base", robot.base.body)] if robot.base.body else []
     bodies += [(f"base arm {k}", arm) for k, arm in enumerate(robot.base.arms, start=1)]

@@ -58,14 +58,7 @@ class RobotTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
-        """Faults of names and references, and of two forms of rotors at once.
-
-        Args:
-            values: The file as it stands.
-
-        Yields:
-            Place and words of each fault.
-        """
+        """Faults of names and references, and of two forms of rotors at once."""
         base = values.get("base")
         given = [key for key in ROD_KEYS if isinstance(base, dict) and key in base]
         if given and values.get("rotor"):

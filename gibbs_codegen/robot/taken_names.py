@@ -42,11 +42,7 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
 
 
 class TakenNames:
-    """Names that a robot has given, and whose they are; at first only those of its base.
-
-    Args:
-        rods: number of the base's arms.
-    """
+    """Names that a robot has given, and whose they are; at first only those of its base."""
 
     def __init__(self, rods: int = 0) -> None:
         self._owners: dict[str, str] = {}
@@ -60,38 +56,16 @@ class TakenNames:
             self.take("joint", joint_name("fixed", k), f"the angle of base arm {k}")
 
     def take(self, kind: NamedKind, name: str, whose: str) -> None:
-        """Note that a name is given.
-
-        Args:
-            kind: Kind of what has it.
-            name: The name.
-            whose: What has it, in words.
-        """
+        """Note that a name of a kind is given, and whose it is, in words."""
         for taken in (_form(kind, name), *parameter_names(kind, name)):
             self._owners.setdefault(taken, whose)
 
     def owner(self, kind: NamedKind, name: str) -> str | None:
-        """Whose a name is.
-
-        Args:
-            kind: Kind of what is to have it.
-            name: The name.
-
-        Returns:
-            What has it, in words, or None where it is free among the names of its kind.
-        """
+        """Whose a name is, in words, or None where it is free among the names of its kind."""
         return self._owners.get(_form(kind, name))
 
     def fault(self, kind: NamedKind, name: str) -> str | None:
-        """Why a name cannot be given.
-
-        Args:
-            kind: Kind of what is to have it.
-            name: The name.
-
-        Returns:
-            What is wrong and what would be right, or None where it can be given.
-        """
+        """Why a name cannot be given and what would be right, or None where it can."""
         form = identifier(name)
         if kind == "joint" and form.startswith(CONSTRAINT_TORQUES):
             return f"{shown(name)} begins as constraint torques do: give it another name"
@@ -113,14 +87,9 @@ def _form(kind: NamedKind, name: str) -> str:
 
 
 def parameter_names(kind: NamedKind, name: str) -> list[str]:
-    """Names of all parameters that something may have.
+    """Identifiers of all parameters that something may have.
 
-    Args:
-        kind: Its kind.
-        name: Its name; of a link or rotor without one, its prefix, such as link2.
-
-    Returns:
-        Identifiers.
+    Its name is the prefix, such as link2, of a link or rotor without one.
     """
     prefix = frame_prefix(name) if kind == "frame" else named_prefix(name)
     return [f"{prefix}_{end}" for end in _ENDS[kind]]

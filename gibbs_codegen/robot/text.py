@@ -54,16 +54,10 @@ class RobotText:
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot.
+    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
 
-    Args:
-        robot: The robot.
-        name: Name that the text gives the robot; its own where None.
-        to_start_from: Whether to name the schema for editors in the first line, and to add, as
-            comments, the arm and the last link in the other form of a body, and further tables.
-
-    Returns:
-        The text of a robot file.
+    `to_start_from`: whether to name the schema for editors in the first line, and to add, as
+    comments, the arm and the last link in the other form of a body, and further tables.
     """
     base = robot.base
     last = len(robot.links) if to_start_from else None

@@ -33,14 +33,9 @@ class Arrangement:
 
 
 def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -> Array:
-    """Force and moment of each unit thrust about the base centre, in the base's axes.
+    """Force, then moment (6, N), m, of each unit thrust about the base centre, in the base's axes.
 
-    Args:
-        robot: The robot, with N rotors.
-        joints: Angle (rad) or travel (m) of each joint that moves; all zero if None.
-
-    Returns:
-        The matrix (6, N), force rows first; moments in m.
+    `joints` are those that move, rad or m, zero if None.
     """
     frames = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints)
     drags = np.array([*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)])
@@ -51,12 +46,7 @@ def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -
 def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> Arrangement:
     """Rank and conditioning of the rotors' arrangement, in N and N m about the base centre.
 
-    Args:
-        robot: The robot.
-        joints: Angle (rad) or travel (m) of each joint that moves; all zero if None.
-
-    Returns:
-        The arrangement.
+    `joints` are those that move, rad or m, zero if None.
     """
     left, values, _ = np.linalg.svd(wrench_matrix(robot, joints))
     rank = int(np.sum(values > 1e-9 * values[0])) if values.any() else 0
@@ -66,14 +56,7 @@ def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> 
 
 
 def carried_rotors(robot: Robot) -> tuple[int, ...]:
-    """Rotors that a joint moves against the base.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Their numbers, from 1.
-    """
+    """Numbers, from 1, of rotors that a joint moves against the base."""
     moved = {BASE: False}
     for i, link in enumerate(robot.links, start=1):
         moved[i] = link.moves or moved[robot.parents[i - 1]]
@@ -83,11 +66,7 @@ def carried_rotors(robot: Robot) -> tuple[int, ...]:
 def ranks_in_motion(robot: Robot) -> tuple[int, int] | None:
     """Least and greatest rank of the arrangement as the joints move, within their limits.
 
-    Args:
-        robot: The robot.
-
-    Returns:
-        Both, over some configurations that are always the same; None where no joint moves a rotor.
+    They are over some configurations that are always the same; None where no joint moves a rotor.
     """
     if not carried_rotors(robot):
         return None
@@ -124,12 +103,6 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
 
     Tried are those with which alternating tilts go wrong: arm 1's axes point the other way round,
     and the arms may have to alternate. That is so by the paper's rule for rods only.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The hint, or None where no signs are far better.
     """
     if not robot.base.rotors or robot.base.azimuth_deg is not None:
         return None

@@ -9,14 +9,7 @@ from gibbs_codegen.robot.model import AXES, Body, Rod, Vector3
 
 
 def quoted(text: str) -> str:
-    """A text in double quotes.
-
-    Args:
-        text: Any text.
-
-    Returns:
-        The text on one line, with escapes for what cannot be printed.
-    """
+    """A text in double quotes on one line, with escapes for what cannot be printed."""
     escapes = {'"': '\\"', "\\": "\\\\"}
     return '"' + "".join(escapes.get(letter) or _escaped(letter) for letter in text) + '"'
 
@@ -28,39 +21,17 @@ def _escaped(letter: str) -> str:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers of a list.
-
-    Args:
-        values: The numbers.
-
-    Returns:
-        The numbers with commas between them.
-    """
+    """Numbers of a list with commas between them."""
     return ", ".join(repr(float(value)) for value in values)
 
 
 def degrees(angle: Fraction) -> str:
-    """An angle.
-
-    Args:
-        angle: The angle in degrees, which is that of a decimal number.
-
-    Returns:
-        The number.
-    """
+    """An angle in degrees, which is that of a decimal number."""
     return str(angle.numerator) if angle.denominator == 1 else repr(float(angle))
 
 
 def direction(vector: Vector3) -> str:
-    """A direction.
-
-    Args:
-        vector: The unit vector.
-
-    Returns:
-        The letter of an axis in quotes, with a minus sign where it points against the axis, or a
-        list of numbers.
-    """
+    """A unit vector as the letter of its axis, with a minus sign if against it, or a list."""
     for letter, unit in AXES.items():
         if vector == unit:
             return f'"{letter}"'
@@ -70,14 +41,7 @@ def direction(vector: Vector3) -> str:
 
 
 def body_lines(body: Body) -> list[str]:
-    """The keys of a body.
-
-    Args:
-        body: A rod or rigid body.
-
-    Returns:
-        A line for each key.
-    """
+    """The keys of a rod or rigid body, a line each."""
     lines = [f"length = {body.length!r}"]
     if isinstance(body, Rod):
         return [
@@ -94,12 +58,5 @@ def body_lines(body: Body) -> list[str]:
 
 
 def inline_table(body: Body) -> str:
-    """A body as a table on one line.
-
-    Args:
-        body: A rod or rigid body.
-
-    Returns:
-        The table.
-    """
+    """A body as a table on one line."""
     return "{ " + ", ".join(body_lines(body)) + " }"

@@ -19,14 +19,9 @@ DIRECTIONS = (
 
 
 def directions(basis: NDArray[np.float64], names: Sequence[str] = DIRECTIONS) -> tuple[str, ...]:
-    """Directions of wrenches, or of other vectors, in words.
+    """Directions, such as "force along x", of the columns of `basis` (m, k), or sums of such.
 
-    Args:
-        basis: Vectors (m, k) that span the directions, a column each; wrenches have force first.
-        names: Their m components.
-
-    Returns:
-        The k directions, each such as "force along x", or as a sum where they cannot be single.
+    The m components have `names`; wrenches have force first.
     """
     rest, pivots = basis.T.copy(), []
     for _ in rest:

@@ -21,17 +21,11 @@ def asked_rollout(
     roll: Roll,
     progress: Callable[[float], None],
 ) -> Rollout:
-    """Roll states out under a controller.
+    """Roll states out under a controller of time, s, and states (n, nq), (n, nv).
 
-    Args:
-        problem: What is computed, with the inputs (1 or n, 1, nu) that the controller gave first.
-        controller: Gives inputs for a time, s, coordinates (n, nq) and velocities (n, nv).
-        read: Makes inputs (1 or n, 1, nu) of what it gives.
-        roll: Rolls states out whose inputs are known.
-        progress: Is told the share of all that is done, 0 to 1.
-
-    Returns:
-        What comes out. A state that has ended is shown to the controller as it ended.
+    `problem` has the inputs (1 or n, 1, nu) that it gave first; `read` makes such of what it gives,
+    and `roll` rolls states out whose inputs are known. A state that has ended is shown to the
+    controller as it ended.
     """
     count, every = len(problem.q), problem.every
     taken, ended = np.zeros(count, dtype=np.int64), np.full(count, RUNNING, dtype=np.int8)
@@ -63,16 +57,10 @@ def _begin(problem: Problem) -> list[Array]:
 
 
 def _piece(problem: Problem, first: int, inputs: Array, state: list[Array]) -> Problem:
-    """What is computed from one sample to the next.
+    """The problem from one sample to the next, with inputs (1 or n, 1, nu) that are commanded.
 
-    Args:
-        problem: What is computed in all.
-        first: Number of the first step.
-        inputs: Inputs (1 or n, 1, nu) that are commanded.
-        state: Coordinates, velocities and, where motors lag, thrusts at its begin.
-
-    Returns:
-        The problem of these steps.
+    `first` is the number of its first step; `state` is coordinates, velocities and, where motors
+    lag, thrusts at its begin.
     """
     q, v, *thrusts = state
     wrenches, motors = problem.wrenches, problem.motors

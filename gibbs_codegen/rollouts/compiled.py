@@ -89,22 +89,11 @@ def compiled_rollout(
     progress: Callable[[float], None] = lambda share: None,
     flags: tuple[str, ...] = (),
 ) -> Rollout:
-    """Roll states out in C.
+    """Roll states out in C, in the precision of the problem, to which its numbers are rounded.
 
-    Args:
-        problem: What is computed. Its numbers are rounded to its precision.
-        threads: How many threads share the states.
-        progress: Is told between calls, which take some tenths of a second at most, the share of
-            all that is done, 0 to 1. What it raises ends the rollout.
-        flags: Of the compiler, after its own.
-
-    Returns:
-        What comes out, in the precision of the problem.
-
-    Raises:
-        UsageError: The module has no C source of a rollout.
-        CompilerError: It cannot be compiled.
-        CacheError: The library cannot be kept.
+    `progress` is told the share done between calls, which take some tenths of a second at most;
+    what it raises ends the rollout. `flags` follow the compiler's own. Raises `UsageError` without
+    C source of a rollout, `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     run = _Run(problem)
     function = rollout_function(problem.module, problem.precision, flags)
@@ -223,18 +212,9 @@ def _default_constants(module: ModuleType) -> Reals:
 def rollout_function(
     module: ModuleType, precision: Precision, flags: tuple[str, ...] = ()
 ) -> Callable[..., None]:
-    """The compiled function of a module.
+    """The compiled function of a module of any back end, as of `_loaded`.
 
-    Args:
-        module: The module, of any back end.
-        precision: Of its numbers.
-        flags: As of `compiled_rollout`.
-
-    Returns:
-        As of `_loaded`.
-
-    Raises:
-        UsageError, CompilerError, CacheError: As of `compiled_rollout`.
+    Raises what `compiled_rollout` does.
     """
     compiler = find_compiler(os.environ.get("CC") or None)
     return _loaded(module, precision == "single", compiler, flags)
@@ -244,20 +224,10 @@ def rollout_function(
 def _loaded(
     module: ModuleType, single: bool, compiler: Compiler, flags: tuple[str, ...]
 ) -> Callable[..., None]:
-    """The compiled function of a module.
+    """The compiled function of a module of any back end.
 
-    Args:
-        module: The module, of any back end.
-        single: Whether numbers are single.
-        compiler: What compiles it.
-        flags: After its own.
-
-    Returns:
-        The function of settings, states, first state, number of states, first step and the step
-        before which it ends.
-
-    Raises:
-        CompilerError: It cannot be compiled or loaded.
+    It takes settings, states, first state, number of states, first step and the step before which
+    it ends.
     """
     name = module.NAME
     files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c", "_rollout.h", "_rollout.c")]

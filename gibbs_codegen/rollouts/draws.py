@@ -19,15 +19,8 @@ class Draws:
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
     share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
-    are factors.
-
-    Args:
-        values: A number or a distribution for each name.
-        known: The names that there are, and what factors are of.
-        what: What they are of, for messages.
-
-    Raises:
-        UsageError: For a name that is not known, and for what is no number and no distribution.
+    are factors of those `known`. Raises `UsageError`, which calls them `what`, for a name that is
+    not known, and for what is no number and no distribution.
     """
 
     def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
@@ -52,16 +45,9 @@ class Draws:
         self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
 
     def __call__(self, shares: Array) -> dict[str, Array]:
-        """The values of some environments.
+        """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
 
-        Args:
-            shares: Random numbers (m, number of drawn values) between 0 and 1.
-
-        Returns:
-            Values (m) by name.
-
-        Raises:
-            UsageError: If a distribution gives what is not finite.
+        Raises `UsageError` if a distribution gives what is not finite.
         """
         columns = dict(zip(self.drawn, shares.T, strict=True))
         found = {}
@@ -82,18 +68,7 @@ def episode_draws(
     rates: Mapping[str, Any],
     parameters: Mapping[str, Any],
 ) -> tuple[Draws, Draws, Draws]:
-    """What episodes draw.
-
-    Args:
-        module: The robot's.
-        offsets, rates, parameters: As of `VectorEnv`.
-
-    Returns:
-        Offsets, rates and parameters.
-
-    Raises:
-        UsageError: As of `Draws`.
-    """
+    """Offsets, rates and parameters that episodes draw, given as of `VectorEnv`."""
     zero = dict.fromkeys(module.VELOCITIES, 0.0)
     return (
         Draws(offsets, zero, "offsets"),

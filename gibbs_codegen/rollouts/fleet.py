@@ -21,19 +21,10 @@ from gibbs_codegen.simulator.plant.vehicle import Vehicle
 class Fleet:
     """n machines: where they are, and what they are told.
 
-    Until an episode begins, all are at rest where they are wanted, and motors that lag have settled
-    at the inputs that hold a machine there, or come nearest to it.
-
-    Args:
-        vehicle: The robot.
-        count: How many machines there are, n.
-        hover: Coordinates (nq) that are wanted; None for those of zero.
-        limits: Least and greatest inputs, N and N m; None for those of the robot file.
-        time_constants: Lag of the motors, s; None for that of the robot file.
-        dt, steps, method, bounds, precision, threads: How a decision is flown.
-
-    Raises:
-        UsageError: If something does not fit the robot.
+    Until an episode begins, all are at rest where they are wanted, at `hover` (nq) or zero, and
+    motors that lag have settled at the inputs that hold a machine there, or come nearest to it.
+    Limits, N and N m, and lag, s, are those of the robot file if None. The last arguments are how a
+    decision is flown. Raises `UsageError` if something does not fit the robot.
     """
 
     def __init__(
@@ -82,17 +73,11 @@ class Fleet:
         return self._problem.steps * self._problem.dt
 
     def restart(self, rows: Flags, away: Array, v: Array, parameters: Mapping[str, Array]) -> None:
-        """Put machines where an episode begins.
+        """Put m of the machines, `rows` (n), where an episode begins.
 
-        Args:
-            rows: Which of the n machines: m of them.
-            away: Their displacements from where they are wanted (m, nv).
-            v: Their velocities (m, nv).
-            parameters: Their parameters (m) by name, with the same names in each call, of which the
-                first is for all machines.
-
-        Raises:
-            UsageError: If no machine can have such parameters.
+        They are displaced by `away` (m, nv) from where they are wanted, with velocities (m, nv).
+        Parameters (m) by name have the same names in each call, of which the first is for all
+        machines. Raises `UsageError` if no machine can have them.
         """
         now = self._problem
         now.q[rows] = self.vehicle.integrate(self._hover, away)
@@ -114,14 +99,7 @@ class Fleet:
             raise UsageError(f"{self.vehicle.name}: parameters: {error}") from None
 
     def advance(self, inputs: Array) -> NDArray[np.int8]:
-        """Fly all machines through a decision.
-
-        Args:
-            inputs: What each of them is told (n, nu), N and N m.
-
-        Returns:
-            Why each of them has ended (n), as of `Rollout`.
-        """
+        """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
         told = np.clip(inputs, self.motors.least, self.motors.most)
         motors = replace(self.motors, thrusts=self._thrusts)
         decision = replace(self._problem, inputs=told[:, np.newaxis], motors=motors)
@@ -138,11 +116,7 @@ class Fleet:
         return flown.ended
 
     def moment(self) -> Moment:
-        """Where the machines are.
-
-        Returns:
-            That, in arrays of its own.
-        """
+        """Where the machines are, in arrays of its own."""
         now, places = self._problem, self.vehicle.layout.v
         return Moment(
             np.asarray(self.decisions * self.duration, dtype=np.float64),
@@ -164,17 +138,9 @@ def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
 
 
 def _motors(given: Given, vehicle: Vehicle, limits: Any, time_constants: Any) -> Motors:
-    """Limits and lag of a fleet's machines, with thrusts of zero.
+    """Limits and lag of a fleet's machines, as of `Fleet`, with thrusts of zero.
 
-    Args:
-        given: What reads them.
-        vehicle, limits, time_constants: As of `Fleet`.
-
-    Returns:
-        The motors.
-
-    Raises:
-        UsageError: If a least input is above the greatest, or lag is less than none.
+    Raises `UsageError` if a least input is above the greatest, or lag is less than none.
     """
     actuators = robot_file_actuators(vehicle)
     ends = actuators.inputs if limits is None else limits

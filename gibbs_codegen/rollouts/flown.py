@@ -38,14 +38,7 @@ class Flown:
     lag: Array | None
 
     def loop(self, state: int | None = None) -> ClosedLoop:
-        """The closed loop of one state or, with an axis of the states where they differ, of all.
-
-        Args:
-            state: Number of the state; None for all.
-
-        Returns:
-            The closed loop.
-        """
+        """The closed loop of one state or, with an axis of the states where they differ, of all."""
         loop, scenario = self.start.loop, self.start.scenario
         plant, actuators = loop.vehicle, loop.actuators
         if self.parameters:
@@ -76,20 +69,9 @@ def flown_rollout(
 ) -> Rollout:
     """Roll states out under the control of a scenario, in its surroundings.
 
-    Args:
-        given: What reads the arguments.
-        scenario: The scenario, or the name or path of one.
-        begin: q0 and v0 as of `rollout`, or None for where the scenario begins.
-        grid: Size of a step, s, and how many make a sample.
-        varied: Parameters and time constants as of `rollout`.
-        threads: How many threads share the states.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-
-    Returns:
-        What comes out. A state in which control is lost is out of bounds.
-
-    Raises:
-        UsageError: An argument is not what it must be, or a flight cannot begin or go on.
+    `begin` are q0 and v0 or None, `varied` parameters and time constants, as of `rollout`; `grid`
+    is the size of a step, s, and how many make a sample. A state in which control is lost is out of
+    bounds. Raises `UsageError` if a flight cannot begin or go on.
     """
     (dt, every), (parameters, lag) = grid, varied
     duration = given.steps * dt
@@ -119,18 +101,9 @@ def flown_rollout(
 def _prepared(
     given: Given, scenario: Scenario | str | os.PathLike[str], dt: float, every: int
 ) -> Prepared:
-    """What flights of a scenario begin with.
+    """Motion, closed loop and start of a scenario, in steps of `dt`, `every` of them a sample.
 
-    Args:
-        given, scenario: As of `flown_rollout`.
-        dt: Size of a step, s.
-        every: How many steps make a sample.
-
-    Returns:
-        Motion, closed loop and where the flight begins.
-
-    Raises:
-        UsageError: It cannot begin, or its law is sampled.
+    Raises `UsageError` if it cannot begin, or its law is sampled.
     """
     flown = scenario if isinstance(scenario, Scenario) else read_scenario(os.fspath(scenario))
     if flown.control.rate is not None or flown.sensors is not None:
@@ -144,16 +117,7 @@ def _prepared(
 
 
 def _check_steps(flown: Flown, count: int, dt: float) -> None:
-    """Refuse steps in which what should decay grows in one of the states.
-
-    Args:
-        flown: The closed loops.
-        count: How many states there are.
-        dt: Size of a step, s.
-
-    Raises:
-        UsageError: There is such a state.
-    """
+    """Raise `UsageError` for steps in which what should decay grows in one of the states."""
     loop = flown.loop()
     lag = np.atleast_2d(loop.actuators.lag)
     # The shortest lag decides, but where parameters do too: about walls and drag.
@@ -170,15 +134,7 @@ def _check_steps(flown: Flown, count: int, dt: float) -> None:
 
 
 def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
-    """States (n, size) of the closed loop at the start, with motors that have settled.
-
-    Args:
-        loop: The closed loop of all.
-        q, v: Coordinates (n, nq) and velocities (n, nv).
-
-    Returns:
-        The states.
-    """
+    """States (n, size) of the closed loop of all at the start, with motors that have settled."""
     memory = np.zeros((len(q), loop.controller.memory))
     wanted = loop.controller(np.zeros(len(q)), q, v, memory)
     thrusts = np.clip(wanted, *loop.actuators.inputs)[:, : loop.vehicle.rotors if loop.lags else 0]
@@ -194,18 +150,7 @@ def _with_others(
 ) -> list[StateHistory]:
     """Histories of all states: those that have none are integrated by themselves.
 
-    Args:
-        flown: The closed loops.
-        found: Histories of states; None where there is none yet.
-        starts: States (n, size) of the closed loops at the start.
-        duration: How long, s.
-        progress: As of `flown_rollout`.
-
-    Returns:
-        The histories.
-
-    Raises:
-        UsageError: A state cannot go on.
+    `starts` (n, size) are states of the closed loops. Raises `UsageError` if one cannot go on.
     """
     missing, done, histories = found.count(None), 0, []
     for i, history in enumerate(found):
@@ -222,20 +167,9 @@ def _with_others(
 def _alone(
     flown: Flown, state: int, start: Array, duration: float, told: Callable[[float], None]
 ) -> StateHistory:
-    """The history of a state that is integrated by itself.
+    """The history (samples, size) of a state that is integrated by itself.
 
-    Args:
-        flown: The closed loops.
-        state: Number of the state.
-        start: State (size) of its closed loop at the start, with thrusts if any state lags.
-        duration: How long, s.
-        told: Is told the share of it that is done, 0 to 1.
-
-    Returns:
-        The history, in states (samples, size).
-
-    Raises:
-        UsageError: It cannot go on.
+    `start` (size) has thrusts if any state lags. Raises `UsageError` if it cannot go on.
     """
     loop, size = flown.loop(state), len(start)
     first = loop.work_place + 1
@@ -258,16 +192,7 @@ def _why(history: StateHistory) -> int:
 
 
 def _thrusts(flown: Flown, parts: Parts, time: Array) -> Array:
-    """Thrusts of motors of which some lag.
-
-    Args:
-        flown: The closed loops.
-        parts: Parts of their states (n, samples).
-        time: Times (n, samples), s.
-
-    Returns:
-        Thrusts (n, samples, rotors), N.
-    """
+    """Thrusts (n, samples, rotors), N, of motors of which some lag, of parts (n, samples)."""
     thrusts = parts.thrusts.copy()
     lag = np.broadcast_to(flown.loop().actuators.lag, thrusts[:, 0].shape)
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
@@ -279,16 +204,7 @@ def _thrusts(flown: Flown, parts: Parts, time: Array) -> Array:
 
 
 def _on_grid(history: StateHistory, between: float, count: int) -> Array:
-    """Samples (count, size) of a history, of which the last is repeated after its end.
-
-    Args:
-        history: The history.
-        between: Time between samples, s.
-        count: How many there are to be.
-
-    Returns:
-        The samples.
-    """
+    """Samples (count, size) of a history, of which the last is repeated after its end."""
     places = history.time / between
     whole = history.states[np.abs(places - np.rint(places)) < 1e-6]
     rest = np.broadcast_to(history.states[-1], (count - len(whole), len(history.states[-1])))

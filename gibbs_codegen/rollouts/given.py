@@ -17,18 +17,7 @@ from gibbs_codegen.rollouts.problem import Array, Feedback, Motors
 
 
 def numpy_array(name: str, value: Any) -> Array:
-    """Real numbers as an array of NumPy, a copy.
-
-    Args:
-        name: What an error calls them.
-        value: Numbers, or nested sequences of them.
-
-    Returns:
-        The array.
-
-    Raises:
-        UsageError: They are no real numbers.
-    """
+    """Real numbers as an array of NumPy, a copy. Raises `UsageError`, which calls them `name`."""
     try:
         return np.array(real_numbers(name, value))
     except (TypeError, ValueError) as error:
@@ -56,8 +45,7 @@ class Given:
     def count(self) -> int:
         """How many states there are, by all that has been read.
 
-        Raises:
-            UsageError: Arguments differ in that.
+        Raises `UsageError` if arguments differ.
         """
         many = {name: count for name, count in self._counts.items() if count != 1}
         if len({*many.values()}) > 1:
@@ -66,19 +54,7 @@ class Given:
         return next(iter(many.values()), 1)
 
     def states(self, name: str, value: Any, *shape: int) -> Any:
-        """Finite numbers of the states, or the same for all.
-
-        Args:
-            name: Of the argument.
-            value: What was given: (*shape) or (n, *shape).
-            shape: Shape of what belongs to one state.
-
-        Returns:
-            Array (1 or n, *shape).
-
-        Raises:
-            UsageError: It is something else.
-        """
+        """Finite numbers (1 or n, *shape), from (*shape) or (n, *shape). Raises `UsageError`."""
         array = self._finite(name, value)
         if array.shape[-len(shape) or array.ndim :] != shape or array.ndim > len(shape) + 1:
             alone, many = _listed(shape), _listed(("states", *shape))
@@ -86,18 +62,9 @@ class Given:
         return self._counted(name, array.reshape(-1, *shape))
 
     def in_time(self, name: str, value: Any, *shape: int) -> Any:
-        """Finite numbers of the states and steps, or the same for all.
+        """Finite numbers (1 or n, 1 or steps, *shape), from (*shape), (steps, *shape) or the same.
 
-        Args:
-            name: Of the argument.
-            value: What was given: (*shape), (steps, *shape) or (1 or n, 1 or steps, *shape).
-            shape: Shape of what belongs to one state and step.
-
-        Returns:
-            Array (1 or n, 1 or steps, *shape).
-
-        Raises:
-            UsageError: It is something else.
+        Raises `UsageError`.
         """
         array = self._finite(name, value)
         leading = array.shape[: array.ndim - len(shape)]
@@ -112,18 +79,9 @@ class Given:
         return self._counted(name, array.reshape((1,) * (2 - len(leading)) + array.shape))
 
     def range(self, name: str, value: Any, width: int) -> Array:
-        """Least and greatest values, which may be infinite.
+        """Least and greatest values (2, width), infinite if need be, of numbers or arrays (width).
 
-        Args:
-            name: Of the argument.
-            value: What was given: two numbers, or two arrays (width).
-            width: How many entries have limits.
-
-        Returns:
-            Array (2, width).
-
-        Raises:
-            UsageError: It is something else, or a least value is above the greatest.
+        Raises `UsageError`, also where a least value is above the greatest.
         """
         wanted = f"the least and the greatest values, each a number or an array of shape ({width},)"
         ends = [*value] if isinstance(value, tuple | list | np.ndarray) else []
@@ -141,16 +99,9 @@ class Given:
         return np.stack([least, most])
 
     def start(self, q0: Any, v0: Any) -> tuple[Any, Any]:
-        """Coordinates and velocities at the start.
+        """Coordinates (1 or n, nq), with quaternions of length 1, and velocities (1 or n, nv).
 
-        Args:
-            q0, v0: What was given.
-
-        Returns:
-            Arrays (1 or n, nq), with quaternions of length 1, and (1 or n, nv).
-
-        Raises:
-            UsageError: They are something else.
+        Raises `UsageError`.
         """
         for name, value in (("q0", q0), ("v0", v0)):
             if value is None:
@@ -159,16 +110,9 @@ class Given:
         return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
     def control(self, control: Any) -> tuple[Any, Feedback | None]:
-        """Inputs, and the feedback that is added to them.
+        """Inputs (1 or n, 1 or steps, nu), zeros for a callable, and feedback in such arrays.
 
-        Args:
-            control: As of `rollout`.
-
-        Returns:
-            Inputs (1 or n, 1 or steps, nu), zeros for a callable, and feedback in such arrays.
-
-        Raises:
-            UsageError: They are something else.
+        `control` is as of `rollout`. Raises `UsageError`.
         """
         if callable(control):
             return self.xp.zeros((1, 1, self.inputs)), None
@@ -186,17 +130,7 @@ class Given:
         return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
     def asked(self, inputs: Any) -> Any:
-        """What a controller gave.
-
-        Args:
-            inputs: Array (nu), or (n, nu).
-
-        Returns:
-            Array (1 or n, 1, nu).
-
-        Raises:
-            UsageError: It is something else.
-        """
+        """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu). Raises `UsageError`."""
         name = "what the controller returned"
         rows = self.states(name, inputs, self.inputs)
         del self._counts[name]  # How many states there are is known by now.
@@ -205,33 +139,16 @@ class Given:
         return rows[:, np.newaxis]
 
     def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Parameters in arrays (1 or n).
-
-        Args:
-            parameters: Numbers, or arrays (n), by name.
-
-        Returns:
-            The arrays.
-
-        Raises:
-            UsageError: They are something else.
-        """
+        """Parameters by name in arrays (1 or n), of numbers or arrays (n). Raises `UsageError`."""
         if not isinstance(parameters, Mapping):
             words = printable(repr(parameters), 60)
             raise UsageError(f"parameters: must map names to numbers or arrays, not {words}")
         return {name: self.states(f"parameters: {name}", v) for name, v in parameters.items()}
 
     def constants(self, parameters: Mapping[str, Any]) -> Any:
-        """Constants of the module's functions.
+        """Constants that the module's `prepare` makes of parameters; None if there are none.
 
-        Args:
-            parameters: As of `parameters`.
-
-        Returns:
-            What the module's `prepare` makes of them; None if there are none.
-
-        Raises:
-            UsageError: It refuses them, or they are something else.
+        Raises `UsageError` for what it refuses.
         """
         values = self.parameters(parameters)
         # One number for all states costs less than one for each.
@@ -242,17 +159,9 @@ class Given:
             raise UsageError(f"{self.module.NAME}: parameters: {error}") from None
 
     def motors(self, limits: Any, time_constants: Any, thrusts: Any) -> Motors | None:
-        """What becomes of inputs.
+        """Motors with thrusts (1 or n, rotors), zeros if none are given, as of `rollout`.
 
-        Args:
-            limits, time_constants, thrusts: As of `rollout`.
-
-        Returns:
-            Motors with thrusts (1 or n, rotors), zeros if none are given; None where inputs are
-            what is commanded.
-
-        Raises:
-            UsageError: They are something else.
+        None where inputs are what is commanded. Raises `UsageError`.
         """
         if thrusts is not None and time_constants is None:
             raise UsageError("thrusts: without time_constants, thrusts are those commanded")
@@ -265,17 +174,7 @@ class Given:
         return Motors(least, most, lag, begin)
 
     def lag(self, time_constants: Any) -> Any:
-        """Time constants of motors, s.
-
-        Args:
-            time_constants: As of `rollout`.
-
-        Returns:
-            Array (1 or n, rotors).
-
-        Raises:
-            UsageError: They are something else.
-        """
+        """Time constants of motors (1 or n, rotors), s, as of `rollout`. Raises `UsageError`."""
         lag = self._of_rotors("time_constants", time_constants)
         self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return lag
@@ -285,35 +184,15 @@ class Given:
         return self.states(name, self._one_for_all(name, value, self.rotors), self.rotors)
 
     def _one_for_all(self, name: str, value: Any, width: int) -> Any:
-        """What was given, as an array; one number is repeated.
+        """What was given, as an array; one number is repeated `width` times.
 
-        Args:
-            name: Of the argument.
-            value: What was given.
-            width: How many numbers one is for.
-
-        Returns:
-            Array (width) of one number, or the array.
-
-        Raises:
-            UsageError: It is no real numbers.
+        Raises `UsageError`.
         """
         array = self._read(name, value)
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
     def normalised(self, name: str, q: Any) -> Any:
-        """Coordinates with quaternions of length 1.
-
-        Args:
-            name: Of the argument.
-            q: Coordinates (..., nq).
-
-        Returns:
-            Such coordinates.
-
-        Raises:
-            UsageError: A quaternion is zero.
-        """
+        """Coordinates (…, nq) with quaternions of length 1. Raises `UsageError` if one is zero."""
         if not self.layout.is_quaternion:
             return q
         length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
@@ -335,13 +214,9 @@ class Given:
         return array
 
     def _check(self, right: Any, name: str, wanted: str, values: Any = None) -> None:
-        """Raise `UsageError` with the first entry that is not right, where that is known.
+        """Raise `UsageError` with the first entry that is not `right`, where that is known.
 
-        Args:
-            right: Which entries are, as an array.
-            name: Of the argument.
-            wanted: What entries must be.
-            values: The entries, if the error is to show one.
+        `wanted` says what entries must be; the error shows one of `values`, if given.
         """
         try:
             wrong = ~np.asarray(right)
@@ -356,36 +231,14 @@ class Given:
 
 
 def whole(name: str, value: Any) -> int:
-    """A whole number of at least 1.
-
-    Args:
-        name: Of the argument.
-        value: What was given.
-
-    Returns:
-        The number.
-
-    Raises:
-        UsageError: It is something else.
-    """
+    """A whole number of at least 1. Raises `UsageError` otherwise."""
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
         raise UsageError(f"{name}: must be a whole number of 1 or more, not {printable(value, 60)}")
     return int(value)
 
 
 def seconds(name: str, value: Any) -> float:
-    """A time.
-
-    Args:
-        name: Of the argument.
-        value: What was given, s.
-
-    Returns:
-        The time, s.
-
-    Raises:
-        UsageError: It is no number above 0, or infinite.
-    """
+    """A time, s, finite and above 0. Raises `UsageError` otherwise."""
     is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not (is_number and 0.0 < value < math.inf):
         raise UsageError(

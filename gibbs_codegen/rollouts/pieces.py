@@ -40,13 +40,8 @@ def take_pieces(
 ) -> None:
     """Call a function for all steps of all states, in pieces, those of one state in order.
 
-    Args:
-        call: Takes the steps of a piece; threads call it at once for different states.
-        count: Number of states.
-        steps: Number of steps of each.
-        threads: How many threads there may be.
-        progress: Is told between calls, in this thread, the share of all that is done, 0 to 1.
-            What it raises ends the work.
+    Threads call it at once for different states. `progress` is told between calls, in this thread,
+    the share of all that is done, 0 to 1; what it raises ends the work.
     """
     threads = max(1, min(threads, count * steps // _LEAST))
     pieces = _Pieces(count, steps, threads)
@@ -104,13 +99,9 @@ class _Pieces:
                 yield
 
     def _some_states(self, size: int) -> Piece:
-        """States that follow those that are taken already.
+        """All steps of states that follow those taken already, about `size` steps of single states.
 
-        Args:
-            size: Steps of single states that there may be, about.
-
-        Returns:
-            All steps of theirs; no states are left where their number is 0.
+        No states are left where their number is 0.
         """
         with self._lock:
             left = self._count - self._first

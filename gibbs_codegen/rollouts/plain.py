@@ -22,12 +22,7 @@ def plain_rollout(
 ) -> Rollout:
     """Roll states out in NumPy, always in double precision.
 
-    Args:
-        problem: What is computed, of a module with the back end "numpy" or "c".
-        progress: Is told after every step the share of all that is done, 0 to 1.
-
-    Returns:
-        What comes out.
+    The module's back end is "numpy" or "c"; `progress` is told after every step the share done.
     """
     steps, count = Steps(problem, np), len(problem.q)
     state = steps.begin()

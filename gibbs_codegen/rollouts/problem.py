@@ -44,9 +44,9 @@ class Motors:
 
     They are brought within `least` and `most` (nu). Thrusts then follow them with the
     `time_constants` (1 or n, rotors), s, of which 0 is no lag: over a step, in which commands are
-    held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N, at the start. Semi-
-    implicit Euler applies the thrust at the start of a step, Runge and Kutta's method those at its
-    stages.
+    held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N, at the start.
+    Semi-implicit Euler applies the thrust at the start of a step, Runge and Kutta's method those at
+    its stages.
     """
 
     least: Array

@@ -116,18 +116,8 @@ def _problem(
 ) -> Problem:
     """What is computed, in arrays, with the inputs that a controller gives first.
 
-    Args:
-        given: What reads the arguments.
-        begin: q0 and v0 as of `rollout`.
-        control: As of `rollout`.
-        around: Parameters, wrenches and bounds as of `rollout`.
-        settings: What has been read already.
-
-    Returns:
-        The problem.
-
-    Raises:
-        UsageError: An argument is not what it must be.
+    `begin` are q0 and v0, `around` parameters, wrenches and bounds, as of `rollout`. Raises
+    `UsageError`.
     """
     (q, v), (parameters, wrenches, bounds) = given.start(*begin), around
     constants, frames = given.constants(parameters), len(given.module.FRAMES)
@@ -145,17 +135,9 @@ def _problem(
 
 
 def _given(module: ModuleType, steps: int) -> Given:
-    """What reads arguments of a rollout.
+    """What reads arguments of a rollout as arrays of NumPy, or of JAX.
 
-    Args:
-        module: The module.
-        steps: How many steps there are.
-
-    Returns:
-        What reads them as arrays of NumPy, or of JAX.
-
-    Raises:
-        UsageError: The back end has no rollouts.
+    Raises `UsageError` for a back end that has no rollouts.
     """
     backend = getattr(module, "backend", None)
     if backend == "jax":
@@ -175,18 +157,7 @@ def _rolled(
     threads: int,
     told: Callable[[float], None],
 ) -> Rollout:
-    """What comes out of a problem.
-
-    Args:
-        problem: The problem.
-        given: What has read it.
-        control: What was given for the inputs.
-        threads: How many threads of the C back end share the states.
-        told: Is told the share of it that is done, 0 to 1.
-
-    Returns:
-        The states.
-    """
+    """What comes out of a problem that `given` has read; `control` was given for the inputs."""
     if given.module.backend == "jax":
         from gibbs_codegen.rollouts.traced import traced_rollout
 
@@ -200,16 +171,7 @@ def _rolled(
 def known_inputs(
     problem: Problem, threads: int, told: Callable[[float], None] = lambda share: None
 ) -> Rollout:
-    """A rollout whose inputs are known, in C where that can be had.
-
-    Args:
-        problem: The problem.
-        threads: How many threads of the C back end share the states.
-        told: Is told the share of it that is done, 0 to 1.
-
-    Returns:
-        The states.
-    """
+    """A rollout whose inputs are known, in C where that can be had."""
     module = problem.module
     in_c = getattr(module, "backend", "numpy") == "c"
     if in_c and _compiles(module, problem.precision, os.environ.get("CC")):
@@ -221,16 +183,7 @@ def known_inputs(
 def _compiles(module: ModuleType, precision: Precision, chosen: str | None) -> bool:
     """Whether a module's rollout compiles, which is tried once; a warning tells that it does not.
 
-    Args:
-        module: The module.
-        precision: Of its numbers.
-        chosen: The value of CC.
-
-    Returns:
-        Whether it does.
-
-    Raises:
-        UsageError: The module has no C source of a rollout.
+    `chosen` is the value of CC. Raises `UsageError` without C source of a rollout.
     """
     try:
         rollout_function(module, precision)
@@ -251,14 +204,7 @@ def _module(robot: Any) -> ModuleType:
 
 
 def check_settings(steps: int, every: int, dt: float, method: str, precision: str) -> None:
-    """Refuse what is none of the numbers and names that it must be.
-
-    Args:
-        steps, every, dt, method, precision: As of `rollout`.
-
-    Raises:
-        UsageError: One of them is refused.
-    """
+    """Raise `UsageError` for what is none of the numbers and names that it must be."""
     if steps % whole("every", every):
         raise UsageError(f"every: must divide the {steps} steps, not {every}")
     seconds("dt", dt)
@@ -272,12 +218,7 @@ def check_settings(steps: int, every: int, dt: float, method: str, precision: st
 
 
 def _check_scenario(method: str, precision: str, others: Sequence[Any]) -> None:
-    """Raise `UsageError` for what is not said of a rollout of a scenario.
-
-    Args:
-        method, precision: As of `rollout`.
-        others: What must be None.
-    """
+    """Raise `UsageError` for what is not said of a rollout of a scenario. `others` must be None."""
     if method != "rk4" or precision != "double" or any(each is not None for each in others):
         raise UsageError(
             "control: a scenario is rolled out by rk4 in double precision, with limits, wrenches "

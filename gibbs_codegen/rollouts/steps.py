@@ -28,14 +28,7 @@ class Steps:
         return problem.q, problem.v, self._xp.broadcast_to(motors.thrusts, shape)
 
     def beyond(self, q: Array, v: Array) -> Any:
-        """Which states are out of bounds.
-
-        Args:
-            q, v: Coordinates (n, nq) and velocities (n, nv).
-
-        Returns:
-            Whether each is (n).
-        """
+        """Which states (n, nq), (n, nv) are out of bounds (n)."""
         if self._problem.bounds is None:
             return self._xp.zeros(len(q), dtype=bool)
         least, most = self._problem.bounds
@@ -44,15 +37,7 @@ class Steps:
         return outside
 
     def commanded(self, number: Any, q: Array, v: Array) -> Array:
-        """Inputs that are commanded in a step, within their limits.
-
-        Args:
-            number: Of the step, from 0.
-            q, v: Coordinates (n, nq) and velocities (n, nv) at its begin.
-
-        Returns:
-            The inputs (n, nu).
-        """
+        """Inputs (n, nu) that are commanded in a step, within their limits."""
         problem, xp = self._problem, self._xp
         u = xp.broadcast_to(_of_step(problem.inputs, number), (len(q), problem.inputs.shape[-1]))
         if (feedback := problem.feedback) is not None:
@@ -64,15 +49,9 @@ class Steps:
         return limited
 
     def after(self, number: Any, q: Array, v: Array, *thrusts: Array) -> State:
-        """States after a step, whether finite or not.
+        """Coordinates, velocities, and thrusts if motors lag (n, rotors), N, after a step.
 
-        Args:
-            number: Of the step, from 0.
-            q, v: Coordinates (n, nq) and velocities (n, nv) at its begin.
-            thrusts: Thrusts (n, rotors) there, N, where there are motors.
-
-        Returns:
-            Coordinates, velocities, and thrusts where there are motors.
+        They may not be finite.
         """
         dt, commanded = self._problem.dt, self.commanded(number, q, v)
         method = self._euler if self._problem.method == "euler" else self._rk4
@@ -81,15 +60,9 @@ class Steps:
         return *moved, *(acting[:, : each.shape[1]] for each in thrusts)
 
     def _acting(self, commanded: Array, time: Any, *thrusts: Array) -> Array:
-        """Inputs that act some time after the start of a step.
+        """Inputs (n, nu) that act some time after the start of a step, at which thrusts are given.
 
-        Args:
-            commanded: Inputs (n, nu) that are commanded through the step, within their limits.
-            time: Since its begin, s.
-            thrusts: Thrusts (n, rotors) at its begin, N, where there are motors.
-
-        Returns:
-            The inputs (n, nu).
+        `commanded` (n, nu) is within limits.
         """
         if self._problem.motors is None:
             return commanded
@@ -100,15 +73,7 @@ class Steps:
         return acting
 
     def _acceleration(self, number: Any, q: Array, v: Array, u: Array) -> Array:
-        """Accelerations in a step.
-
-        Args:
-            number: Of the step, from 0.
-            q, v, u: Coordinates (n, nq), velocities (n, nv) and inputs (n, nu) that act.
-
-        Returns:
-            The accelerations (n, nv).
-        """
+        """Accelerations (n, nv) in a step, of inputs `u` (n, nu) that act."""
         module, constants = self._problem.module, self._problem.constants
         found: Array
         if self._problem.wrenches is None:
@@ -126,27 +91,14 @@ class Steps:
     def _euler(self, number: Any, q: Array, v: Array, acting: Any) -> tuple[Array, Array]:
         """Coordinates and velocities after a semi-implicit Euler step.
 
-        Args:
-            number: Of the step, from 0.
-            q, v: Coordinates (n, nq) and velocities (n, nv) at its begin.
-            acting: Inputs (n, nu) that act, of the time since then.
-
-        Returns:
-            Coordinates and velocities.
+        `acting` gives inputs (n, nu) by the time since its begin.
         """
         dt = self._problem.dt
         v_next = v + dt * self._acceleration(number, q, v, acting(0.0))
         return self._moved(q, dt * v_next), v_next
 
     def _rk4(self, number: Any, q: Array, v: Array, acting: Any) -> tuple[Array, Array]:
-        """Coordinates and velocities after a step as the module's step_rk4 takes it.
-
-        Args:
-            number, q, v, acting: As of `_euler`.
-
-        Returns:
-            Coordinates and velocities.
-        """
+        """Coordinates and velocities after a step as the module's step_rk4 takes it."""
         dt, middle = self._problem.dt, acting(self._problem.dt / 2.0)
         a1 = self._acceleration(number, q, v, acting(0.0))
         half = self._moved(q, dt / 2.0 * v)

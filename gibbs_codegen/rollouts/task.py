@@ -46,28 +46,14 @@ Ending = Callable[[Moment], Flags]
 
 
 def nearness(now: Moment) -> Array:
-    """Reward of hovering: 1 at rest where the machine is wanted, less elsewhere, never negative.
-
-    Args:
-        now: Where the environments are.
-
-    Returns:
-        The rewards (n).
-    """
+    """Reward (n) of hovering: 1 at rest where the machine is wanted, less elsewhere, above 0."""
     squares = (now.away**2).sum(axis=1) + _RATES * (now.v**2).sum(axis=1)
     reward: Array = 1.0 / (1.0 + squares)
     return reward
 
 
 def gone(now: Moment) -> Flags:
-    """Whether a base is 3 m away from where it is wanted, or has turned by 1.4 rad.
-
-    Args:
-        now: Where the environments are.
-
-    Returns:
-        Which of them have failed (n).
-    """
+    """Whether a base is 3 m away from where it is wanted, or has turned by 1.4 rad (n)."""
     far = np.linalg.norm(now.away[:, now.base_position], axis=1) > _FARTHEST
     turned = np.linalg.norm(now.away[:, now.base_rotation], axis=1) > _STEEPEST
     failed: Flags = far | turned
@@ -75,12 +61,5 @@ def gone(now: Moment) -> Flags:
 
 
 def away_and_rates(now: Moment) -> Array:
-    """Observation of hovering: the displacement, and the velocities.
-
-    Args:
-        now: Where the environments are.
-
-    Returns:
-        The observations (n, 2 nv).
-    """
+    """Observation (n, 2 nv) of hovering: the displacement, and the velocities."""
     return np.concatenate([now.away, now.v], axis=1)

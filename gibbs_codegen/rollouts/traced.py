@@ -42,44 +42,24 @@ for _kind, _names in _ARRAYS.items():
 
 
 def given_to_jax(module: ModuleType, steps: int) -> Given:
-    """What reads arguments of a rollout as arrays of JAX, in the precision that it is set to.
-
-    Args:
-        module: A module with the back end "jax".
-        steps: How many steps there are.
-
-    Returns:
-        What reads them.
-    """
+    """What reads arguments of a rollout as arrays of JAX, in the precision that it is set to."""
     return Given(module, steps, jnp, _array)
 
 
 def _array(name: str, value: Any) -> Any:
-    """Real numbers as an array of JAX.
+    """Real numbers, or what JAX traces, as an array of JAX.
 
-    Args:
-        name: What an error calls them.
-        value: Numbers, nested sequences of them, or what JAX traces.
-
-    Returns:
-        The array.
-
-    Raises:
-        UsageError: They are no real numbers.
+    Raises `UsageError`, which says `name`.
     """
     array = value if isinstance(value, jax.Array) else numpy_array(name, value)
     return jnp.asarray(array, jnp.result_type(float))
 
 
 def traced_rollout(problem: Problem, controller: Controller | None) -> Rollout:
-    """Roll states out in JAX, which can differentiate what comes out.
+    """Roll states out in JAX's arrays, and so that JAX can differentiate what comes out.
 
-    Args:
-        problem: What is computed, of a module with the back end "jax", in JAX's arrays.
-        controller: As of `asked_rollout`, of what JAX traces; None where inputs are known.
-
-    Returns:
-        What comes out, in JAX's arrays.
+    The module's back end is "jax"; `controller` is as of `asked_rollout`, of what JAX traces, None
+    where inputs are known.
     """
     rolled: Rollout = _rolled(problem, controller)
     return rolled if _lags(problem.motors) else replace(rolled, thrusts=None)
@@ -94,14 +74,7 @@ def _lags(motors: Motors | None) -> bool:
 
 @functools.partial(jax.jit, static_argnums=1)
 def _rolled(problem: Problem, controller: Controller | None) -> Rollout:
-    """What comes out, with thrusts where there are motors.
-
-    Args:
-        problem, controller: As of `traced_rollout`.
-
-    Returns:
-        As of `traced_rollout`.
-    """
+    """What comes out, with thrusts where there are motors."""
     count, every = len(problem.q), problem.every
 
     def sample(carried: _Carried, first: Any) -> tuple[_Carried, State]:
@@ -127,16 +100,7 @@ def _rolled(problem: Problem, controller: Controller | None) -> Rollout:
 
 
 def _step(steps: Steps, carried: _Carried, number: Any) -> tuple[_Carried, None]:
-    """One step, as `lax.scan` wants it.
-
-    Args:
-        steps: The steps of the problem.
-        carried: States, numbers of steps that were taken, and why states have ended.
-        number: Of the step, from 0.
-
-    Returns:
-        The same after the step, and nothing to be kept.
-    """
+    """One step of states, numbers of steps taken, and why states ended, as `lax.scan` wants it."""
     state, taken, ended = carried
     after = steps.after(number, *state)
     finite = jnp.isfinite(jnp.concatenate(after, axis=1)).all(axis=1)

@@ -235,14 +235,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return observations, rewards, terminations, truncations, infos
 
     def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
-        """Give environments their random numbers, and all of them before the first episodes.
+        """Give environments `rows` (n) their random numbers, and all before the first episodes.
 
-        Args:
-            seed: As of `reset`.
-            rows: Whose seeds count (n).
-
-        Raises:
-            UsageError: If there are not n seeds.
+        Raises `UsageError` if there are not n seeds.
         """
         if seed is None or isinstance(seed, SupportsIndex):
             first = None if seed is None else operator.index(seed)
@@ -291,18 +286,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return inputs
 
     def _told(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
-        """What a function of the user's says of each environment.
+        """What a function of the user's, given as argument `name`, says of each environment (n).
 
-        Args:
-            name: Of the argument that gave the function.
-            function: The function.
-            now: What it is told.
-
-        Returns:
-            What it says (n).
-
-        Raises:
-            UsageError: If that is not one value for each environment.
+        Raises `UsageError` if that is not one value for each.
         """
         with np.errstate(all="ignore"):  # A machine that has gone has gone far.
             told = np.array(function(now))
@@ -334,15 +320,7 @@ def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
 def _decisions(duration: float | None, decision: float) -> float:
     """After how many decisions of so many seconds an episode is truncated.
 
-    Args:
-        duration: As of `VectorEnv`.
-        decision: Of a decision, s.
-
-    Returns:
-        The number, less what rounding may have added.
-
-    Raises:
-        UsageError: If the duration is no time.
+    The number, less what rounding may have added. Raises `UsageError` if `duration` is no time.
     """
     return math.inf if duration is None else seconds("duration", duration) / decision - 1e-6
 

@@ -33,20 +33,9 @@ def c_module(
 ) -> ModuleType:
     """The functions and constants of a module, computed by its compiled C source.
 
-    Args:
-        module: The NumPy module.
-        folder: Where its C files are.
-        compiler: What compiles them.
-        threads: How many threads share large batches.
-        of_each: Flags for the functions that take constants of each state, which are compiled when
-            they are first needed.
-
-    Returns:
-        A module with the names of `module`, whose `__file__` is the shared library.
-
-    Raises:
-        CompilerError: It cannot be compiled or loaded.
-        CacheError: The library cannot be kept.
+    Its `__file__` is the shared library. `of_each` are flags for the functions that take constants
+    of each state, which are compiled when they are first needed. Raises `CompilerError`, and
+    `CacheError` if the library cannot be kept.
     """
     path = compiled_library(folder, module.NAME, compiler)
     functions = module_signatures(module)

@@ -24,17 +24,10 @@ _ROWS = "_rows.c"
 def compiled_library(
     folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
 ) -> Path:
-    """The shared library of a generated module, from the cache or compiled now.
+    """Path of the shared library of a generated module, from the cache or compiled now.
 
-    Args:
-        folder: Where the module's C files are.
-        name: Of the robot.
-        compiler: What compiles them.
-        extra: Flags that come after the compiler's.
-
-    Returns:
-        Path of the library, which exports the module's C functions, those of its CasADi adapter
-        but in single precision, which CasADi does not have, and those of `rows.c`.
+    It exports the module's C functions, those of its CasADi adapter but in single precision, which
+    CasADi does not have, and those of `rows.c`. `extra` flags come after the compiler's.
     """
     files = c_files(name)
     if f"-D{name.upper()}_FLOAT" in extra:
@@ -52,22 +45,12 @@ def compiled_files(
     others: Mapping[str, bytes] = MappingProxyType({}),
     included: Sequence[str] = (),
 ) -> Path:
-    """A shared library of C files of a generated module, from the cache or compiled now.
+    """Path of a shared library of C files of a generated module, from the cache or compiled now.
 
-    Args:
-        folder: Where the module's C files are.
-        name: Of the robot.
-        files: Names of those that it is made of, and of what they include.
-        compiler: What compiles them.
-        extra: Flags that come after the compiler's.
-        others: Texts of further sources, by names that no file of the module has.
-        included: Names of C files that others include, and that are not compiled by themselves.
-
-    Returns:
-        Path of the library.
-
-    Raises:
-        UsageError: A file is missing, or was not generated together with the module.
+    `files` are those that it is made of, and what they include; of these, those `included` are not
+    compiled by themselves. `others` are texts of further sources, by names that no file of the
+    module has. Raises `UsageError` for a file that is missing, or was not generated with the
+    module.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     missing = [file for file in files if not (folder / file).is_file()]
@@ -97,16 +80,7 @@ def compiled_files(
 def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> ctypes.CDLL:
     """The shared library of a generated module, once it is known to have all functions.
 
-    Args:
-        path: Of the library.
-        prefix: Name of the robot.
-        functions: Those that it must have.
-
-    Returns:
-        The library.
-
-    Raises:
-        CompilerError: It cannot be loaded, or lacks a function.
+    Raises `CompilerError` if it cannot be loaded, or lacks one. `prefix` is the robot's name.
     """
     try:
         library = ctypes.CDLL(str(path))
@@ -121,14 +95,7 @@ def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> c
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Say what takes long, on a terminal; nothing in a pipe.
-
-    Args:
-        what: What is being done, in words.
-
-    Returns:
-        A context, for as long as it takes.
-    """
+    """Say what takes long, on a terminal, as long as the context lasts; nothing in a pipe."""
     if not sys.stderr.isatty():
         yield
         return
@@ -155,12 +122,5 @@ def _make_of(text: bytes) -> list[bytes]:
 
 
 def c_files(name: str) -> list[str]:
-    """The files that the C target of a module consists of.
-
-    Args:
-        name: Of the robot.
-
-    Returns:
-        Names of the files.
-    """
+    """Names of the files that the C target of a module consists of."""
     return [f"{name}.h", f"{name}.c", f"{name}_casadi.c"]

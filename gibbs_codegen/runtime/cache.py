@@ -26,17 +26,10 @@ class CacheError(Exception):
 
 
 def cached_library(key: str, make: Callable[[Path], None]) -> Path:
-    """The library of a key, made where the cache has none.
+    """Path of the library of a key, which `make` writes where the cache has none.
 
-    Args:
-        key: Text that differs where libraries do.
-        make: Writes the library to the path that it is given; what it raises is passed on.
-
-    Returns:
-        Path of the library.
-
-    Raises:
-        CacheError: The cache cannot be used.
+    Keys differ where libraries do. Raises `CacheError` if the cache cannot be used, and what `make`
+    raises.
     """
     try:
         root = _private_folder()

@@ -30,15 +30,11 @@ _NAME = "gibbs_codegen.runtime._caller"
 
 @functools.cache
 def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
-    """The extension type `Caller`.
+    """The extension type `Caller`, which the compiler makes where there is none yet.
 
-    Args:
-        compiler: What makes it where it was not built and the cache has none.
-
-    Returns:
-        Caller(address, shapes of inputs, shapes of outputs, default constants, general function),
-        or None where it was not built, and Python's headers are not installed or it cannot be made,
-        which the log says.
+    Caller(address, shapes of inputs, shapes of outputs, default constants, general function); None
+    where it was not built, and Python's headers are not installed or it cannot be made, which the
+    log says.
     """
     try:
         caller: Callable[..., Any] = importlib.import_module(_NAME).Caller

@@ -30,14 +30,7 @@ _QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 def casadi_module(module: ModuleType) -> ModuleType:
-    """The functions and constants of a module, computed by CasADi.
-
-    Args:
-        module: The NumPy module.
-
-    Returns:
-        A module with the names of `module`, whose functions are of the type `CasadiFunction`.
-    """
+    """A module's functions, of the type `CasadiFunction`, and constants, computed by CasADi."""
     return _CasadiModule(module)
 
 
@@ -51,13 +44,7 @@ class CasadiFunction(casadi.Function):
     def __init__(
         self, function: casadi.Function, with_constants: casadi.Function, doc: str | None
     ) -> None:
-        """Take a function in both forms.
-
-        Args:
-            function: With the default constants.
-            with_constants: With constants to be given.
-            doc: Its docstring.
-        """
+        """Take a function with the default constants, and with constants to be given."""
         super().__init__(function)
         self.with_constants = with_constants
         self.__doc__ = doc
@@ -196,17 +183,10 @@ class _CasadiModule(LoadedModule):
         return CasadiFunction(default, every, getattr(self._module, name).__doc__)
 
     def _normalised(self, argument: str, symbol: Any) -> Objects:
-        """Entries of an argument, those of a quaternion divided by its length.
+        """Entries of an argument, row by row, those of a quaternion divided by its length.
 
         The module's functions expect a unit quaternion. A solver's iterates are none, and its
         derivatives by a quaternion's entries are to be those of what is defined beside them.
-
-        Args:
-            argument: Its name.
-            symbol: The argument, a vector or a matrix.
-
-        Returns:
-            The entries, row by row.
         """
         entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
         if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
@@ -217,13 +197,9 @@ class _CasadiModule(LoadedModule):
 
 
 def _matrix(output: Objects) -> Any:
-    """An output as CasADi's matrix: a vector dense, all else without the zeros of every state.
+    """An output as CasADi's SX: a vector dense, all else without the zeros of every state.
 
-    Args:
-        output: Array of symbols and numbers.
-
-    Returns:
-        SX; blocks of an array of more than two axes are one below the other.
+    Blocks of an array of more than two axes are one below the other.
     """
     is_matrix = output.ndim > 1
     columns = output.shape[-1] if is_matrix else 1

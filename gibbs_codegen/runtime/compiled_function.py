@@ -33,9 +33,9 @@ Constants = bytes | NDArray[np.float64]
 
 
 class CompiledConstants:
-    """What `prepare` returns in this back end: the C module's constants.
+    """What `prepare` returns in this back end: bytes of the C module's constants.
 
-    They are bytes, or where they differ from state to state, an array (..., size / 8) of numbers.
+    Where they differ from state to state they are an array (..., size / 8) of numbers.
     """
 
     def __init__(self, library: ctypes.CDLL, module: ModuleType) -> None:
@@ -49,18 +49,10 @@ class CompiledConstants:
         self.default = self._one([*self._parameters.values()])
 
     def prepare(self, parameters: Mapping[str, ArrayLike]) -> Constants:
-        """Constants of the functions for given parameters.
+        """Bytes of the C module's struct; or its numbers (..., count), for arrays that broadcast.
 
-        Args:
-            parameters: Values that differ from the defaults, by name: numbers, or arrays with a
-                value for each state, which broadcast.
-
-        Returns:
-            Bytes of the C module's struct; or its numbers (..., count), for arrays that broadcast
-            to (...).
-
-        Raises:
-            ValueError: They leave an acceleration undetermined, or the NumPy module refuses them.
+        Raises `ValueError` if they leave an acceleration undetermined, or the NumPy module refuses
+        them.
         """
         first = self._check(parameters)[0]
         given = {**self._parameters, **parameters}
@@ -84,16 +76,9 @@ class CompiledConstants:
         return constants.raw
 
     def chosen(self, constants: object) -> Constants:
-        """Constants of a call.
+        """Constants of a call, the default if None.
 
-        Args:
-            constants: What `prepare` returned, or None for the default.
-
-        Returns:
-            What was given, or the default.
-
-        Raises:
-            TypeError: They are not this module's.
+        Raises `TypeError` if they are another module's.
         """
         if constants is None:
             return self.default
@@ -158,12 +143,7 @@ class CompiledFunction:
     def fast(self, caller: Callable[..., Any], general: Callable[..., Any]) -> Any:
         """The function with a short way for one state in plain arrays.
 
-        Args:
-            caller: What `caller_type` returns.
-            general: The function for any arguments, which takes the calls for all others.
-
-        Returns:
-            What is called as `general` is.
+        `caller` is what `caller_type` returns; `general` takes the calls for all other arguments.
         """
         address = ctypes.cast(self._one, ctypes.c_void_p).value
         signature = self._signature
@@ -171,14 +151,10 @@ class CompiledFunction:
         return caller(address, *shapes, self._constants.default, general)
 
     def evaluate(self, given: Mapping[str, Any]) -> Any:
-        """The function for any arguments.
+        """The function for any arguments: an array (..., *shape), or a tuple of them.
 
-        Args:
-            given: Anything that NumPy makes an array (..., width) of, by the arguments' names, and
-                what `CompiledConstants.prepare` returned as `constants`, or None.
-
-        Returns:
-            An array (..., *shape), or a tuple of them.
+        `given` are what NumPy makes arrays (..., width) of, by the arguments' names, and
+        `constants` as `CompiledConstants.prepare` returns them, or None.
         """
         signature = self._signature
         constants = self._constants.chosen(given.get("constants"))
@@ -205,10 +181,7 @@ class CompiledFunction:
     def _report_lost(self, arrays: Arrays, outputs: Arrays, batch: tuple[int, ...]) -> None:
         """Report results that are not finite though arguments are, as the NumPy back end does.
 
-        Args:
-            arrays: Arguments (..., width).
-            outputs: Results (*batch, *shape).
-            batch: The shape that the leading axes broadcast to.
+        Arguments are (..., width), results (*batch, *shape).
         """
         signature = self._signature
         finite = np.ones(batch, dtype=bool)
@@ -220,14 +193,9 @@ class CompiledFunction:
     def _all_rows(self, constants: bytes | None, arrays: Arrays, batch: tuple[int, ...]) -> bool:
         """Compute all rows, on several threads where they are many.
 
-        Args:
-            constants: Bytes of the C module's constants, or None for those of each state.
-            arrays: Inputs (*batch, width), outputs (*batch, *shape), which are filled, and
-                constants of each state, all in C order.
-            batch: Shape of the batch.
-
-        Returns:
-            Whether finite inputs may have given what is not finite.
+        Returns whether finite inputs may have given what is not finite. `constants` are None for
+        those of each state. `arrays` are inputs (*batch, width), outputs (*batch, *shape), which
+        are filled, and constants of each state, all in C order.
         """
         count = math.prod(batch)
         function = self._batch_each() if constants is None else self._batch
@@ -254,17 +222,10 @@ class CompiledFunction:
         start: int,
         count: int,
     ) -> bool:
-        """Compute rows that follow each other, on this thread.
+        """Compute `count` rows from `start` on, on this thread, of flattened arrays.
 
-        Args:
-            function: The function for batches.
-            constants: Bytes of the C module's constants, or None for those of each state.
-            flat: Inputs, outputs, and constants of each state, flattened.
-            start: Number of the first row.
-            count: How many rows.
-
-        Returns:
-            Whether finite inputs may have given what is not finite.
+        Returns whether finite inputs may have given what is not finite. `constants` are None for
+        those of each state.
         """
         sizes = self._sizes[: len(flat)]
         starts = [a[start * size :] for a, size in zip(flat, sizes, strict=True)]
@@ -292,7 +253,7 @@ def _rows(array: NDArray[np.float64], batch: tuple[int, ...]) -> NDArray[np.floa
 
 
 class GeneralFunction:
-    """A compiled function for any arguments, which it takes as the function `like` does.
+    """A compiled function for any arguments, taken as the function `like` does.
 
     It has the name and the documentation of `like`.
     """

@@ -45,15 +45,9 @@ class Compiler:
         return "\n".join([*self.command, self.version, *_FLAGS, *_LINKER_FLAGS, *system])
 
     def library(self, sources: Sequence[Path], output: Path, extra: Sequence[str] = ()) -> None:
-        """Make a shared library.
+        """Make a shared library of C files; `extra` flags come after the compiler's.
 
-        Args:
-            sources: C files.
-            output: Path of the library.
-            extra: Flags that come after the compiler's.
-
-        Raises:
-            CompilerError: The compiler fails or hangs.
+        Raises `CompilerError` if it fails or hangs.
         """
         # Without knowing the processor a library in the cache might meet another one.
         if _processor():
@@ -63,16 +57,7 @@ class Compiler:
         self._make(sources, output, [*_FLAGS, *extra])
 
     def _make(self, sources: Sequence[Path], output: Path, flags: Sequence[str]) -> None:
-        """Make a shared library.
-
-        Args:
-            sources: C files.
-            output: Path of the library.
-            flags: All but the user's own.
-
-        Raises:
-            CompilerError: The compiler fails or hangs.
-        """
+        """Make a shared library; `flags` are all but the user's own. Raises `CompilerError`."""
         # Words before the first flag may be a launcher and its compiler, such as `ccache gcc`.
         programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
         own = self.command[len(programs) :]
@@ -92,15 +77,8 @@ class Compiler:
 def find_compiler(chosen: str | None) -> Compiler:
     """The compiler that the user has chosen, or else cc, gcc or clang of the search path.
 
-    Args:
-        chosen: The value of CC, which may be a launcher and a compiler, and flags after it, as
-            `ccache gcc -O2`; None where it is not set.
-
-    Returns:
-        The compiler.
-
-    Raises:
-        CompilerError: There is none.
+    `chosen` is the value of CC: maybe a launcher, a compiler, and flags after it, as `ccache gcc
+    -O2`. Raises `CompilerError` if there is none.
     """
     if sys.platform == "win32":
         raise CompilerError("nothing is compiled on Windows, whose compilers take other flags")
@@ -124,18 +102,9 @@ def _version(command: Sequence[str]) -> str:
 
 
 def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | None, str]:
-    """Run a command to its end, or end it.
+    """Exit code and output of a command, run to its end, or ended after so many seconds.
 
-    Args:
-        command: Program and arguments.
-        seconds: How long it may take.
-        folder: Where it is run.
-
-    Returns:
-        Exit code, None if the command hung and was ended, and what it printed.
-
-    Raises:
-        CompilerError: It cannot be started.
+    The code is None if it hung. Raises `CompilerError` if it cannot be started.
     """
     try:
         process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen

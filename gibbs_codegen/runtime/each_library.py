@@ -17,30 +17,15 @@ class EachLibrary:
     def __init__(
         self, folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
     ) -> None:
-        """Take what is compiled later.
-
-        Args:
-            folder: Where the module's C files are.
-            name: Of the robot.
-            compiler: What compiles them.
-            extra: Flags that come after the compiler's.
-        """
+        """Take what is compiled later; `extra` flags come after the compiler's."""
         self._folder, self._name = folder, name
         self._compiler, self._extra = compiler, extra
 
     def function(self, name: str) -> ctypes.c_void_p:
-        """A function of the library, which is compiled now or taken from the cache.
+        """The address of a function of the library, compiled now or taken from the cache.
 
-        Args:
-            name: Of the function in C.
-
-        Returns:
-            Its address.
-
-        Raises:
-            UsageError: The module has no such source, or one that was not generated with it.
-            CompilerError: The library cannot be compiled or loaded, or lacks the function.
-            CacheError: It cannot be kept.
+        Raises `UsageError` if the module has no such source, or one of another make, else
+        `CompilerError` or `CacheError`.
         """
         if not hasattr(self.library, name):
             raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")

@@ -22,15 +22,7 @@ from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
 def jax_module(module: ModuleType, folder: Path) -> ModuleType:
-    """The functions and constants of a module, computed by JAX.
-
-    Args:
-        module: The NumPy module.
-        folder: Where its files are.
-
-    Returns:
-        A module with the names of `module`.
-    """
+    """The functions and constants of a module, computed by JAX; its files are in `folder`."""
     functions = Functions(module, folder)
     made = LoadedModule(module, "jax")
     made.prepare = _prepare(module, functions)  # type: ignore[attr-defined]
@@ -47,15 +39,7 @@ def jax_module(module: ModuleType, folder: Path) -> ModuleType:
 
 
 def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str, Any]], Any]:
-    """The function `prepare` of a module.
-
-    Args:
-        module: The NumPy module.
-        functions: Its functions.
-
-    Returns:
-        The function.
-    """
+    """The function `prepare` of a module."""
 
     def prepare(parameters: Mapping[str, Any]) -> Any:
         defaults = module.PARAMETERS
@@ -88,17 +72,9 @@ def _function(
     signature: Signature,
     body: Callable[..., Sequence[Any]],
 ) -> Callable[..., Any]:
-    """A function of a module.
+    """A function of a module that takes what that of the NumPy module does, and refuses others.
 
-    Args:
-        module: The NumPy module.
-        functions: Its functions.
-        signature: That of the function.
-        body: What takes constants and arguments (..., width), and returns the outputs.
-
-    Returns:
-        The function, which takes numbers and arrays as that of the NumPy module does, and raises
-        TypeError or ValueError for others.
+    `body` takes constants and arguments (..., width), and returns the outputs.
     """
     like = getattr(module, signature.name)
     size = len(module.prepare({})) + len(module.PARAMETERS)
@@ -134,18 +110,9 @@ def _with_axes(array: Any, axes: int) -> Any:
 
 
 def _constants(constants: Any, size: int, arguments: Sequence[Any]) -> Any:
-    """Constants that a function was called with.
+    """Constants (..., size) of a call, of the precision of its arguments.
 
-    Args:
-        constants: What was given.
-        size: How many entries there are.
-        arguments: The function's arguments, whose precision the constants get.
-
-    Returns:
-        Array (..., size).
-
-    Raises:
-        TypeError: They are not this module's, or as of `_arrays`.
+    Raises `TypeError` if they are not this module's, or as `_arrays` does.
     """
     if getattr(constants, "shape", ())[-1:] != (size,):
         raise TypeError("constants must be what this module's prepare() returned")
@@ -154,17 +121,9 @@ def _constants(constants: Any, size: int, arguments: Sequence[Any]) -> Any:
 
 
 def _states(signature: Signature, given: Mapping[str, Any]) -> list[Any]:
-    """Arguments of a function as arrays of one precision.
+    """Arguments of a function as arrays (..., width) of one precision, entries row by row.
 
-    Args:
-        signature: That of the function.
-        given: What it was called with, by names.
-
-    Returns:
-        Arrays (..., width), the entries of one state along the last axis, row by row.
-
-    Raises:
-        TypeError, ValueError: As of `state_array`.
+    Raises what `state_array` does.
     """
     arrays = _arrays(signature.arguments, [given[name] for name in signature.arguments])
     found = []
@@ -181,17 +140,8 @@ def _states(signature: Signature, given: Mapping[str, Any]) -> list[Any]:
 def _arrays(names: Sequence[str] | Mapping[str, Any], values: Any) -> list[Any]:
     """Real numbers as arrays of one precision, which is that of the arrays among them.
 
-    Args:
-        names: What errors call the values.
-        values: JAX's arrays, NumPy's, numbers or nested sequences of these.
-
-    Returns:
-        Arrays of float32, or of float64 where JAX has it enabled and an array is of it, or none is
-        of another.
-
-    Raises:
-        TypeError, ValueError: As of `real_numbers`.
-        TypeError: An array has another precision.
+    It is float64 where JAX has that enabled and an array is of it, or none is of another. Raises
+    what `real_numbers` does, with `names`, and `TypeError` if an array has another precision.
     """
     arrays = [
         value if isinstance(value, jax.Array) else real_numbers(name, value)

@@ -39,16 +39,10 @@ class CompiledCalls:
     def __init__(
         self, module: ModuleType, path: Path, caller: ctypes.CDLL, each: EachLibrary
     ) -> None:
-        """Add the functions to those that XLA can call.
+        """Add the functions of a library to those that XLA can call.
 
-        Args:
-            module: The NumPy module.
-            path: Its library.
-            caller: That of `native/jax_call.c`.
-            each: The library of the functions for constants of each state.
-
-        Raises:
-            CompilerError: The library lacks a function, or one cannot be added.
+        `caller` is the library of `native/jax_call.c`, `each` that of the functions for constants
+        of each state. Raises `CompilerError` if one is lacking or cannot be added.
         """
         signatures = module_signatures(module)
         # The folder in the cache has its name from what the library was made of.
@@ -61,16 +55,7 @@ class CompiledCalls:
             self._add(module.NAME, signature, caller)
 
     def _add(self, module: str, signature: Signature, caller: ctypes.CDLL) -> None:
-        """Add a function to those that XLA can call.
-
-        Args:
-            module: Name of the module.
-            signature: That of the function.
-            caller: The library of `native/jax_call.c`.
-
-        Raises:
-            CompilerError: It cannot be added.
-        """
+        """Add a function to those that XLA can call, or raise `CompilerError`."""
         sizes = [*signature.widths, *map(math.prod, signature.shapes), self._constants]
         own = f"{module}_{signature.name}_batch"
         failed = caller.gibbs_codegen_jax_add(
@@ -88,16 +73,10 @@ class CompiledCalls:
     def __call__(
         self, signature: Signature, constants: Any, arguments: Sequence[Any]
     ) -> tuple[Any, ...]:
-        """Results of a function that takes arguments.
+        """Results (..., width) of a function that takes arguments (..., width) of one precision.
 
-        Args:
-            signature: Of the function.
-            constants: Array (..., number of constants), or None for the default.
-            arguments: Arrays (..., width), of one precision. They and the constants have equally
-                many axes, which broadcast.
-
-        Returns:
-            Arrays (..., width), one for each output.
+        Constants (..., number of constants), None for the default, and arguments have equally many
+        axes, which broadcast.
         """
         operands = [*arguments]
         if constants is not None:
@@ -113,11 +92,7 @@ class CompiledCalls:
         return tuple(call(*operands, function=f"{self._prefix}{signature.name}"))
 
     def _add_each(self, name: str) -> None:
-        """Add the form for constants of each state to a function; where it can be had, and once.
-
-        Args:
-            name: Of the function.
-        """
+        """Add the form for constants of each state to a function; where it can be had, and once."""
         with _adding:
             if name in self._known:
                 return
@@ -132,18 +107,10 @@ class CompiledCalls:
 
 
 def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
-    """The compiled functions of a module, where XLA computes on the CPU.
+    """The compiled functions of a module where XLA computes on the CPU, or why there are none.
 
-    Args:
-        module: The NumPy module.
-        folder: Where its C files are, if it has the C target.
-
-    Returns:
-        What calls them, or in words why there are none. Where they cannot be compiled, the log
-        says so too.
-
-    Raises:
-        UsageError: A C file is of another make.
+    Where they cannot be compiled, the log says so too. Raises `UsageError` for a C file of another
+    make.
     """
     if (backend := jax.default_backend()) != "cpu":
         return f"JAX computes on the {backend}, and compiled functions run on the CPU only"

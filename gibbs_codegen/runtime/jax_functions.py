@@ -47,12 +47,7 @@ class Functions:
     """
 
     def __init__(self, module: ModuleType, folder: Path) -> None:
-        """Take a module.
-
-        Args:
-            module: The NumPy module.
-            folder: Where its files are.
-        """
+        """Take the NumPy module, whose files are in `folder`."""
         self.kernels = Kernels(module, ELEMENTARY)
         self.tangents = Tangents(module)
         self._module, self._folder = module, folder
@@ -64,15 +59,10 @@ class Functions:
         return name in self._signatures
 
     def __call__(self, name: str, constants: Any, *arguments: Any) -> tuple[Any, ...]:
-        """Results of a function that is not composed of others.
+        """Results (..., width) of a function not composed of others, which JAX can differentiate.
 
-        Args:
-            name: Of the function.
-            constants: Array (..., constants and parameters) as `prepare` makes it, or None.
-            arguments: Arrays (..., width); a quaternion in them is of unit length.
-
-        Returns:
-            Arrays (..., width), one for each output, which JAX can differentiate.
+        Constants are (..., constants and parameters) as `prepare` makes them, or None; arguments
+        are (..., width), a quaternion in them of unit length.
         """
         if name not in self._made:
             function = jax.custom_jvp(functools.partial(self._evaluate, name))
@@ -86,14 +76,7 @@ class Functions:
         return compiled_calls(self._module, self._folder)
 
     def _evaluate(self, name: str, constants: Any, *arguments: Any) -> tuple[Any, ...]:
-        """Results of a function, of which JAX knows no derivative.
-
-        Args:
-            name, constants, arguments: As of `__call__`.
-
-        Returns:
-            As of `__call__`.
-        """
+        """Results of a function as of `__call__`, of which JAX knows no derivative."""
         signature = self._signatures[name]
         size = self._operations(name) + sum(map(math.prod, signature.shapes))
         if not arguments or size <= _MOST_TRACED:
@@ -107,15 +90,7 @@ class Functions:
     def _traced(
         self, signature: Signature, constants: Any, arguments: Sequence[Any]
     ) -> tuple[Any, ...]:
-        """Results of a function by its kernel.
-
-        Args:
-            signature: Of the function.
-            constants, arguments: As of `__call__`.
-
-        Returns:
-            As of `__call__`.
-        """
+        """Results of a function by its kernel, as of `__call__`."""
         operands = [*arguments] if constants is None else [*arguments, constants]
         k = self._default if constants is None else _entries(constants)
         batch = jnp.broadcast_shapes(*(array.shape[:-1] for array in operands))
@@ -140,14 +115,9 @@ class Functions:
         return sum(step.opname == "BINARY_OP" and step.argrepr != "[]" for step in steps)
 
     def _check_length(self, name: str, otherwise: str) -> None:
-        """Refuse to have XLA compile what it cannot.
+        """Raise `UsageError` if a function has too many operations for XLA to compile.
 
-        Args:
-            name: Of the function.
-            otherwise: Why XLA is to compile it.
-
-        Raises:
-            UsageError: It has too many operations.
+        `otherwise` says why it is to.
         """
         if (count := self._operations(name)) > _MOST_OPERATIONS:
             raise UsageError(
@@ -157,15 +127,9 @@ class Functions:
     def _differentiate(
         self, name: str, primals: Sequence[Any], tangents: Sequence[Any]
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Results of a function, and how they change along a direction.
+        """Results of a function, and how they change with constants and arguments.
 
-        Args:
-            name: Of the function.
-            primals: Constants and arguments.
-            tangents: Their changes, some of them None or without any change.
-
-        Returns:
-            The results, and their changes.
+        `tangents` are changes of these, None or zero for some.
         """
         constants, *arguments = primals
         changes = [None if isinstance(t, SymbolicZero) else t for t in tangents]
@@ -190,16 +154,7 @@ class Functions:
     def _displacements(
         self, name: str, arguments: Sequence[Any], changes: Sequence[Any]
     ) -> list[Any]:
-        """Displacements in place of changes of coordinates.
-
-        Args:
-            name: Of the function.
-            arguments: Its arguments.
-            changes: Their changes, or None.
-
-        Returns:
-            As `changes`.
-        """
+        """Displacements in place of changes of coordinates, if not None."""
         names = self._signatures[name].arguments
         return [
             None if change is None else self.tangents.displacement(argument, values, change)
@@ -209,16 +164,7 @@ class Functions:
     def _by_kernel(
         self, name: str, primals: Sequence[Any], changes: Sequence[Any]
     ) -> tuple[Any, ...]:
-        """Changes of a function's results, by its kernel.
-
-        Args:
-            name: Of the function.
-            primals: Constants and arguments.
-            changes: Their changes, or None.
-
-        Returns:
-            The changes, one array for each output.
-        """
+        """Changes of a function's results, by its kernel, with those of constants and arguments."""
         self._check_length(name, self._why_by_kernel(name, changes))
         places = [i for i, change in enumerate(changes) if change is not None]
 
@@ -234,15 +180,7 @@ class Functions:
         return moved
 
     def _why_by_kernel(self, name: str, changes: Sequence[Any]) -> str:
-        """Why the module's own derivatives do not serve.
-
-        Args:
-            name: Of the function that is differentiated.
-            changes: Of the constants and arguments, or None; not all of them.
-
-        Returns:
-            A clause.
-        """
+        """Why the module's own derivatives do not serve, as a clause."""
         rule = rule_of(name)
         by_arguments = any(change is not None for change in changes[1:])
         needed = (rule and rule.needs) if by_arguments else derivative(name, "parameters")
@@ -252,12 +190,5 @@ class Functions:
 
 
 def _entries(array: Any) -> list[Any]:
-    """The entries along the last axis.
-
-    Args:
-        array: Array (..., width).
-
-    Returns:
-        Arrays (...).
-    """
+    """The entries (...) along the last axis of an array (..., width)."""
     return [array[..., i] for i in range(array.shape[-1])]

@@ -41,28 +41,15 @@ class Rule:
 
 
 def product(matrix: Any, direction: Any) -> Any:
-    """A matrix that is given row by row times a direction.
-
-    Args:
-        matrix: Array (..., rows times columns).
-        direction: Array (..., columns).
-
-    Returns:
-        Array (..., rows).
-    """
+    """A matrix (..., rows times columns), given row by row, times a direction (..., columns)."""
     whole = matrix.reshape(*matrix.shape[:-1], -1, direction.shape[-1])
     return (whole @ direction[..., None])[..., 0]
 
 
 def _sum_of_products(matrices: Arrays, changes: Arrays) -> Any:
-    """The change of a result whose derivatives are matrices, one for each argument.
+    """The change (..., rows) of a result whose derivatives are matrices, one for each argument.
 
-    Args:
-        matrices: Arrays (..., rows times columns).
-        changes: Arrays (..., columns), or None; not all of them.
-
-    Returns:
-        Array (..., rows).
+    They are (..., rows times columns), and changes (..., columns) or None; not all of them.
     """
     parts = [
         product(matrix, change)
@@ -75,16 +62,7 @@ def _sum_of_products(matrices: Arrays, changes: Arrays) -> Any:
 def _by_matrices(
     functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
 ) -> tuple[Arrays, Arrays]:
-    """The rule of a function whose derivatives are matrices, one for each argument.
-
-    Args:
-        functions: Those of the module.
-        name: Of the function that is differentiated.
-        constants, arguments, changes: As of `Rule`.
-
-    Returns:
-        As of `Rule`.
-    """
+    """The rule of a function whose derivatives are matrices, one for each argument."""
     value, *matrices = functions(derivative(name, "jacobian"), constants, *arguments)
     return [value], [_sum_of_products(matrices, changes)]
 
@@ -92,16 +70,7 @@ def _by_matrices(
 def _integrate(
     functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
 ) -> tuple[Arrays, Arrays]:
-    """The rule of `integrate`, whose derivative is in the tangent space at the result.
-
-    Args:
-        functions: Those of the module.
-        name: Of the function that is differentiated.
-        constants, arguments, changes: As of `Rule`.
-
-    Returns:
-        As of `Rule`.
-    """
+    """The rule of `integrate`, whose derivative is in the tangent space at the result."""
     matrices = functions(derivative(name, "jacobian"), constants, *arguments)
     (value,) = functions(name, constants, *arguments)
     return [value], [functions.tangents.changes(value, _sum_of_products(matrices, changes))]
@@ -110,16 +79,7 @@ def _integrate(
 def _by_hessian(
     functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
 ) -> tuple[Arrays, Arrays]:
-    """The rule of first derivatives of forces or accelerations.
-
-    Args:
-        functions: Those of the module.
-        name: Of the function that is differentiated.
-        constants, arguments, changes: As of `Rule`.
-
-    Returns:
-        As of `Rule`.
-    """
+    """The rule of first derivatives of forces or accelerations."""
     results = functions(name, constants, *arguments)
     value, *matrices = results
     sizes = [argument.shape[-1] for argument in arguments]
@@ -141,12 +101,7 @@ def _by_hessian(
 def _by_entry(like: Any, constants: Any, arguments: Arrays) -> list[Any]:
     """Constants, arguments and weights w of functions of wᵀ f that give a row for each entry of f.
 
-    Args:
-        like: An array (..., entries of f).
-        constants, arguments: As of `Rule`, or without an axis for the rows.
-
-    Returns:
-        The arrays, with one more axis before the last, that of the rows.
+    They get one more axis before the last, that of the rows; `like` is (..., entries of f).
     """
     size = like.shape[-1]
     weights = jnp.eye(size, dtype=like.dtype).reshape((1,) * (like.ndim - 1) + (size, size))
@@ -155,15 +110,9 @@ def _by_entry(like: Any, constants: Any, arguments: Arrays) -> list[Any]:
 
 
 def _filled(like: Any, sizes: Sequence[int], changes: Arrays) -> list[Any]:
-    """Changes of all arguments, those that do not change included.
+    """Changes (..., size) of all arguments, those that do not change, None, included.
 
-    Args:
-        like: An array (..., any width), of the batch's shape.
-        sizes: Of the changes.
-        changes: Of the arguments, or None.
-
-    Returns:
-        Arrays (..., size).
+    `like` (..., any width) has the batch's shape.
     """
     batch = like.shape[:-1]
     return [
@@ -175,14 +124,10 @@ def _filled(like: Any, sizes: Sequence[int], changes: Arrays) -> list[Any]:
 
 
 def _whole(blocks: Arrays, sizes: Sequence[int]) -> Any:
-    """A Hessian from what its function gives.
+    """A Hessian (..., all entries, all entries) from what its function gives.
 
-    Args:
-        blocks: The whole, or the blocks qq, qv, vv and qa, row by row; those left out are zero.
-        sizes: Of the arguments.
-
-    Returns:
-        Array (..., all entries, all entries).
+    `blocks`: the whole, or qq, qv, vv and qa, row by row; those left out are zero. `sizes` are of
+    the arguments.
     """
     if len(blocks) == 1:
         return blocks[0].reshape(*blocks[0].shape[:-1], sum(sizes), sum(sizes))
@@ -196,17 +141,7 @@ def _whole(blocks: Arrays, sizes: Sequence[int]) -> Any:
 def by_parameters(
     functions: Differentiable, name: str, constants: Any, arguments: Arrays, change: Any
 ) -> Arrays:
-    """Change of a function's result with the parameters.
-
-    Args:
-        functions: Those of the module.
-        name: A function that has derivatives by the parameters.
-        constants, arguments: Of the function.
-        change: Of the parameters, array (..., np).
-
-    Returns:
-        The change of its one result.
-    """
+    """Change of the one result of a function with parameters (..., np)."""
     needed = derivative(name, "parameters")
     if FUNCTIONS[needed].arguments[-1] != "w":
         (matrix,) = functions(needed, constants, *arguments)

@@ -26,26 +26,14 @@ class Tangents:
         self._is_quaternion = module.ATTITUDE == "quaternion"
 
     def has(self, argument: str) -> bool:
-        """Whether entries of an argument are coordinates with a quaternion among them.
+        """Whether an argument, as the table of functions names it, has a quaternion in it.
 
-        Args:
-            argument: Its name in the table of functions.
-
-        Returns:
-            Whether displacements differ from changes of the entries.
+        Then displacements differ from changes of the entries.
         """
         return self._is_quaternion and ARGUMENTS[argument].is_coordinates
 
     def normalised(self, argument: str, values: Any) -> Any:
-        """An argument with a quaternion of unit length.
-
-        Args:
-            argument: Its name in the table of functions.
-            values: Array (..., width).
-
-        Returns:
-            An array of the same shape.
-        """
+        """An argument (..., width) with a quaternion of unit length."""
         if not self.has(argument):
             return values
         quaternion = values[..., 3:7]
@@ -53,15 +41,9 @@ class Tangents:
         return jnp.concatenate([values[..., _POSITION], unit, values[..., _JOINTS]], axis=-1)
 
     def displacement(self, argument: str, values: Any, change: Any) -> Any:
-        """The displacement that changes the entries of an argument as given.
+        """The displacement (..., nv) that changes coordinates as given; of others the changes.
 
-        Args:
-            argument: Its name in the table of functions.
-            values: Array (..., width), with a quaternion of unit length.
-            change: Changes of the entries, which leave that length as it is.
-
-        Returns:
-            Array (..., nv) for coordinates, else the changes.
+        They leave the unit length of a quaternion as it is.
         """
         if not self.has(argument):
             return change
@@ -72,15 +54,7 @@ class Tangents:
         return jnp.concatenate([moved, turned, change[..., _JOINTS]], axis=-1)
 
     def changes(self, coordinates: Any, displacement: Any) -> Any:
-        """Changes of the entries of coordinates by a displacement.
-
-        Args:
-            coordinates: Array (..., nq), with a quaternion of unit length.
-            displacement: Array (..., nv).
-
-        Returns:
-            Array (..., nq).
-        """
+        """Changes of coordinates (..., nq), of unit quaternion, by a displacement (..., nv)."""
         if not self._is_quaternion:
             return displacement
         vector, scalar = coordinates[..., _VECTOR], coordinates[..., _SCALAR]
@@ -95,14 +69,8 @@ class Tangents:
         """What a symmetric second derivative lacks of the change of a first derivative.
 
         Displacements one after the other differ from their sum by half their commutator, that of
-        SE(3), along which the first derivative acts.
-
-        Args:
-            matrix: First derivatives (..., rows, nv), by a displacement.
-            displacement: Array (..., nv), along which they change.
-
-        Returns:
-            Array (..., rows, nv), or zero without a quaternion.
+        SE(3), along which the first derivative acts. `matrix` and the result are (..., rows, nv);
+        zero without a quaternion.
         """
         if not self._is_quaternion:
             return 0.0
@@ -117,13 +85,5 @@ class Tangents:
 
 
 def _rotated(vector: Any, scalar: Any, point: Any) -> Any:
-    """A point turned by a unit quaternion.
-
-    Args:
-        vector, scalar: Of the quaternion: arrays (..., 3) and (..., 1).
-        point: Array (..., 3).
-
-    Returns:
-        Array (..., 3).
-    """
+    """A point (..., 3) turned by a unit quaternion of vector (..., 3) and scalar (..., 1)."""
     return point + 2.0 * jnp.cross(vector, jnp.cross(vector, point) + scalar * point)

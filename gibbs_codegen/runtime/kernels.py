@@ -21,14 +21,7 @@ ELEMENTARY = ("sqrt", "atan", "sign")
 
 
 def objects(values: Sequence[Any]) -> Objects:
-    """An array of values that NumPy would take for arrays, if it were left to it.
-
-    Args:
-        values: Values of any library.
-
-    Returns:
-        Array of one axis.
-    """
+    """An array of one axis of values that NumPy would take for arrays, if it were left to it."""
     array = np.empty(len(values), dtype=object)
     for i, value in enumerate(values):
         array[i] = value
@@ -39,11 +32,9 @@ class Kernels:
     """The kernels of a module with the elementary functions of another library."""
 
     def __init__(self, module: ModuleType, elementary: Mapping[str, Callable[..., Any]]) -> None:
-        """Take the kernels of a module.
+        """Take the kernels of a generated module with the NumPy back end.
 
-        Args:
-            module: A generated module, with the NumPy back end.
-            elementary: "sin", "cos" and the names of `ELEMENTARY`, with the library's functions.
+        `elementary`: the library's functions by "sin", "cos" and the names of `ELEMENTARY`.
         """
         self._source = module.numpy_module
         self._sine_cosine = elementary["sin"], elementary["cos"]
@@ -54,13 +45,9 @@ class Kernels:
     ) -> Sequence[Any]:
         """Entries of all outputs of a function, one output after the other, row by row.
 
-        Args:
-            function: A function of the module that is not composed of others.
-            constants: What `constants` gives, or the module's `prepare`.
-            arguments: The entries of each argument, row by row, in the order of the function.
-
-        Returns:
-            Values of the library; Python's floats where an entry is a number at every state.
+        The function is not composed of others, constants are what `constants` or `prepare` gives,
+        and arguments are entries, row by row. Python's floats where an entry is a number at every
+        state.
         """
         kernel = self._rebound(f"_{function}")
         entries: Sequence[Any] = kernel(constants, *self._sine_cosine, *arguments)
@@ -75,14 +62,9 @@ class Kernels:
     ) -> list[Objects]:
         """Outputs of any function for one state, also of one that is composed of others.
 
-        Args:
-            function: A function of the module.
-            constants: As of `entries`.
-            arguments: Arrays of the library's values, of the shapes that the function takes.
-            array: What makes arrays of one axis of the entries of the functions in between.
-
-        Returns:
-            Arrays of such values, and of Python's floats where an entry is a number at every state.
+        Arguments are arrays of the library's values; `array` makes arrays of one axis of the
+        entries of the functions in between. Python's floats where an entry is a number at every
+        state.
         """
         names = self.source()
         # What takes and returns floats. Everything between them stands in the module.
@@ -93,10 +75,9 @@ class Kernels:
         return list(outputs) if isinstance(outputs, tuple) else [outputs]
 
     def source(self) -> dict[str, Any]:
-        """What stands in the module's source, with functions that see this dictionary.
+        """What stands in the module's source, by names.
 
-        Returns:
-            Values by names; functions see those that are put in place of others.
+        Its functions see what is put in place of others.
         """
         names = self._names.copy()
         for name, value in vars(self._source).items():
@@ -108,35 +89,17 @@ class Kernels:
     def _evaluated(
         self, kernel: Callable[..., Any], constants: Sequence[Any], *arguments: Objects
     ) -> tuple[Sequence[Any], tuple[int, ...]]:
-        """What stands for the module's `_evaluate`.
-
-        Args:
-            kernel, constants, arguments: As it takes them.
-
-        Returns:
-            The entries, and the shape of no batch.
-        """
+        """What stands for the module's `_evaluate`: the entries, and the shape of no batch."""
         return kernel(constants, *self._sine_cosine, *arguments), ()
 
     def constants(self, parameters: Mapping[str, Any]) -> tuple[Any, ...]:
-        """Constants of the module for parameters that need not be numbers, and are not checked.
+        """Constants for all of PARAMETERS, which need not be numbers, and are not checked.
 
-        Args:
-            parameters: All of the module's PARAMETERS, with numbers or values of the library.
-
-        Returns:
-            The constants, as `entries` takes them.
+        `entries` takes them.
         """
         constants: tuple[Any, ...] = self._rebound("_constants")(parameters)[1]
         return constants
 
     def _rebound(self, name: str) -> Callable[..., Any]:
-        """A function of the module's source that sees the other library's functions.
-
-        Args:
-            name: Its name in the source.
-
-        Returns:
-            The function.
-        """
+        """A function of the module's source that sees the other library's functions."""
         return FunctionType(getattr(self._source, name).__code__, self._names, name)

@@ -74,12 +74,7 @@ def load(
 def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     """A function that takes a time step by the method that is named.
 
-    Args:
-        module: The module.
-        ending: What the names of its steps end with after the method.
-
-    Returns:
-        The function.
+    Names of the module's steps end with `ending` after the method.
     """
 
     def step(
@@ -105,15 +100,9 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
 
 
 def require(library: str, for_what: str, extra: str = "") -> None:
-    """Import a package that an extra installs.
+    """Raise `UsageError` if a package is missing that `extra`, or the extra of its name, installs.
 
-    Args:
-        library: Name of the package.
-        for_what: What needs it.
-        extra: Name of the extra; that of the package if empty.
-
-    Raises:
-        UsageError: It is not installed.
+    `for_what` needs it.
     """
     try:
         importlib.import_module(library)
@@ -127,18 +116,9 @@ def require(library: str, for_what: str, extra: str = "") -> None:
 
 
 def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
-    """A module with the functions of another library.
+    """A module with the functions of one of LIBRARIES.
 
-    Args:
-        module: The NumPy module.
-        folder: Where its files are.
-        library: One of LIBRARIES.
-
-    Returns:
-        The module with the back end.
-
-    Raises:
-        UsageError: The library is not installed.
+    Raises `UsageError` if it is not installed.
     """
     require(library, f"back end {library!r}")
     if library == "casadi":
@@ -154,16 +134,7 @@ def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
     """A module with the C back end, or with NumPy where that cannot be had.
 
-    Args:
-        module: The NumPy module.
-        folder: Where its C files are.
-        threads: How many threads share large batches.
-
-    Returns:
-        The module with the back end.
-
-    Raises:
-        UsageError: a C file is missing, or is of another make.
+    Raises `UsageError` for a C file that is missing or of another make.
     """
     from gibbs_codegen.runtime.c_backend import c_module
     from gibbs_codegen.runtime.c_library import c_files
@@ -220,16 +191,9 @@ def _import(folder: Path) -> ModuleType:
 
 
 def find_module(path: Path) -> Path:
-    """Folder of a generated module.
+    """Absolute path of the folder of a generated module, given by that or by its name.
 
-    Args:
-        path: Of the folder, or the module's name.
-
-    Returns:
-        The absolute path.
-
-    Raises:
-        UsageError: There is no generated module.
+    Raises `UsageError` if there is none.
     """
     folders = (path, Path("generated") / path)
     try:

@@ -20,19 +20,13 @@ _BROUGHT_BY = {
 class LoadedModule(ModuleType):
     """The constants of a module; the error for what it lacks names the option that adds it.
 
-    Attributes:
-        backend: What computes its functions: "numpy", "c", "casadi" or "jax".
+    `backend` computes its functions: "numpy", "c", "casadi" or "jax".
     """
 
     backend = "numpy"
 
     def __init__(self, module: ModuleType, backend: str) -> None:
-        """Take the constants of a module, to which a back end adds its functions.
-
-        Args:
-            module: The NumPy module.
-            backend: Name of the back end.
-        """
+        """Take the constants of a NumPy module, to which a back end adds its functions."""
         super().__init__(module.__name__, module.__doc__)
         self.__file__ = module.__file__
         self.__path__ = module.__path__
@@ -42,15 +36,7 @@ class LoadedModule(ModuleType):
                 setattr(self, name, getattr(module, name))
 
     def __getattr__(self, name: str) -> Any:
-        """Say why a name is not there.
-
-        Args:
-            name: The name that was looked up.
-
-        Raises:
-            MissingFunctionError: It is that of what is generated on request.
-            AttributeError: It is any other.
-        """
+        """Raise `MissingFunctionError` for what is generated on request, else `AttributeError`."""
         function = _BROUGHT_BY.get(name, name)
         if function in FUNCTIONS and FUNCTIONS[function].on_request:
             raise MissingFunctionError(self.NAME, name, self.DERIVATIVES, function)

@@ -125,14 +125,7 @@ class ArmTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of keys that say twice what the arm does, and of a guess without a tip path.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of each fault.
-        """
+        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
         tips = [key for key in ("tip", "tip_beside_base") if key in values]
         postures = [
             key for key in ("posture", "posture_deg", "moves", "moves_deg") if key in values
@@ -166,14 +159,7 @@ class ArmTable(Table):
         return self
 
     def late_moves(self, duration: float) -> list[tuple[Place, str]]:
-        """Faults of moves that begin when the flight has ended.
-
-        Args:
-            duration: Duration of the flight, s.
-
-        Returns:
-            Key and words of each.
-        """
+        """Faults of moves that begin when the flight has ended."""
         words = f"must be before {duration:g}, when the flight ends, not "
         return [
             ((key, joint, place, "begin"), f"{words}{move.begin:g}")
@@ -184,14 +170,7 @@ class ArmTable(Table):
         ]
 
     def task(self, base: Path) -> ArmTask:
-        """The task that the table describes.
-
-        Args:
-            base: Desired path of the base centre.
-
-        Returns:
-            The task, its angles in rad.
-        """
+        """The task that the table describes, its angles in rad; `base` is the base's path."""
         tip = self.tip.path() if self.tip else None
         if self.tip_beside_base:
             tip = Sum((base, self.tip_beside_base.path()))

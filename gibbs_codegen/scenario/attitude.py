@@ -45,14 +45,9 @@ class Turning:
 
 
 def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
-    """R, from arm 1's axes to the world's.
+    """R (…, 3, 3), from arm 1's axes to the world's, of angles θ₋₁, θ₀, θ₁ (…, 3), rad.
 
-    Args:
-        sequence: Order of the axes that the angles turn about, such as "xyz".
-        angles: θ₋₁, θ₀, θ₁ (…, 3), rad.
-
-    Returns:
-        The matrices (…, 3, 3).
+    They turn about axes in the order of `sequence`, such as "xyz".
     """
     angles = np.asarray(angles, dtype=np.float64)
     flat = Rotation.from_euler(sequence.upper(), angles.reshape(-1, 3)).as_matrix()
@@ -61,15 +56,7 @@ def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
 
 
 def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
-    """E, with ω = E θ̇ in world axes.
-
-    Args:
-        sequence: Order of the axes that the angles turn about.
-        angles: θ₋₁, θ₀, θ₁ (…, 3), rad.
-
-    Returns:
-        The matrices (…, 3, 3).
-    """
+    """E (…, 3, 3), with ω = E θ̇ in world axes, of angles θ₋₁, θ₀, θ₁ (…, 3), rad."""
     angles = np.asarray(angles, dtype=np.float64)
     first, second, third = (np.eye(3)["xyz".index(letter)] for letter in sequence)
     outer = _about(first, angles[..., 0])
@@ -79,17 +66,9 @@ def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
 
 
 def bias_acceleration(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Array:
-    """Ė θ̇: what dω/dt is while the rates are constant.
+    """Ė θ̇ (…, 3), rad/s², world axes: what dω/dt is while the rates are constant.
 
     Each axis is carried round by the rotations before it.
-
-    Args:
-        sequence: Order of the axes that the angles turn about.
-        angles: θ₋₁, θ₀, θ₁ (…, 3), rad.
-        rates: Their rates (…, 3), rad/s.
-
-    Returns:
-        The acceleration (…, 3) in world axes, rad/s².
     """
     rates = np.asarray(rates, dtype=np.float64)
     first, second, third = np.moveaxis(rate_matrix(sequence, angles), -1, 0)
@@ -100,19 +79,10 @@ def bias_acceleration(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Arr
 
 
 def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Array]:
-    """Angles of a rotation in time; the inverse of `ω = E θ̇`.
+    """Angles, rates and accelerations (…, 3) of a rotation in time; the inverse of `ω = E θ̇`.
 
-    Args:
-        sequence: Order of the axes that the angles turn about.
-        turning: The rotation, with its angular velocity and acceleration.
-
-    Returns:
-        Angles, rates and accelerations (…, 3); rad, rad/s, rad/s². Angles lie in (−π, π], the
-        second in [−π/2, π/2].
-
-    Raises:
-        SingularAttitudeError: Within a quarter of a degree of θ₀ = ±π/2, where different angles
-            are the same attitude.
+    Angles lie in (−π, π], the second in [−π/2, π/2]. Raises `SingularAttitudeError` within a
+    quarter of a degree of θ₀ = ±π/2, where different angles are the same attitude.
     """
     rotation = turning.rotation
     first, _, third = ("xyz".index(letter) for letter in sequence)

@@ -6,14 +6,6 @@ from gibbs_codegen.errors import UsageError
 
 
 def require(right: bool, otherwise: str) -> None:
-    """Raise an error for values that mean nothing.
-
-    Args:
-        right: Whether the values are right.
-        otherwise: What is wrong else.
-
-    Raises:
-        UsageError: If they are not.
-    """
+    """Raise `UsageError` for values that mean nothing."""
     if not right:
         raise UsageError(otherwise)

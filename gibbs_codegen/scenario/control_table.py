@@ -52,14 +52,7 @@ class ControlTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of a delay of a law that is evaluated at all times.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words.
-        """
+        """The fault of a delay of a law that is evaluated at all times."""
         if values.get("delay") and "rate" not in values:
             yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
 

@@ -44,18 +44,9 @@ def read_scenario(name_or_path: str, changes: Mapping[str, Any] | None = None) -
 def parse_scenario(
     text: str, source: str = "scenario", changes: Mapping[str, Any] | None = None
 ) -> Scenario:
-    """Check a scenario file's text.
+    """Check a scenario file's text, with changes as of `read_scenario`.
 
-    Args:
-        text: The file, in TOML.
-        source: Name of the file for messages.
-        changes: What replaces entries of the file, as for `read_scenario`.
-
-    Returns:
-        The scenario.
-
-    Raises:
-        ScenarioFileError: With every fault found.
+    Raises `ScenarioFileError` with every fault found; `source` is the file's name in messages.
     """
     from gibbs_codegen.scenario.tables import ScenarioTable  # Late, as it imports pydantic.
 

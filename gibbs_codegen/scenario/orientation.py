@@ -129,16 +129,7 @@ class Tangent:
 
 
 def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
-    """Angular velocity and acceleration of a rotation R(t).
-
-    Args:
-        rotation: R (…, 3, 3).
-        rate: dR/dt (…, 3, 3), 1/s.
-        second: d²R/dt² (…, 3, 3), 1/s².
-
-    Returns:
-        The rotation with ω and dω/dt in world axes.
-    """
+    """The rotation R(t), given with dR/dt and d²R/dt² (…, 3, 3), with ω and dω/dt in world axes."""
     transposed = np.swapaxes(rotation, -1, -2)
     spin = rate @ transposed
     # d(Ṙ Rᵀ)/dt; what is symmetric in it cancels in `_axis`.
@@ -147,16 +138,7 @@ def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
 
 
 def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
-    """Angles between directions and the tangent of a path.
-
-    Args:
-        path: The path.
-        time: Times (s) at which to compare, s.
-        direction: Unit vectors (s, 3), world axes.
-
-    Returns:
-        The angles (s), rad.
-    """
+    """Angles (s), rad, between unit vectors (s, 3), world axes, and the tangent of a path."""
     velocity = path(time)[..., 1, :]
     tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
     # By the chord: the cosine cannot tell angles below 1e-8.
@@ -166,15 +148,9 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
 
 
 def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
-    """Refuse a path without a direction to follow.
+    """Raise `UsageError` if the path stands still, or goes straight up or down.
 
-    Args:
-        time: Times (s), s.
-        velocity: Velocity of the base (s, 3), m/s.
-        tangent: Its direction (s, 3).
-
-    Raises:
-        UsageError: If the path stands still, or goes straight up or down.
+    `tangent` (s, 3) is the direction of the velocity (s, 3).
     """
     still = np.linalg.norm(velocity, axis=-1) < _STANDSTILL
     if np.any(still):
@@ -191,16 +167,7 @@ def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
 
 
 def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
-    """The unit vector along a vector, and its first two derivatives in time.
-
-    Args:
-        vector: The vector (…, 3).
-        rate: Its first derivative (…, 3).
-        second: Its second derivative (…, 3).
-
-    Returns:
-        The unit vector and its derivatives (…, 3).
-    """
+    """The unit vector along a vector (…, 3), and its first two derivatives in time."""
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)
         unit = vector * inverse
@@ -218,14 +185,7 @@ def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, 
 def cross_derivatives(
     a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """A cross product and its first two derivatives in time.
-
-    Args:
-        a, b: The factors and their first two derivatives (…, 3).
-
-    Returns:
-        The product and its derivatives (…, 3).
-    """
+    """A cross product (…, 3) and its first two derivatives in time, of factors with theirs."""
     return (
         np.cross(a[0], b[0]),
         np.cross(a[1], b[0]) + np.cross(a[0], b[1]),

@@ -157,16 +157,10 @@ class Sum:
 
 
 def check_path(path: Path, duration: float, what: str) -> None:
-    """See that a path gives what a path is to give, at some times of the flight.
+    """Raise `UsageError` if a path does not give what it is to, at some times of the flight.
 
-    Args:
-        path: The path.
-        duration: Duration of the flight, s.
-        what: Name of the path for messages.
-
-    Raises:
-        UsageError: If the shape is another, or rates are not the derivatives of positions;
-            differences tell rough mistakes only.
+    That is another shape, or rates that are not the derivatives of positions; differences tell
+    rough mistakes only.
     """
     time = np.linspace(0.0, duration, 9)[1:-1] * 0.993
     step = 1e-5 * duration
@@ -192,14 +186,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
 
 
 def plane(normal: Vector | Array) -> tuple[Array, Array]:
-    """Two unit vectors that with the direction of a vector make a right-handed frame.
-
-    Args:
-        normal: The vector (3), of any length.
-
-    Returns:
-        The unit vectors (3).
-    """
+    """Two unit vectors (3) that with the direction of a vector (3) make a right-handed frame."""
     n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
     n /= np.linalg.norm(n)
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

@@ -44,13 +44,6 @@ class PushTable(TipForceTable):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of a push that pushes nothing.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words.
-        """
+        """The fault of a push that pushes nothing."""
         if "force" not in values and "torque" not in values:
             yield "force", "missing: give a force, a torque, or both"

@@ -54,13 +54,7 @@ class Stretched:
 def retimed(scenario: Scenario, duration: float, clock: Clock) -> Scenario:
     """A scenario whose paths are followed by another clock.
 
-    Args:
-        scenario: The scenario.
-        duration: Duration of the flight, s.
-        clock: The scenario's time.
-
-    Returns:
-        The scenario with other paths, which are not those that its attitude goes by.
+    Its new paths are not those that its attitude goes by.
     """
     tip = scenario.arm.tip and Retimed(scenario.arm.tip, clock)
     arm = replace(scenario.arm, tip=tip)
@@ -68,15 +62,7 @@ def retimed(scenario: Scenario, duration: float, clock: Clock) -> Scenario:
 
 
 def stretched(scenario: Scenario, factor: float) -> Scenario:
-    """A scenario all motion of which takes longer by a factor.
-
-    Args:
-        scenario: The scenario.
-        factor: The factor; below 1 the motion is faster.
-
-    Returns:
-        The scenario.
-    """
+    """A scenario all motion of which takes longer by a factor; below 1 it is faster."""
     attitude: Level | Turn | Tangent = scenario.attitude
     if isinstance(attitude, Level):
         attitude = replace(attitude, rate=attitude.rate / factor)

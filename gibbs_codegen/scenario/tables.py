@@ -221,14 +221,7 @@ class ScenarioTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of two pushes.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words.
-        """
+        """The fault of two pushes."""
         if "push" in values and "tip_force" in values:
             yield "tip_force", "must be left out, since push says what pushes the robot"
 

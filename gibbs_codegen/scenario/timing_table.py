@@ -45,14 +45,7 @@ class TimingTable(Table):
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """Faults of limits that nothing would keep.
-
-        Args:
-            values: The table as it stands in the file.
-
-        Yields:
-            Key and words of each fault.
-        """
+        """Faults of limits that nothing would keep."""
         if values.get("law", Timing.law) == "uniform":
             for key in ("limits", "thrust_rate", "effort", "velocity"):
                 if key in values:

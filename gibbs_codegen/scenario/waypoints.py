@@ -92,14 +92,9 @@ class Waypoints:
 def velocity_faults(
     points: Sequence[Sequence[float]] | Array, velocities: Sequence[Velocity]
 ) -> Iterator[tuple[int, str]]:
-    """What is wrong with the velocities at points.
+    """Number, from 0, and words of each fault of the velocities at points.
 
-    Args:
-        points: The points (3), m.
-        velocities: A velocity (3), m/s, "rest" or "free" for each.
-
-    Yields:
-        Number of the velocity, from 0, and words.
+    They are (3), m/s, "rest" or "free".
     """
     if len(velocities) != len(points):
         last = max(min(len(velocities), len(points)) - 1, 0)
@@ -128,18 +123,7 @@ def _is_velocity(value: object) -> bool:
 
 
 def _numbers(times: Sequence[float], points: Sequence[Sequence[float]]) -> tuple[Array, Array]:
-    """Times (s) and points (s, 3) as arrays of finite numbers.
-
-    Args:
-        times: The times, s.
-        points: The points, m.
-
-    Returns:
-        Both.
-
-    Raises:
-        UsageError: If they are something else.
-    """
+    """Times (s) and points (s, 3) as arrays of finite numbers. Raises `UsageError`."""
     try:
         since, places = np.asarray(times, np.float64), np.asarray(points, np.float64)
     except (TypeError, ValueError):
@@ -162,16 +146,9 @@ def _repeated(places: Array) -> Flags:
 def _derivatives(
     since: Array, places: Array, velocities: Sequence[Velocity], duration: float
 ) -> Array:
-    """Position and four derivatives at the points.
+    """Position and four derivatives (s, 5, 3), m, at the points, in the time from 0 to 1.
 
-    Args:
-        since: Their times (s), from 0 to 1.
-        places: The points (s, 3), m.
-        velocities: The velocities, m/s, "rest" or "free".
-        duration: Time from the first to the last point, s.
-
-    Returns:
-        Position and derivatives (s, 5, 3) in the time from 0 to 1, m.
+    `since` (s) is such a time; `velocities` are in m/s, "rest" or "free", `duration` in s.
     """
     nodes = np.zeros((len(places), _GIVEN, 3))
     nodes[:, 0] = places
@@ -197,11 +174,7 @@ def _calm(since: Array, nodes: Array, free: Flags) -> None:
 
     The Bernstein coefficients of a piece bound it. Those of the end at rest are all the coordinate
     there; derivatives at the other end are scaled so that its coefficients lie on its side too.
-
-    Args:
-        since: Times (s), from 0 to 1.
-        nodes: Position and derivatives (s, 5, 3) at the points, which are changed.
-        free: Whether derivatives at a point may be chosen (s).
+    `nodes` (s, 5, 3), position and derivatives, are changed.
     """
     resting = ~np.any(nodes[:, 1:], axis=(1, 2))
     share = np.ones((len(since), 3))
@@ -220,14 +193,9 @@ def _calm(since: Array, nodes: Array, free: Flags) -> None:
 
 
 def _curve(since: Array, nodes: Array) -> BPoly:
-    """The pieces of degree 9 between points.
+    """The pieces of degree 9 between points, of the time `since` (s) from 0 to 1.
 
-    Args:
-        since: Times (s), from 0 to 1.
-        nodes: Position and derivatives (s, 5, 3) at the points.
-
-    Returns:
-        The curve, of the time from 0 to 1.
+    `nodes` (s, 5, 3) are position and derivatives there.
     """
     steps = np.diff(since)[:, np.newaxis] ** np.arange(_GIVEN)
     ahead = _COEFFICIENTS @ (steps[..., np.newaxis] * nodes[:-1])

@@ -69,16 +69,9 @@ def _flown(
     threads: int,
     tell: Callable[[float], None],
 ) -> dict[int, Found]:
-    """Flights that share their desired motion, which is found with the first that can begin.
+    """Flights and errors, by the places of scenarios that share their desired motion.
 
-    Args:
-        module: The module.
-        common: What tells the scenarios from others.
-        scenarios: The scenarios, by their places.
-        threads, tell: As of `Together.flights`.
-
-    Returns:
-        Flights and errors by the same places.
+    It is found with the first of them that can begin. `common` tells them from others.
     """
     found: dict[int, Found] = {}
     for place, scenario in scenarios.items():
@@ -96,13 +89,7 @@ def _flown(
 def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
     """What flights that share their desired motion begin with, which calls in a row share too.
 
-    Args:
-        module: The module.
-        common: What tells the scenarios of these flights from others, None if nothing does.
-        scenario: One of them.
-
-    Returns:
-        What they begin with.
+    `common` is what tells them from others, None if nothing does.
     """
     known = _known.pop((module, common), None)
     if known is None:

@@ -111,17 +111,10 @@ def prepared(
     progress: Progress,
     own: bool,
 ) -> Prepared:
-    """Everything up to the start of a flight.
+    """Everything up to the start of a flight, with a law that is evaluated at all times.
 
-    Args:
-        robot, scenario, progress: As of `simulate`.
-        own: Whether the inputs come from elsewhere than the scenario's law.
-
-    Returns:
-        What the flight begins with; the law is one that is evaluated at all times.
-
-    Raises:
-        UsageError: For a flight that cannot begin.
+    `own`: whether the inputs come from elsewhere than the scenario's law. Raises `UsageError` for a
+    flight that cannot begin.
     """
     if isinstance(scenario, str):
         scenario = read_scenario(scenario)
@@ -142,16 +135,9 @@ def prepared(
 def _closed_loop(
     vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
 ) -> tuple[ClosedLoop, TimedMotion]:
-    """Plant, controller, motors and environment of a scenario.
+    """Plant, controller, motors and environment of a scenario, and the motion to follow.
 
-    Args:
-        vehicle: The robot as the controller knows it.
-        scenario: What is flown.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-        own: Whether the inputs come from elsewhere than the scenario's law.
-
-    Returns:
-        The closed loop, and the motion that it is to follow.
+    `vehicle` is the robot as the controller knows it.
     """
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
@@ -178,15 +164,7 @@ def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
 
 
 def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
-    """Refuse a robot that cannot be.
-
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq).
-
-    Raises:
-        UsageError: Its mass matrix is not positive definite there.
-    """
+    """Raise `UsageError` for a robot whose mass matrix is not positive definite at `q` (nq)."""
     matrix = vehicle.mass_matrix(q)
     try:
         np.linalg.cholesky(matrix)
@@ -205,15 +183,9 @@ def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
 
 
 def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Reference) -> None:
-    """Raise an error if the desired motion needs wrenches that the rotors cannot produce.
+    """Raise `AllocationError`, with the time, if the motion needs what rotors cannot produce.
 
-    Args:
-        vehicle: The robot.
-        allocation: Control allocation of its rotors.
-        reference: The desired motion.
-
-    Raises:
-        AllocationError: With the first time, of those of the knots.
+    It looks at the knots.
     """
     time = reference.knots
     q, v, a = reference(time)

@@ -179,18 +179,9 @@ class Simulation:
 
 
 def _numbers(name: str, given: ArrayLike, count: int) -> Array:
-    """So many finite numbers.
+    """So many finite numbers, in an array of their own.
 
-    Args:
-        name: What they are.
-        given: What was given for them.
-        count: How many there must be.
-
-    Returns:
-        The numbers (count), in an array of their own.
-
-    Raises:
-        UsageError: If they are something else.
+    Raises `UsageError`, which calls them `name`.
     """
     try:
         numbers = np.array(given, dtype=np.float64)

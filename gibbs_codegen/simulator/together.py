@@ -29,9 +29,8 @@ from gibbs_codegen.simulator.simulation import Prepared, check_mass_matrix
 class Together:
     """Flights that share desired motion, law and limits.
 
-    Args:
-        start: what one of them begins with.
-        scenarios: scenarios that differ in `plant`, `motors.time_constant` and `start` only.
+    Their scenarios differ in `plant`, `motors.time_constant` and `start` only; `start` is what one
+    of them begins with.
     """
 
     def __init__(self, start: Prepared, scenarios: Sequence[Scenario]) -> None:
@@ -45,15 +44,7 @@ class Together:
     def flights(
         self, threads: int, tell: Callable[[float], None]
     ) -> list[Flight | GibbsCodegenError]:
-        """Fly them all.
-
-        Args:
-            threads: How many threads share those that are computed side by side.
-            tell: Is told the share of the flights that is done.
-
-        Returns:
-            For each scenario the flight, or the error that refuses it.
-        """
+        """Fly them all: for each scenario the flight, or the error that refuses it."""
         found: list[Flight | GibbsCodegenError] = []
         histories = self._side_by_side(threads, tell)
         for i, history in enumerate(histories):
@@ -150,17 +141,7 @@ class Together:
         return self._starts[place]
 
     def _alone(self, i: int) -> tuple[ClosedLoop, StateHistory]:
-        """Integrate a flight by itself.
-
-        Args:
-            i: Number of the flight.
-
-        Returns:
-            Its closed loop, and its history.
-
-        Raises:
-            UsageError: As `simulate` does.
-        """
+        """Closed loop and history of a flight by itself. Raises `UsageError` as `simulate` does."""
         loop, scenario = self._loop(i), self._common.scenario
         q, v, *_ = loop.parts(self._state(i))
         check_mass_matrix(loop.vehicle, q)
@@ -171,12 +152,7 @@ class Together:
     def _flight(self, i: int, history: StateHistory | None) -> Flight:
         """A flight whose series are computed when they are asked for.
 
-        Args:
-            i: Number of the flight.
-            history: Its history, without ranges of inputs; None if it is yet to be integrated.
-
-        Returns:
-            The flight.
+        Its history is without ranges of inputs; None if it is yet to be integrated.
         """
         motion = self._common.motion
         scenario = replace(motion.scenario, name=self._scenarios[i].name)

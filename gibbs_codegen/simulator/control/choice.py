@@ -24,18 +24,8 @@ _WHERE = "(in the base's frame, about the base centre)"
 def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
     """The law that a scenario's asks for: "tracking" is one or another, all others are themselves.
 
-    Args:
-        law: Law of the scenario.
-        vehicle: The robot.
-        q: Configurations (s, nq) of the desired motion; of those of rotors that no joint moves, one
-            is enough.
-        scenario: Name of the scenario, for messages.
-
-    Returns:
-        The law, which is not "tracking".
-
-    Raises:
-        AllocationError: If the rotors do not command what the law needs, with what would serve.
+    `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
+    `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
     if law in ("open_loop", "off"):
         return law
@@ -72,21 +62,10 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
 def control_law(
     law: Law, control: Control, vehicle: Vehicle, reference: Reference, allocation: Allocation
 ) -> ControlLaw:
-    """The law with the gains of a scenario.
+    """The law, which is not "tracking", with the gains of a scenario.
 
-    Args:
-        law: The law, which is not "tracking".
-        control: Frequencies and damping ratio.
-        vehicle: The robot, as the law knows it.
-        reference: The desired motion.
-        allocation: Control allocation of the rotors.
-
-    Returns:
-        The law.
-
-    Raises:
-        UsageError: If integral action makes errors grow, or the geometric law is to fly a motion
-            without thrust.
+    `vehicle` is the robot as the law knows it. Raises `UsageError` if integral action makes errors
+    grow, or the geometric law is to fly a motion without thrust.
     """
     geometric, allocation = law == "geometric", allocation.in_flight()
     attitude = control.attitude_frequency
@@ -112,12 +91,7 @@ def control_law(
 def _posture(vehicle: Vehicle, q: Array) -> str:
     """Where rotors that joints move command least, and how to choose another posture.
 
-    Args:
-        vehicle: The robot.
-        q: Configurations (s, nq).
-
-    Returns:
-        What comes before other remedies; a semicolon alone if no joint moves rotors.
+    It comes before other remedies; a semicolon alone if no joint moves rotors.
     """
     if not vehicle.rotors_move:
         return ";"
@@ -129,14 +103,6 @@ def _posture(vehicle: Vehicle, q: Array) -> str:
 
 
 def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:
-    """Directions that the rotors cannot command where they command least.
-
-    Args:
-        vehicle: The robot.
-        q: Configurations (s, nq).
-
-    Returns:
-        Their names.
-    """
+    """Directions that the rotors cannot command where, at `q` (s, nq), they command least."""
     wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
     return Allocation(wrenches[np.argmin(ranks(wrenches))]).missing

@@ -27,14 +27,9 @@ _BISECTIONS = 40
 
 
 def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Array]:
-    """Characteristic polynomials of the errors under a law.
+    """Characteristic polynomials of the errors under a law, highest power first.
 
-    Args:
-        controller: The law.
-        lags: Time constants of motors, s.
-
-    Returns:
-        Coefficients of each, highest power first; none if the law does not correct errors.
+    None if the law does not correct errors. `lags` are time constants of motors, s.
     """
     if controller.law not in CORRECTING:
         return []
@@ -49,15 +44,10 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
 
 
 def _alone(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
-    """Polynomials of errors that nothing else acts on.
+    """Polynomials, highest power first, of errors that nothing else acts on.
 
-    Args:
-        pairs: Damping and stiffness (k, 2) of the errors.
-        integral: Rate of integral action, 1/s.
-        lags: Time constants of motors, s. Torques of joints do not lag: without comes first.
-
-    Returns:
-        Coefficients of each, highest power first.
+    `pairs` (k, 2) are their damping and stiffness. Torques of joints do not lag: without comes
+    first.
     """
     found = []
     for pair in np.unique(pairs, axis=0):
@@ -70,13 +60,7 @@ def _alone(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
 def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[float]) -> list[Array]:
     """Polynomials of a position that the thrust axis makes, under the geometric law.
 
-    Args:
-        gains: Gains of the law.
-        position, attitude: Damping and stiffness (3, 2) of position and attitude.
-        lags: Time constants of motors, s.
-
-    Returns:
-        Coefficients of each, highest power first.
+    Damping and stiffness of `position` and `attitude` are (3, 2); highest power first.
     """
     found = []
     pairs = np.concatenate([position, attitude], axis=-1)
@@ -92,14 +76,7 @@ def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[flo
 
 
 def check_integral(law: Controller | GeometricLaw) -> None:
-    """Raise an error where integral action makes errors grow.
-
-    Args:
-        law: The law.
-
-    Raises:
-        UsageError: If it is too fast, with the bound.
-    """
+    """Raise `UsageError`, with the bound, where integral action is so fast that errors grow."""
     least, most = 0.0, law.gains.integral
     if not most or _decays(law, most):
         return

@@ -36,9 +36,9 @@ _LEAST = 1e-9
 
 
 class WantedForce(NamedTuple):
-    """Force (…, 3) that the motion needs, and the rate of its part that corrects errors.
+    """Force (…, 3), N, that the motion needs, and the `rate`, N/s, of its part `correction`.
 
-    N and N/s, world axes. `correction` is that part.
+    That is the part that corrects errors; world axes.
     """
 
     force: Array
@@ -64,10 +64,9 @@ class GeometricLaw:
     def __call__(
         self, time: float | Array, q: Array, v: Array, memory: Array | None = None
     ) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv), and memory (…, m).
+        """Inputs u (…, nu) for states q (…, nq), v (…, nv), and memory (…, m).
 
-        Raises:
-            AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+        Raises `AllocationError` if no thrusts at all produce the wrench.
         """
         vehicle, places = self.vehicle, self.vehicle.layout.v
         axis = force_axis(vehicle.thrust_wrenches(q if vehicle.rotors_move else None))
@@ -93,15 +92,9 @@ class GeometricLaw:
         return inputs_of(vehicle, self.allocation, q, generalised)
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative of the integrals of the errors, if they are remembered.
+        """Time derivative (…, m) of the integrals of the errors, with nv entries or none.
 
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: Memory (…, m), with nv entries or none.
-
-        Returns:
-            The errors (…, m) of centre of mass and joints; 0 of the attitude, which follows them.
+        The errors of centre of mass and joints; 0 of the attitude, which follows them.
         """
         if not self.memory:
             return memory
@@ -152,14 +145,8 @@ class GeometricLaw:
     ) -> WantedForce:
         """The force that the centre of mass needs.
 
-        Args:
-            time: Times (…), s.
-            moving: Position and velocity of the centre of mass (…, 3), world axes.
-            learned: What integral action adds to its error (…, 3), m.
-            along: Thrust axis (…, 3), world axes.
-
-        Returns:
-            The force.
+        Its position and velocity `moving`, and the thrust axis `along`, are (…, 3) in world axes;
+        `learned` (…, 3), m, is what integral action adds to its error.
         """
         place = self.vehicle.layout.v.position
         stiffness, damping = self.gains.stiffness[place], self.gains.damping[place]
@@ -177,15 +164,7 @@ class GeometricLaw:
         return push._replace(rate=share * growth - bend * wish)
 
     def _joints(self, q: Array, v: Array, desired: tuple[Array, Array, Array]) -> Array:
-        """Accelerations (…, n) of joints by which their errors decay.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            desired: Those desired, and accelerations.
-
-        Returns:
-            The accelerations, rad/s² or m/s².
-        """
+        """Accelerations (…, n) of joints by which their errors decay."""
         at, rate = self.vehicle.arm, self.vehicle.arm_rates
         off = desired[0][..., at] - q[..., at]
         drift = desired[1][..., rate] - v[..., rate]
@@ -204,16 +183,9 @@ class GeometricLaw:
         axis: Array,
         push: WantedForce,
     ) -> Array:
-        """Angular acceleration by which the base leans as the force needs it.
+        """Angular acceleration (…, 3), base's frame, by which the base leans as the force needs it.
 
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            desired: Those desired, and accelerations.
-            axis: Thrust axis (…, 3), in the base's frame.
-            push: The force.
-
-        Returns:
-            The angular acceleration (…, 3), in the base's frame, rad/s².
+        So is the thrust axis (…, 3).
         """
         kinematics = self.vehicle.kinematics
         spin = kinematics.angular(q, v, np.zeros_like(v))[0]
@@ -239,15 +211,9 @@ class GeometricLaw:
         )
 
     def _weighed(self, gains: Array, error: Array, axis: Array) -> Array:
-        """Errors of the attitude times gains.
+        """Attitude errors (…, 3) in the base's frame times gains (nv).
 
-        Args:
-            gains: Stiffness or damping (nv).
-            error: Errors (…, 3) in the base's frame.
-            axis: Thrust axis (…, 3), about which the gains are those of the position.
-
-        Returns:
-            The products (…, 3).
+        About the thrust axis (…, 3) the gains are those of the position.
         """
         places = self.vehicle.layout.v
         heading = axis * _dot(axis, error)
@@ -264,15 +230,10 @@ def _thrust(push: WantedForce, along: Array) -> Array:
 def _attitude_error(carried: Array, axis: Array, unit: Array) -> Array:
     """How the base must turn: its thrust axis by the shortest way, then about that axis.
 
-    The more the axis is off, the less the heading counts, and where it is opposite, not at all.
-
-    Args:
-        carried: From the desired base's frame to that of the base (…, 3, 3).
-        axis: Thrust axis (…, 3), in the frame of its base.
-        unit: Where that should be (…, 3), in the desired base's frame.
-
-    Returns:
-        The rotation vector of the first and that of the second, added (…, 3), in the base's frame.
+    The two rotation vectors added (…, 3), in the base's frame. The more the axis is off, the less
+    the heading counts, and where it is opposite, not at all. `carried` (…, 3, 3) leads from the
+    desired base's frame to that of the base; `axis` is in the frame of its base, and `unit` where
+    that should be, in the desired base's frame.
     """
     swing = np.cross(axis, times(carried, unit))
     sine = np.linalg.norm(swing, axis=-1, keepdims=True)

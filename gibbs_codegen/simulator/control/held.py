@@ -25,11 +25,8 @@ _SAME = 1e-6
 class HeldInputs:
     """A law of control that commands what it was last told.
 
-    Args:
-        law: what is known of the robot, the desired motion and the decay of errors.
-        name: of the law.
-        delay: time from a command until it takes effect, s.
-        rate: commands a second, Hz; 0 if they come when they come.
+    A command takes effect `delay`, s, later; `rate` is commands a second, Hz, 0 if they come when
+    they come. `law` knows the robot, the desired motion and the decay of errors.
     """
 
     # Nothing that is remembered is integrated with the state.
@@ -51,14 +48,7 @@ class HeldInputs:
         self._commands: list[Array] = []
 
     def fault(self, command: Any) -> str:
-        """What is wrong with a command.
-
-        Args:
-            command: What should be inputs u (nu).
-
-        Returns:
-            The fault in words, "" if there is none.
-        """
+        """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
         names = self.vehicle.inputs
         wanted = f"{len(names)} inputs: {', '.join(names)}"
         if command is None:
@@ -73,22 +63,13 @@ class HeldInputs:
         return f"{numbers[wrong[0]]} for {names[wrong[0]]}" if len(wrong) else ""
 
     def command(self, time: float, inputs: Array) -> None:
-        """Give a command, which takes effect later by the delay.
-
-        Args:
-            time: When it is given, s.
-            inputs: Inputs u (nu).
-        """
+        """Give a command u (nu), which takes effect later by the delay."""
         self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
         if not self._times:
             self._act(-np.inf, self._pending[0][1])
 
     def start(self, q: Array, v: Array) -> None:
-        """Begin a flight, for which a first command was given.
-
-        Args:
-            q, v: Coordinates (nq) and velocities (nv) at the start.
-        """
+        """Begin a flight, for which a first command was given."""
 
     def forget(self) -> None:
         """Forget all commands, before a flight."""
@@ -96,39 +77,19 @@ class HeldInputs:
         self._times, self._commands = [], []
 
     def instants(self, begin: float, end: float) -> Array:
-        """When a command takes effect, of those that were given.
-
-        Args:
-            begin, end: Times, s.
-
-        Returns:
-            The times (…) after the first and before the second, s, in order.
-        """
+        """Times after `begin` and before `end`, s, at which a command takes effect, in order."""
         times = np.array([time for time, _ in self._pending], dtype=np.float64)
         return self._inside(times, begin, end)
 
     def _inside(self, times: Array, begin: float, end: float) -> Array:
-        """Times between two others.
-
-        Args:
-            times: Times (…), s.
-            begin, end: Times, s.
-
-        Returns:
-            Those between, in order and without those that count as the same.
-        """
+        """Times between two others, in order and without those that count as the same."""
         times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
     def begin(self, time: float, q: Array, v: Array) -> str:
-        """Let the commands that are due take effect.
+        """Let the commands that are due take effect; why the flight cannot go on, "" if it can.
 
-        Args:
-            time: Time, s, not before that of the call before.
-            q, v: Coordinates (nq) and velocities (nv) then.
-
-        Returns:
-            Why the flight cannot go on, "" if it can.
+        Times must not decrease from call to call.
         """
         while self._pending and self._pending[0][0] <= time + self.same:
             self._act(*self._pending.popleft())
@@ -146,14 +107,5 @@ class HeldInputs:
         return commanded
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative (…, 0) of a memory of nothing.
-
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: Memory (…, 0).
-
-        Returns:
-            The memory, which has no entries.
-        """
+        """The time derivative (…, 0) of a memory of nothing."""
         return memory

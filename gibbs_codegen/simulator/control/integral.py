@@ -15,15 +15,9 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
 def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:
-    """What corrects the acceleration, from what corrects the errors.
+    """Accelerations (…, nv) that correct motions, from `pull` (…, nv), those of the errors.
 
-    Args:
-        vehicle: The robot.
-        pull: Accelerations of the errors (…, nv).
-        q: Coordinates (…, nq).
-
-    Returns:
-        Accelerations (…, nv), in which those of a base with a quaternion are in its frame.
+    Those of a base with a quaternion are in its frame.
     """
     found = np.array(pull)
     if vehicle.layout.is_quaternion:
@@ -33,14 +27,5 @@ def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:
 
 
 def kept_from_winding(growth: Array, memory: Array, saturated: bool | np.bool_) -> Array:
-    """Growth of what is remembered, none of it away from 0 while an input is at a limit.
-
-    Args:
-        growth: Rates (m) of what is remembered.
-        memory: What is remembered (m).
-        saturated: Whether an input is at a limit.
-
-    Returns:
-        The rates (m).
-    """
+    """Growth of what is remembered, none of it away from 0 while an input is at a limit."""
     return np.where(saturated & (growth * memory >= 0.0), 0.0, growth)

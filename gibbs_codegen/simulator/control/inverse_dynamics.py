@@ -16,36 +16,17 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 def required_inputs(
     vehicle: Vehicle, allocation: Allocation, q: Array, v: Array, a: Array
 ) -> Array:
-    """Inputs that a motion needs.
+    """Inputs u (…, nu) that a motion needs: thrusts, N, then joint torques, N m or N.
 
-    Args:
-        vehicle: The robot.
-        allocation: Control allocation of its rotors.
-        q, v, a: Coordinates (…, nq), velocities and accelerations (…, nv).
-
-    Returns:
-        Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
-
-    Raises:
-        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+    Raises `AllocationError` if no thrusts at all produce the wrench.
     """
     return inputs_of(vehicle, allocation, q, vehicle.inverse_dynamics(q, v, a))
 
 
 def inputs_of(vehicle: Vehicle, allocation: Allocation, q: Array, force: Array) -> Array:
-    """Inputs that produce a generalised force.
+    """Inputs u (…, nu) that produce a generalised force M a − R (…, nv).
 
-    Args:
-        vehicle: The robot.
-        allocation: Control allocation of its rotors.
-        q: Coordinates (…, nq).
-        force: Generalised force M a − R (…, nv).
-
-    Returns:
-        Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
-
-    Raises:
-        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+    Raises `AllocationError` if no thrusts at all produce the wrench.
     """
     thrusts = allocation.thrusts_at(q, vehicle.base_wrench(q, force))
     efforts = force[..., vehicle.arm_rates]
@@ -58,19 +39,9 @@ def inputs_of(vehicle: Vehicle, allocation: Allocation, q: Array, force: Array) 
 def inputs_and_constraint_torques(
     vehicle: Vehicle, allocation: Allocation, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array]:
-    """Inputs that a motion needs, and the constraint torques that hold the base arms.
+    """`required_inputs`, and the torques τ' (…, N − 1) of base arms 2 … N (eqs.
 
-    Args:
-        vehicle: The robot.
-        allocation: Control allocation of its rotors.
-        q, v, a: Coordinates (…, nq), velocities and accelerations (…, nv).
-
-    Returns:
-        Inputs u (…, nu), as `required_inputs` has them, and the torques τ' (…, N − 1) of base arms
-        2 … N (eqs. 14–17), N m.
-
-    Raises:
-        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+    14–17), N m. These hold the base arms.
     """
     inputs = required_inputs(vehicle, allocation, q, v, a)
     return inputs, vehicle.constraint_torques(q, v, a, inputs)

@@ -27,17 +27,11 @@ def wanted_rates(
     wanted: Array,
     acting: Array,
 ) -> Array:
-    """Time derivatives, along the motion, of the thrusts that a law wants.
+    """Time derivatives (…, N), N/s, along the motion, of the thrusts that a law wants.
 
-    Args:
-        law: The law, of which nothing is known but what it commands.
-        time: Times (…), s.
-        parts: Coordinates (…, nq), velocities (…, nv), and what the law remembers (…, memory).
-        wanted: Inputs (…, nu) that the law wants.
-        acting: Inputs (…, nu) that act: thrusts of the motors, torques of the joints.
-
-    Returns:
-        Rates (…, N), N/s. Where limits begin or cease to bind, the mean of both sides.
+    Of the law nothing is known but what it commands: `wanted`, while `acting` act, both (…, nu).
+    `parts` are coordinates, velocities, and memory. Where limits begin or cease to bind, the mean
+    of both sides.
     """
     q, v, memory = parts
     vehicle, growth = law.vehicle, law.growth(time, q, v, memory)

@@ -36,16 +36,7 @@ class Gains:
 
     @classmethod
     def of(cls, frequency: float | Array, damping_ratio: float | Array, coordinates: int) -> Gains:
-        """Gains of the errors' natural frequencies and damping ratios.
-
-        Args:
-            frequency: Natural frequency, rad/s, one for all or one per velocity (nv).
-            damping_ratio: Damping ratio, one for all or one per velocity (nv).
-            coordinates: Number of velocities nv.
-
-        Returns:
-            The gains.
-        """
+        """Gains of natural frequencies, rad/s, and damping ratios of errors, each one or (nv)."""
         frequencies = np.broadcast_to(np.asarray(frequency, dtype=np.float64), coordinates)
         return cls(frequencies**2, 2.0 * damping_ratio * frequencies)
 
@@ -85,16 +76,7 @@ class ControlLaw(Protocol):
         """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory)."""
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """How the memory grows.
-
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: What the law remembers (…, memory).
-
-        Returns:
-            Time derivative (…, memory) of the memory.
-        """
+        """Time derivative (…, memory) of what the law remembers (…, memory)."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +97,9 @@ class Controller:
     def __call__(
         self, time: float | Array, q: Array, v: Array, memory: Array | None = None
     ) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv), and memory (…, m).
+        """Inputs u (…, nu) for states q (…, nq), v (…, nv), and memory (…, m).
 
-        Raises:
-            AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
+        Raises `AllocationError` if no thrusts at all produce the wrench.
         """
         if self.law == "off":
             return np.zeros((*np.shape(time), len(self.vehicle.inputs)))
@@ -134,16 +115,7 @@ class Controller:
         return required_inputs(self.vehicle, self.allocation, q, v, a)
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative of the integrals of the errors, if they are remembered.
-
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            memory: Memory (…, m), with nv entries or none.
-
-        Returns:
-            The errors (…, m).
-        """
+        """Time derivative (…, m) of the errors' integrals, with nv entries or none: the errors."""
         if not self.memory:
             return memory
         desired = self.reference(time)

@@ -35,10 +35,7 @@ class OwnController(Protocol):
 class LawAsController:
     """A law of the simulator that is told observations, and remembers from sample to sample.
 
-    Args:
-        law: the law.
-        actuators: at whose limits nothing that is remembered grows.
-        rate: samples a second, Hz.
+    While an input is at a limit of `actuators`, nothing that is remembered grows.
     """
 
     def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
@@ -62,13 +59,8 @@ class LawAsController:
 class Sampled(HeldInputs):
     """A law of control that samples another, or a controller of a user.
 
-    Args:
-        law: what is known of the robot, the desired motion and the decay of errors.
-        rate: samples a second, Hz.
-        delay: time from a sample until its command takes effect, s.
-        sensing: what is observed.
-        controller: what is sampled.
-        name: of the law.
+    A sample's command takes effect `delay`, s, later. `law` knows the robot, the desired motion and
+    the decay of errors; `controller` is what is sampled, at `rate`, Hz.
     """
 
     def __init__(
@@ -87,11 +79,7 @@ class Sampled(HeldInputs):
     def start(self, q: Array, v: Array) -> None:
         """Begin a flight: forget what was, and take the first sample.
 
-        Args:
-            q, v: Coordinates (nq) and velocities (nv) at the start.
-
-        Raises:
-            UsageError: If the first command is not what inputs must be.
+        Raises `UsageError` if the first command is not what inputs must be.
         """
         self.forget()
         self._taken = 0
@@ -103,14 +91,7 @@ class Sampled(HeldInputs):
             raise UsageError(fault)
 
     def instants(self, begin: float, end: float) -> Array:
-        """When a sample is taken, or a command takes effect.
-
-        Args:
-            begin, end: Times, s.
-
-        Returns:
-            The times (…) after the first and before the second, s, in order.
-        """
+        """Times after `begin` and before `end`, s, of samples and effects of commands, in order."""
         late = self._sensing.delay
         first = max(int((begin - self.delay) * self.rate) - 1, 0)
         last = int(np.ceil((end + late) * self.rate)) + 1
@@ -118,17 +99,10 @@ class Sampled(HeldInputs):
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
     def begin(self, time: float, q: Array, v: Array) -> str:
-        """Take the samples that are due, and let the commands that are due take effect.
+        """Take due samples, and let due commands take effect; the fault of a command, "" if none.
 
         A sample is taken of the state that its observation tells, which is earlier by the delay of
-        the sensors.
-
-        Args:
-            time: Time, s, not before that of the call before.
-            q, v: Coordinates (nq) and velocities (nv) then.
-
-        Returns:
-            What is wrong with a command of the controller, "" if nothing is.
+        the sensors. Times must not decrease from call to call.
         """
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
@@ -147,17 +121,9 @@ def law_in_time(
 ) -> ControlLaw:
     """A law as a scenario evaluates it: at all times, or at a rate.
 
-    Args:
-        law: The law.
-        scenario: What is flown, with rate, delay and sensors.
-        actuators: Limits of motors and joints.
-        controller: What commands instead of the law, if given.
-
-    Returns:
-        The law itself if nothing has a rate: neither scenario nor controller nor sensors.
-
-    Raises:
-        UsageError: If the controller is no callable, or its rate or delay is not what it must be.
+    `controller`, if given, commands instead of the law. The law itself if nothing has a rate:
+    neither scenario nor controller nor sensors. Raises `UsageError` if the controller is no
+    callable, or its rate or delay is not what it must be.
     """
     control, sensors = scenario.control, scenario.sensors
     rate, delay = control.rate, control.delay
@@ -185,19 +151,9 @@ def law_in_time(
 def _number(
     controller: OwnController, name: str, otherwise: float | None, least: float
 ) -> float | None:
-    """A number that a controller may have as an attribute.
+    """A number that a controller may have as an attribute, `otherwise` if it has none.
 
-    Args:
-        controller: The controller.
-        name: Of the attribute.
-        otherwise: What it is where the controller has none, or None.
-        least: Its least value.
-
-    Returns:
-        The number.
-
-    Raises:
-        UsageError: If it is no number, or less.
+    Raises `UsageError` if it is no number, or less than `least`.
     """
     found = getattr(controller, name, None)
     if found is None:

@@ -35,13 +35,7 @@ class Observation:
 
 
 class Sensing:
-    """Observations of states, each with noise of its own.
-
-    Args:
-        vehicle: the robot.
-        reference: the desired motion.
-        sensors: standard deviations, delay and seed; a state as it is by default.
-    """
+    """Observations of states, each with noise of its own; a state as it is by default."""
 
     def __init__(
         self, vehicle: Vehicle, reference: Reference, sensors: Sensors | None = None
@@ -59,13 +53,9 @@ class Sensing:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Draw the noise of a flight again from its begin.
+        """Draw the noise of a flight again from its begin, with another seed if given.
 
-        Args:
-            seed: Of the noise from now on; as before if None.
-
-        Raises:
-            UsageError: If it is no integer, or less than 0.
+        Raises `UsageError` if it is no integer, or less than 0.
         """
         wanted = self._seed if seed is None else seed
         if not (isinstance(wanted, int | np.integer) and wanted >= 0):
@@ -76,13 +66,8 @@ class Sensing:
     def __call__(self, time: float, q: Array, v: Array) -> Observation:
         """What a controller is told of a state.
 
-        Args:
-            time: Time of the sample, s.
-            q, v: Coordinates (nq) and velocities (nv) that are measured.
-
-        Returns:
-            The observation. The attitude is turned by a random rotation vector; rates of attitude
-            angles are off by those of a random angular velocity.
+        The attitude is turned by a random rotation vector; rates of attitude angles are off by
+        those of a random angular velocity.
         """
         return Observation(time, *self._measured(q, v), *self._reference(time))
 

@@ -37,8 +37,9 @@ _DIFFERENCE = 1e-5
 class ArmRates:
     """Rates and accelerations (n) of the joints, and how the arm can move.
 
-    `at_limit` (n) tells the joints that have come to a limit, `redundant` whether the others can
-    move without the tip. `missing` tells what the arm cannot give the tip, "" if nothing.
+    - `at_limit` (n): the joints that have come to a limit
+    - `redundant`: whether the others can move without the tip
+    - `missing`: what the arm cannot give the tip, "" if nothing
     """
 
     rates: Array
@@ -51,17 +52,10 @@ class ArmRates:
 def arm_rates(
     vehicle: Vehicle, state: tuple[Array, Array, Array], target: Array, limits: Limits
 ) -> ArmRates:
-    """Rates and accelerations of the arm that move the tip as desired.
+    """Joint rates and accelerations of least norm that move the tip as desired, or nearest to it.
 
-    Args:
-        vehicle: The robot.
-        state: Coordinates (nq), velocities and accelerations (nv) of base and arm; velocities and
-            accelerations of the arm are not looked at.
-        target: Desired position, velocity, acceleration (≥ 3, 3) of the tip, world axes, m and s.
-        limits: Joint limits; a joint at its limit does not go beyond it.
-
-    Returns:
-        Those of least norm, or where the arm cannot give what is desired, the nearest to it.
+    `state` (nq, nv, nv) is of base and arm, whose own velocities and accelerations are not looked
+    at. `target` (≥ 3, 3): position, velocity, acceleration of the tip, world axes.
     """
     arm = vehicle.arm_rates
     q, v, a = state[0], state[1].copy(), state[2].copy()
@@ -109,16 +103,9 @@ class _Braking:
 
 
 def _braking(joints: Array, jacobian: Array, speed: Array, limits: Limits) -> _Braking:
-    """Rates of least norm that move the tip, of joints that brake before their limits.
+    """Joint rates of least norm that add `speed` (3), m/s, to the tip's velocity, or nearly so.
 
-    Args:
-        joints: Joint coordinates (n), rad or m.
-        jacobian: J (3, n) of the tip's position with respect to the joints.
-        speed: What the joints have to add to the tip's velocity (3), m/s.
-        limits: Joint limits.
-
-    Returns:
-        The rates, rad/s or m/s, or the nearest to them that move the tip.
+    Joints brake before their limits. `jacobian` (3, n) is of the tip's position.
     """
     ways = [np.where(way > REACHED, way, 0.0) for way in (joints - limits[0], limits[1] - joints)]
     # −1 or 1 of joints that brake before the lower or upper limit, and the way to it.

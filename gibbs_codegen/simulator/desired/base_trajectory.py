@@ -39,20 +39,9 @@ def desired_base(
 ) -> Motion:
     """Motion of the base with its centre on a path, and the arm's coordinates at 0.
 
-    Args:
-        vehicle: The robot.
-        time: Knots (s), evenly spaced, s. Where pieces between them do not follow the motion, 2,
-            4 … times as many are taken.
-        centre: Path of the base centre.
-        orientation: Attitude of the base.
-        progress: Is told the share that is done, 0 to 1.
-
-    Returns:
-        The motion at the knots.
-
-    Raises:
-        UsageError: With the time where the attitude is singular or not defined, and where the
-            motion is so fast, or turns so sharply, that not even the most knots follow it.
+    Where pieces between the evenly spaced knots leave the motion, 2, 4 … times as many are taken.
+    `progress` is told the share done, 0 to 1. Raises `UsageError` where the attitude is singular or
+    not defined, or not even the most knots follow the motion.
     """
     pieces, refinement = len(time) - 1, 1
     while True:
@@ -72,20 +61,9 @@ def desired_base(
 
 
 def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) -> Motion:
-    """Motion of attitude and position, with the arm's coordinates at rest at 0.
+    """Motion of attitude and base centre (s, ≥ 3, 3), world axes, with the arm at rest at 0.
 
-    Args:
-        vehicle: The robot.
-        time: Times (s), s.
-        centre: Position, velocity and acceleration of the base centre (s, ≥ 3, 3), world axes, m
-            and s.
-        turning: Rotation of the base in time, with s instants.
-
-    Returns:
-        The motion at the times.
-
-    Raises:
-        SingularAttitudeError: Near the singularity of the attitude sequence.
+    Raises `SingularAttitudeError` near the singularity of the attitude sequence.
     """
     layout = vehicle.layout
     q = np.zeros((len(time), layout.q.size))
@@ -108,20 +86,7 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
 def _part(
     vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation
 ) -> tuple[Motion, Deviation | None]:
-    """Motion of the base at some knots, and where pieces between them leave it.
-
-    Args:
-        vehicle: The robot.
-        time: Knots (s), evenly spaced, s.
-        centre: Path of the base centre.
-        orientation: Attitude of the base.
-
-    Returns:
-        The motion at the knots, and its greatest deviation; None if that is within the tolerance.
-
-    Raises:
-        SingularAttitudeError: With the time where the attitude is singular.
-    """
+    """Motion at some knots, and where pieces between leave it most; None within the tolerance."""
     every = check_times(time)
     places = bounded_path(every, centre, "path of the base")
     with np.errstate(all="ignore"):
@@ -151,16 +116,7 @@ def _part(
 
 
 def _joined(vehicle: Vehicle, time: Array, parts: list[Motion]) -> Motion:
-    """One motion of parts, each of which begins where the one before ends.
-
-    Args:
-        vehicle: The robot.
-        time: All knots (s), s.
-        parts: Motions at successive knots; the last knot of each is the first of the next.
-
-    Returns:
-        The motion at all knots, with attitude angles that go on beyond ±π.
-    """
+    """One motion of parts that share their end knots, with attitude angles that go on beyond ±π."""
     attitude = vehicle.layout.q.attitude
     q = np.empty((len(time), vehicle.layout.q.size))
     v, a = np.empty((2, len(time), vehicle.layout.v.size))

@@ -67,16 +67,7 @@ class Grid:
 
 
 def differences(order: int, count: int, step: float) -> sparse.csr_array:
-    """Finite differences on equally spaced knots.
-
-    Args:
-        order: Order of the derivative.
-        count: Number of knots.
-        step: Distance of knots, s.
-
-    Returns:
-        Matrix (count, count): values at knots to derivatives there, of fourth order inside.
-    """
+    """Matrix (count, count) of finite differences at knots `step` apart, of 4th order inside."""
     width = min(count, STENCIL + (order > 2))
     weights: dict[int, Array] = {}
     rows: list[int] = []
@@ -103,21 +94,10 @@ def nearest_motion(
     gravity: float,
     held: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Thrust axes, and shifts of the base centre from its path, without lateral force.
+    """Unit thrust axes, and shifts of the base centre from its path, m, without lateral force.
 
-    Args:
-        lateral: The lateral force.
-        axis: Thrust axes to begin with (s, 3), world axes, of unit length.
-        shift: Shifts to begin with (s, 3), world axes, m.
-        grid: The knots.
-        gravity: Acceleration of gravity, m/s².
-        held: Knots (s) whose axes and shifts stay as they are.
-
-    Returns:
-        Thrust axes of unit length and shifts, m, (s, 3), world axes.
-
-    Raises:
-        UsageError: If no such motion is found, with the time where most force is missing.
+    Both are (s, 3) in world axes, and `held` (s) tells the knots at which they stay as given.
+    Raises `UsageError`, with the time where most force is missing, if none is found.
     """
     count = len(axis)
     found = np.concatenate([axis.ravel(), shift.ravel()])
@@ -153,17 +133,7 @@ def nearest_motion(
 def _linear(
     lateral: LateralForce, axis: Array, shift: Array, grid: Grid
 ) -> tuple[Array, list[Array]]:
-    """The lateral force and its derivatives by its arguments, by central differences.
-
-    Args:
-        lateral: The lateral force.
-        axis: Thrust axes (3 s).
-        shift: Shifts of the base centre (3 s), m.
-        grid: The knots.
-
-    Returns:
-        Lateral force (s, 2), and its derivatives (s, 2, 3) by each of the four arguments.
-    """
+    """Lateral force (s, 2), and its derivatives (s, 2, 3) by its four arguments, by differences."""
     axis, shift = axis.reshape(-1, 3), shift.reshape(-1, 3)
     at = [axis, grid.rate @ axis, grid.growth @ axis, grid.growth @ shift]
     slopes = []
@@ -178,15 +148,9 @@ def _linear(
 
 
 def _jacobian(slopes: list[Array], axis: Array, grid: Grid) -> sparse.csr_array:
-    """Derivatives of what is to be zero, by axes and shifts.
+    """Derivatives (3 s, 6 s) of what is to be zero by axes, then shifts.
 
-    Args:
-        slopes: Derivatives (s, 2, 3) of the lateral force by its four arguments.
-        axis: Thrust axes (s, 3).
-        grid: The knots.
-
-    Returns:
-        Matrix (3 s, 6 s): rows are lateral forces, then how far axes are from unit length.
+    Rows are lateral forces, then how far axes are from unit length.
     """
     rate, growth = (sparse.kron(each, sparse.eye_array(3)) for each in (grid.rate, grid.growth))
     by_axis, by_rate, by_growth, by_push = (_blocks(slope) for slope in slopes)
@@ -202,18 +166,10 @@ def _blocks(blocks: Array) -> sparse.csr_array:
 
 
 def _cost(slopes: list[Array], grid: Grid, gravity: float) -> sparse.csr_array:
-    """The quadratic form of axes and shifts that is to be least.
+    """The quadratic form (6 s, 6 s) of axes and shifts that is to be least.
 
     Both parts are without dimension: the roughness of the axis, and the shift against the
     acceleration of gravity, at the frequency where the one begins to outweigh the other.
-
-    Args:
-        slopes: Derivatives (s, 2, 3) of the lateral force by its four arguments.
-        grid: The knots.
-        gravity: Acceleration of gravity, m/s².
-
-    Returns:
-        Matrix (6 s, 6 s).
     """
     # A pendulum of length l, whose lateral force is −n − l n̈ / g, swings with √(g / l).
     swing = np.abs(slopes[2]).max() ** -0.5 if np.any(slopes[2]) else np.inf

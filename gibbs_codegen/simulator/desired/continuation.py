@@ -39,9 +39,9 @@ class SingularArmError(UsageError):
 
 
 class UnreachableError(UsageError):
-    """Points of a path that the tip cannot reach: when, and how far it stays from them.
+    """Points of a path that the tip cannot reach.
 
-    `times` (s) and `distances` (m) of all such points that were tried.
+    `times` (s) and `distances` (m) are of all such points that were tried.
     """
 
     def __init__(self, message: str, times: Array, distances: Array) -> None:
@@ -58,23 +58,11 @@ def arm_motion(
     guess: Array | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Motion:
-    """Motion of base and arm, with the tip on its path.
+    """Motion of base and arm at the knots of `base`, with the tip on its path.
 
-    Args:
-        vehicle: The robot.
-        base: Motion of the base at knots, with the arm's coordinates at 0.
-        tip: Path of the tip.
-        limits: Joint limits.
-        guess: Joints (n) to begin with, rad or m; None tries many postures.
-        progress: Is told the number of knots done and of all knots.
-
-    Returns:
-        The motion at the knots of `base`.
-
-    Raises:
-        UnreachableError: For the knots that the tip does not reach. After the first of them only
-            some are tried, over the whole path.
-        SingularArmError: Where the arm cannot move as the path wants.
+    `guess` (n) are joints to begin with; None tries many postures. Raises `UnreachableError` for
+    knots that the tip does not reach (after the first only some are tried, over the whole path),
+    and `SingularArmError` where the arm cannot move as the path wants.
     """
     arm = _Continuation(vehicle, base, tip(base.time), limits)
     arm.start(guess)
@@ -208,20 +196,10 @@ class _Continuation:
 def _reach_holding(
     vehicle: Vehicle, q: Array, target: Array, limits: Limits, held: Flags
 ) -> tuple[Array, float]:
-    """`reach`, with some joints left where they are if it can be done without them.
+    """`reach`, with joints `held` (n) left where they are if it can be done without them.
 
     Joints that come to a limit would else be moved off it by each step towards the target, only to
     be driven into it again.
-
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq) to begin with.
-        target: Desired position (3) of the tip, world axes, m.
-        limits: Joint limits.
-        held: The joints (n) to leave where they are.
-
-    Returns:
-        The coordinates (nq), and the distance (m) of the tip from the target.
     """
     if np.any(held):
         joints = np.clip(q[vehicle.arm], *limits)
@@ -233,17 +211,9 @@ def _reach_holding(
 
 
 def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) -> None:
-    """Raise an error if the tip does not reach its path.
+    """Raise `UnreachableError` if the tip is off its path, `SingularArmError` if only just.
 
-    Args:
-        vehicle: The robot.
-        time: Knots (s), s.
-        q: Coordinates (s, nq).
-        distances: Of the tip from its path (s), m.
-
-    Raises:
-        SingularArmError: If the path is so near that the arm could reach it from another side.
-        UnreachableError: If the path is out of reach.
+    A path so near could be reached by the arm from another side. `distances` (s) are in m.
     """
     far = distances > REACHED
     if not np.any(far):

@@ -32,11 +32,10 @@ _HALVINGS = 55
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a course on which something moves.
+    """A part of a course on which something moves, from `begin` to `end`, s, of the scenario.
 
-    - `begin`, `end`: its times in the scenario, s
-    - `first`, `last`: lengths of the course there
-    - `speeds`: speeds at both ends, in length per s; 0 for a rest
+    `first`, `last` are lengths of the course there, `speeds` those at both ends, in length per s; 0
+    for a rest.
     """
 
     begin: float
@@ -62,15 +61,7 @@ class Course:
         self.stretches = [self._stretch(*ends, speed) for ends in _moving(v, speed)]
 
     def _stretch(self, first: int, last: int, speed: Array) -> Stretch:
-        """The stretch between two instants.
-
-        Args:
-            first, last: Their numbers.
-            speed: Speeds at all instants (s).
-
-        Returns:
-            The stretch.
-        """
+        """The stretch between two instants, by their numbers; `speed` (s) is of all instants."""
         # At rest is where a stretch meets another or standstill: all but the ends of the motion.
         ends = (0, len(speed) - 1)
         speeds = [
@@ -85,26 +76,14 @@ class Course:
         )
 
     def speeds(self, time: Array) -> Array:
-        """Speed along the course in the scenario, and its first two derivatives (3, s).
-
-        Args:
-            time: Times (s) of the scenario.
-
-        Returns:
-            They, in length per s and so on.
-        """
+        """Speed along the course in the scenario, and its first two derivatives (3, s)."""
         bend = self._growth.derivative()
         return np.stack([self._speed(time), self._growth(time), bend(time)])
 
     def at(self, time: Array) -> tuple[Array, Array, Array]:
-        """Coordinates, and how they change along the course.
+        """Coordinates (s, nq), velocities per length, and growth of these per length (s, nv).
 
-        Args:
-            time: Times (s) of the scenario.
-
-        Returns:
-            Coordinates (s, nq), velocities per length (s, nv), and what these grow by per length
-            (s, nv); zero where the motion rests.
+        The latter two are zero where the motion rests. `time` (s) is of the scenario.
         """
         q, v, a = self.reference(time)
         speed, growth = (each(time)[:, np.newaxis] for each in (self._speed, self._growth))
@@ -115,14 +94,7 @@ class Course:
         return q, direction, bend
 
     def times(self, lengths: Array) -> Array:
-        """When the scenario has come so far along the course; the first time where it rests there.
-
-        Args:
-            lengths: Lengths (s) of the course.
-
-        Returns:
-            Times (s) of the scenario.
-        """
+        """Scenario times (s) at lengths (s) of the course; the first time where it rests there."""
         place = np.clip(np.searchsorted(self.lengths, lengths), 1, len(self.time) - 1)
         low, high = self.time[place - 1], self.time[place]
         for _ in range(_HALVINGS):
@@ -135,12 +107,7 @@ class Course:
 def _moving(v: Array, speed: Array) -> list[tuple[int, int]]:
     """First and last instant of every stretch.
 
-    Args:
-        v: Velocities (s, nv).
-        speed: Their norms (s), 0 where the motion rests.
-
-    Returns:
-        Numbers of instants; where the motion turns back, one stretch begins where another ends.
+    Where the motion turns back, one stretch begins where another ends. `speed` (s) is 0 at rest.
     """
     along = np.sum(v[1:] * v[:-1], axis=1)
     both = speed[1:] * speed[:-1]
@@ -154,15 +121,9 @@ def _moving(v: Array, speed: Array) -> list[tuple[int, int]]:
 
 
 def nodes(course: Course, stretch: Stretch, spacing: float) -> Array:
-    """Times of the scenario at which a stretch is looked at, close in time and along the course.
+    """Scenario times (s) at which a stretch is looked at, close in time and along the course.
 
-    Args:
-        course: The course.
-        stretch: The stretch.
-        spacing: Greatest distance in time, s.
-
-    Returns:
-        Times (s), the first and the last of the stretch among them.
+    They are at most `spacing` apart, s, and include both ends.
     """
     inside = (course.time >= stretch.begin) & (course.time <= stretch.end)
     time, length = course.time[inside], course.lengths[inside]

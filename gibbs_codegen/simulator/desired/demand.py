@@ -39,17 +39,9 @@ class Limits:
 
 
 def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
-    """Limits of the timing: those it says, and else those of motors and joints.
+    """Limits that the scenario's timing says, and else those of motors and joints.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-
-    Returns:
-        The limits.
-
-    Raises:
-        UsageError: If the scenario names a joint that the robot does not have.
+    Raises `UsageError` for a joint that the robot does not have.
     """
     timing, actuators = scenario.timing, actuators_of(vehicle, scenario)
     if timing.limits is not None:
@@ -62,16 +54,9 @@ def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
 
 
 def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
-    """Inputs that a motion needs, with the thrusts of least norm and whatever their limits.
+    """Inputs (s, nu) that a motion needs, with the thrusts of least norm, whatever their limits.
 
     Wrenches that the rotors cannot produce are left out.
-
-    Args:
-        vehicle: The robot.
-        q, v, a: Coordinates (s, nq), velocities and accelerations (s, nv).
-
-    Returns:
-        Inputs (s, nu): thrusts, N, then torques or forces of the joints, N m or N.
     """
     force = vehicle.inverse_dynamics(q, v, a)
     matrices = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
@@ -84,9 +69,9 @@ def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
 
 @dataclass(frozen=True)
 class Demand:
-    """What a motion demands at times.
+    """What a motion demands at times (s), s.
 
-    - `time` (s), s; `inputs` (s, nu), and `still` (s, nu): those for standing still there
+    - `inputs` (s, nu), and `still` (s, nu): those for standing still there
     - `rates` (s, N): of the thrusts, N/s; `velocities` (s, n): of the joints, rad/s or m/s
     """
 
@@ -98,16 +83,7 @@ class Demand:
 
 
 def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array) -> Demand:
-    """What a motion demands.
-
-    Args:
-        vehicle: The robot.
-        motion: Coordinates (s, nq), velocities and accelerations (s, nv).
-        time: Times (s), s.
-
-    Returns:
-        The demand.
-    """
+    """What a motion (s, nq), (s, nv), (s, nv) demands at times (s), s."""
     q, v, a = motion
     inputs = needed_inputs(vehicle, q, v, a)
     rates = np.gradient(inputs[:, : vehicle.rotors], time, axis=0)
@@ -121,14 +97,9 @@ def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array)
 
 
 def excess(demand: Demand, limits: Limits) -> Array:
-    """By how much squared speeds and accelerations of a motion are too great for its limits.
+    """Factors (s) by which squared speeds and accelerations are too great; 1 just at a limit.
 
-    Args:
-        demand: What the motion demands.
-        limits: The limits, which it keeps when it stands still.
-
-    Returns:
-        The factor at each time (s); 1 where a limit is just reached.
+    Standing still must keep the limits.
     """
     least, most = limits.inputs
     moving = demand.inputs - demand.still
@@ -140,16 +111,7 @@ def excess(demand: Demand, limits: Limits) -> Array:
 
 
 def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
-    """The limit that a motion exceeds most, as a share of it.
-
-    Args:
-        vehicle: The robot.
-        demand: What the motion demands.
-        limits: The limits.
-
-    Returns:
-        A clause with the limit and the time; "" if the motion keeps all limits.
-    """
+    """A clause with the limit that is exceeded most, as a share of it, and when; "" if none is."""
     least, most = limits.inputs
     joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
     rates = vehicle.layout.v.units[vehicle.arm_rates]
@@ -175,16 +137,7 @@ def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
 
 
 def check_still(vehicle: Vehicle, demand: Demand, limits: Limits) -> None:
-    """See that the robot can stand still everywhere on its way.
-
-    Args:
-        vehicle: The robot.
-        demand: What a motion demands.
-        limits: The limits.
-
-    Raises:
-        UsageError: With the first input and time at which it cannot.
-    """
+    """Raise `UsageError`, with input and time, if the robot cannot stand still on its way."""
     least, most = limits.inputs
     margin = np.minimum(demand.still - least, most - demand.still)
     if np.all(margin > 0.0):
@@ -207,16 +160,7 @@ class Binding:
 
 
 def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, ...]:
-    """Which limits a motion reaches, and when.
-
-    Args:
-        vehicle: The robot.
-        demand: What the motion demands.
-        limits: The limits.
-
-    Returns:
-        Limits and times, the earliest first.
-    """
+    """Which limits a motion reaches, and when, the earliest first."""
     least, most = limits.inputs
     names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
     with np.errstate(invalid="ignore"):
@@ -244,14 +188,9 @@ def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, 
 
 
 def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
-    """Times from and to which something holds; gaps that are hardly any are closed.
+    """Begin and end, s, of each interval in which `flags` (s) hold; hardly any gaps are closed.
 
-    Args:
-        time: Times (s), s.
-        flags: Whether it holds (s).
-
-    Returns:
-        Begin and end of each interval, s; none of an instant alone.
+    None is of an instant alone.
     """
     places = np.flatnonzero(flags)
     if not len(places):

@@ -55,22 +55,12 @@ def feasible_motion(
 ) -> Motion:
     """The motion nearest to a path that a base can fly whose rotors push along one axis.
 
-    Args:
-        vehicle: The robot.
-        time: Knots (s), evenly spaced, s. Where pieces between them need lateral force, 2, 4 …
-            times as many are taken.
-        joints_at: Motion of the joints for knots, the base's coordinates at zero.
-        path: Path of the base centre.
-        orientation: The attitude that the base has but for its tilt.
-        progress: Is told the share that is done, 0 to 1.
-
-    Returns:
-        The motion at the knots.
-
-    Raises:
-        UsageError: With the time, where thrust would have to vanish or to point against the
-            scenario's attitude, where the attitude is singular, where joints bring the rotors to
-            where they do not command three moments, and where the base cannot stay near its path.
+    Where pieces between the evenly spaced knots need lateral force, 2, 4 … times as many are taken.
+    `joints_at` gives the motion of the joints for knots, the base's coordinates at zero;
+    `orientation` is the attitude but for the base's tilt. Raises `UsageError`, with the time, where
+    thrust would have to vanish or to point against the scenario's attitude, where the attitude is
+    singular, where joints bring the rotors to where they do not command three moments, and where
+    the base cannot stay near its path.
     """
     refinement = -(-_FEWEST // (len(time) - 1))
     while True:
@@ -90,17 +80,9 @@ def feasible_motion(
 
 
 def _axes(vehicle: Vehicle, joints: Motion) -> Array:
-    """Thrust axes (s, 3) in the base's frame for a motion of the joints.
+    """Unit thrust axes (s, 3) in the base's frame.
 
-    Args:
-        vehicle: The robot.
-        joints: Motion of the joints at knots.
-
-    Returns:
-        Unit vectors (s, 3).
-
-    Raises:
-        UsageError: With the first time at which there is none.
+    Raises `UsageError` with the first time without one.
     """
     if not vehicle.rotors_move:
         return np.broadcast_to(force_axis(vehicle.thrust_wrenches()), (len(joints.q), 3))
@@ -118,16 +100,6 @@ def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
     """The motion of a leaning base, in spans of knots that overlap.
 
     What lies ahead matters for a few seconds only, so that the end of each span is found again.
-
-    Args:
-        leaning: The base and its path.
-        progress: Is told the share that is done, 0 to 1.
-
-    Returns:
-        The motion at the knots.
-
-    Raises:
-        UsageError: As `feasible_motion` says.
     """
     axes, time = leaning.point_mass(), leaning.joints.time
     shift, held = np.zeros_like(axes), leaning.at_rest()
@@ -159,13 +131,7 @@ def _solved(leaning: Leaning, progress: Callable[[float], None]) -> Motion:
 def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | None:
     """Where pieces between knots need lateral force, or other thrusts than at the knots beside.
 
-    Args:
-        vehicle: The robot.
-        motion: The motion at knots.
-        weight: Weight of the robot, N.
-
-    Returns:
-        Where one of them is farthest from what is allowed; None if both are next to nothing.
+    The farthest from what is allowed; None if both are next to nothing. `weight` in N.
     """
     time = refined(motion.time, 2)
     q, v, a = vehicle.kinematics.reference(motion)(time)

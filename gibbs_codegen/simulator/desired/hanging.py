@@ -30,17 +30,10 @@ _TINY = 1e-300
 
 
 def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
-    """The posture of least potential energy under a level base.
+    """Joints (n) of least potential energy under a level base.
 
     Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
     the vertical; or where limits leave out 0, as near to it as they allow.
-
-    Args:
-        vehicle: The robot.
-        limits: Joint limits.
-
-    Returns:
-        Joint coordinates (n), rad or m.
     """
     revolute = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][revolute], limits[1][revolute]
@@ -83,18 +76,11 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
 
 
 def commanding_posture(vehicle: Vehicle, limits: Limits, posture: Array) -> Array:
-    """The posture near another in which rotors that joints move command wrenches most evenly.
+    """Joints (n) near `posture` at which rotors that joints move command wrenches most evenly.
 
     One revolute joint after the other is put to where, of some places between its limits, the
-    weakest direction is strongest, until none makes it stronger.
-
-    Args:
-        vehicle: The robot.
-        limits: Joint limits.
-        posture: Joint coordinates (n) to begin with, rad or m.
-
-    Returns:
-        Joint coordinates (n); `posture` itself if no other commands more directions.
+    weakest direction is strongest, until none makes it stronger. `posture` itself if no other
+    commands more directions.
     """
     shares = np.linspace(1.0, 0.0, _PARTS + 1)[1:-1]
     best, (directions, strength) = posture, _command(vehicle, posture)
@@ -133,19 +119,10 @@ def _energy_minima(
     low: Array,
     high: Array,
 ) -> Array:
-    """Angles of least energy near each of some starts, within limits.
+    """Angles (s, n), rad, of least energy near each of the starts `angles`, within limits (n).
 
     Newton's method for all starts at once, with curvatures taken as positive, so that it leaves
     saddles; of each step the best of some shares is taken.
-
-    Args:
-        energy: Potential energy (…), J, of angles (…, n).
-        gradient: Its gradient (…, n), N m.
-        angles: The starts (s, n), rad.
-        low, high: Limits (n), rad.
-
-    Returns:
-        The angles (s, n), rad.
     """
     shares = 0.5 ** np.arange(_HALVINGS)[:, np.newaxis, np.newaxis]
     for _ in range(_STEPS):
@@ -169,16 +146,9 @@ def _energy_minima(
 def _derivatives(
     gradient: Callable[[Array], Array], angles: Array, low: Array, high: Array
 ) -> tuple[Array, Array, Flags]:
-    """First and second derivatives of the energy with respect to the joints that can move.
+    """Gradient (…, n) and Hessian (…, n, n) of the energy, and which joints (…, n) are free.
 
-    Args:
-        gradient: Gradient (…, n) of the energy, N m, at angles (…, n).
-        angles: Angles (…, n), rad.
-        low, high: Limits (n), rad.
-
-    Returns:
-        Gradient (…, n) and Hessian (…, n, n), 0 for joints that gravity holds against a limit, and
-        which joints are not held so (…, n).
+    They are 0 for joints that gravity holds against a limit.
     """
     slope = gradient(angles)
     free = ~((angles <= low) & (slope > 0.0)) & ~((angles >= high) & (slope < 0.0))
@@ -194,15 +164,9 @@ def _derivatives(
 def _equilibrium(
     gradient: Callable[[Array], Array], angles: Array, low: Array, high: Array
 ) -> Array:
-    """The equilibrium near some angles, by Newton's method for a root of the gradient.
+    """Angles (n), rad, near some others at which gravity moves no joint except against its limit.
 
-    Args:
-        gradient: Gradient (n) of the energy, N m, at angles (n).
-        angles: Angles (n) to begin with, rad.
-        low, high: Limits (n), rad.
-
-    Returns:
-        Angles (n), rad, at which gravity moves no joint except against its limit.
+    Newton's method for a root of the gradient (n), N m.
     """
     for _ in range(10):
         slope, hessian, free = _derivatives(gradient, angles, low, high)

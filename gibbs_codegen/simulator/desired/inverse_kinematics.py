@@ -27,16 +27,9 @@ _NEARLY_SINGULAR = 1e-4
 
 
 def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Array, float]:
-    """Move the joints until the tip is at a point, or as near to it as it comes.
+    """Coordinates (nq) that bring the tip nearest to `target` (3), world axes, and how near, m.
 
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq) to begin with; attitude and position are kept.
-        target: Desired position (3) of the tip, world axes, m.
-        limits: Joint limits.
-
-    Returns:
-        The coordinates (nq), and the distance (m) of the tip from the target.
+    Only joints move; attitude and position are kept.
     """
     q = q.copy()
     arm = vehicle.arm
@@ -63,16 +56,10 @@ def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Ar
 
 
 def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) -> Array:
-    """The step of least |J δ − e|² + λ|δ|² within the joint limits.
+    """The step δ (n) of least |J δ − e|² + λ|δ|² within `room`, its distances from joint limits.
 
-    Args:
-        jacobian: J (3, n) of the tip's position with respect to the joints.
-        error: e (3), from the tip to its target, m.
-        damping: λ as a share of the mean square of J's singular values.
-        room: Lower and upper bounds of the step (n): how far the joints are from their limits.
-
-    Returns:
-        δ (n), rad or m.
+    J (3, n) is of the tip's position, e (3), m, leads from the tip to its target, and `damping` is
+    λ as a share of the mean square of J's singular values.
     """
     square = jacobian @ jacobian.T
     weight = damping * (np.trace(square) / 3.0 + 1e-12)
@@ -91,20 +78,10 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) ->
 def first_posture(
     vehicle: Vehicle, q: Array, target: Array, limits: Limits, guess: Array | None
 ) -> tuple[Array, float]:
-    """Coordinates that bring the tip to a point, without a posture to continue from.
+    """Coordinates (nq) that bring the tip to a point, without any to go on from, and how near, m.
 
     Of the postures found the one whose Jacobian is farthest from singular is taken, and of equals
-    the one with the joints nearest to 0.
-
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq), of which attitude and position are kept.
-        target: Desired position (3) of the tip, world axes, m.
-        limits: Joint limits.
-        guess: Joints (n) to begin with, rad or m; None tries many postures.
-
-    Returns:
-        The coordinates (nq), and the distance (m) of the tip from the target.
+    the one with the joints nearest to 0. `guess` (n) are joints to begin with; None tries many.
     """
     if guess is not None:
         q = q.copy()
@@ -138,45 +115,20 @@ def _distance_from_zero(joints: Array) -> tuple[float, ...]:
 
 
 def _without_turns(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
-    """Joints less the whole turns of those that turn without limits.
-
-    Args:
-        vehicle: The robot.
-        joints: Joint coordinates (n), rad or m.
-        limits: Joint limits.
-
-    Returns:
-        Joint coordinates (n), angles without limits within [−π, π).
-    """
+    """Joints (n) with the angles of those that turn without limits within [−π, π)."""
     turning = np.isinf(limits[0]) & np.isinf(limits[1])
     turning &= vehicle.is_angle[vehicle.arm]
     return np.where(turning, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
 
 
 def arm_length(vehicle: Vehicle, q: Array) -> float:
-    """The largest singular value of the tip's Jacobian, which is about the arm's length.
-
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq).
-
-    Returns:
-        The value, m per rad.
-    """
+    """The largest singular value of the tip's Jacobian, m per rad: about the arm's length."""
     jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm_rates]
     return float(np.linalg.norm(jacobian, 2))
 
 
 def is_singular(vehicle: Vehicle, q: Array) -> bool:
-    """Whether there is a direction in which the joints all but cannot move the tip.
-
-    Args:
-        vehicle: The robot.
-        q: Coordinates (nq).
-
-    Returns:
-        Whether the arm is singular or nearly so.
-    """
+    """Whether there is a direction in which the joints all but cannot move the tip."""
     return _least_singular_value(vehicle, q) < _NEARLY_SINGULAR * arm_length(vehicle, q)
 
 

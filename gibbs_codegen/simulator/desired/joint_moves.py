@@ -16,17 +16,7 @@ from gibbs_codegen.simulator.reference import Motion
 def joint_motion(
     vehicle: Vehicle, posture: Array, moves: Mapping[str, Sequence[Move]], time: Array
 ) -> Motion:
-    """Motion of the joints, with the base's coordinates at zero.
-
-    Args:
-        vehicle: The robot.
-        posture: Joint coordinates (n) at the start, rad or m.
-        moves: Moves of joints by name, one after the other.
-        time: Times (s), s.
-
-    Returns:
-        The motion at the times.
-    """
+    """Motion of the joints by moves from `posture` (n), with the base's coordinates at zero."""
     joints = np.zeros((len(time), 3, vehicle.joints))
     joints[:, 0] = posture
     for name, legs in moves.items():
@@ -45,16 +35,7 @@ def joint_motion(
 
 
 def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:
-    """Motion of the base with that of the joints put in.
-
-    Args:
-        vehicle: The robot.
-        base: Motion of the base at knots.
-        joints: Motion of the joints at the same knots.
-
-    Returns:
-        The motion of both.
-    """
+    """Motion of the base with that of the joints at the same knots put in."""
     q, v, a = base.q.copy(), base.v.copy(), base.a.copy()
     q[:, vehicle.arm] = joints.q[:, vehicle.arm]
     v[:, vehicle.arm_rates] = joints.v[:, vehicle.arm_rates]

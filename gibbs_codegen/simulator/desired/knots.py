@@ -42,28 +42,12 @@ class Deviation:
 
 
 def knots(duration: float, spacing: float = KNOT_SPACING) -> Array:
-    """Times of knots, equally spaced.
-
-    Args:
-        duration: Time of the last knot, s; the first is at 0.
-        spacing: Greatest distance between two knots, s.
-
-    Returns:
-        Times (s), s.
-    """
+    """Times (s), s, from 0 to `duration`, equally spaced by at most `spacing`."""
     return np.linspace(0.0, duration, max(int(np.ceil(duration / spacing)), 1) + 1)
 
 
 def refined(time: Array, refinement: int) -> Array:
-    """Times over the same span with `refinement` as many equal steps.
-
-    Args:
-        time: Equally spaced times (s), s.
-        refinement: Number of new steps for each old one; 1 returns `time` itself.
-
-    Returns:
-        Times (refinement · (s − 1) + 1), s.
-    """
+    """Times (refinement · (s − 1) + 1), s, over the same span with so many times as many steps."""
     if refinement == 1:
         return time
     return np.linspace(time[0], time[-1], refinement * (len(time) - 1) + 1)
@@ -72,11 +56,7 @@ def refined(time: Array, refinement: int) -> Array:
 def check_times(time: Array) -> Array:
     """Knots, and between them the instants at which pieces are checked.
 
-    Args:
-        time: Knots (s), s.
-
-    Returns:
-        Times (CHECKS · (s − 1) + 1), s, of which every CHECKS-th is exactly a knot.
+    They are (CHECKS · (s − 1) + 1); every CHECKS-th is exactly a knot.
     """
     every = refined(time, CHECKS)
     every[::CHECKS] = time
@@ -84,32 +64,15 @@ def check_times(time: Array) -> Array:
 
 
 def tolerance(size: float | Array) -> float | Array:
-    """How far pieces may be from the motion between knots.
-
-    Args:
-        size: Largest magnitude of the coordinate or position, rad or m.
-
-    Returns:
-        The distance, of the shape and unit of `size`.
-    """
+    """How far pieces may be from a motion of such a largest coordinate or position, rad or m."""
     return _TOLERANCE + _ROUNDING * size
 
 
 def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remedy: str) -> int:
     """Twice the refinement of knots, because pieces between them leave the motion.
 
-    Args:
-        refinement: Refinement at which the deviation was found.
-        time: Knots (s) before any refinement, s.
-        deviation: What the message tells if knots cannot be nearer.
-        cause: What makes nearer knots necessary, as a clause.
-        remedy: What to change in the scenario.
-
-    Returns:
-        The new refinement.
-
-    Raises:
-        UsageError: If knots as near as that are not allowed.
+    Raises `UsageError`, with the clause `cause` and the `remedy`, if that is too much. `time` (s)
+    are the knots before any refinement.
     """
     pieces = len(time) - 1
     if 2 * refinement <= _FINEST and 2 * refinement * pieces <= _MOST_PIECES:
@@ -123,18 +86,9 @@ def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remed
 
 
 def bounded_path(time: Array, path: Path, name: str) -> Array:
-    """Position and derivatives of a path, if they are finite and of a size that can be flown.
+    """Position to jerk (s, 4, 3) of a path, world axes.
 
-    Args:
-        time: Times (s), s.
-        path: The path.
-        name: What the message calls it.
-
-    Returns:
-        Position, velocity, acceleration and jerk (s, 4, 3), world axes, m and s.
-
-    Raises:
-        UsageError: With the first time at which they are not.
+    Raises `UsageError`, with the first time, where they are not finite or too great to be flown.
     """
     with np.errstate(all="ignore"):
         values = path(time)
@@ -144,15 +98,6 @@ def bounded_path(time: Array, path: Path, name: str) -> Array:
 
 
 def check_none(time: Array, wrong: NDArray[np.bool_], fault: str) -> None:
-    """Raise an error with the first time at which something is wrong.
-
-    Args:
-        time: Times (s), s.
-        wrong: At which of them (s) it is wrong.
-        fault: What is wrong, as a clause.
-
-    Raises:
-        UsageError: If any of them is.
-    """
+    """Raise `UsageError`, with the clause `fault` and the first time (s), if any is wrong (s)."""
     if np.any(wrong):
         raise UsageError(f"at t = {time[wrong][0]:.6g} s {fault}; choose a gentler motion")

@@ -29,12 +29,10 @@ _REST = 1e-9
 class Leaning:
     """The base on a path, leaning by thrust axes that are to be found.
 
-    Args:
-        vehicle: the robot.
-        joints: motion of the joints at knots, the base's coordinates at zero.
-        axis: thrust axes (s, 3) in the base's frame.
-        centre: position, velocity and acceleration of the base centre (s, ≥ 3, 3).
-        wanted: attitude that the scenario has.
+    - `joints`: their motion at knots, the base's coordinates at zero
+    - `axis` (s, 3): thrust axes in the base's frame
+    - `centre` (s, ≥ 3, 3): position, velocity and acceleration of the base centre, world axes
+    - `wanted`: attitude that the scenario has
     """
 
     def __init__(
@@ -61,14 +59,9 @@ class Leaning:
         return self.vehicle.base_wrench(q, self.vehicle.inverse_dynamics(q, v, a))[:3]
 
     def motion(self, axes: Derivatives, shift: Derivatives) -> Motion:
-        """The motion with thrust axes and shifts.
+        """The motion with thrust axes, and shifts of the base centre.
 
-        Args:
-            axes: Thrust axes and their first two derivatives (s, 3), world axes.
-            shift: What is added to position, velocity and acceleration of the base centre (s, 3).
-
-        Returns:
-            The motion at the knots.
+        Each is (s, 3) with its first two derivatives, world axes.
         """
         centre = self.centre[:, :3] + np.stack(shift, axis=1)
         tilt = swing(self.upright, unit_derivatives(*axes))
@@ -77,14 +70,10 @@ class Leaning:
         return with_joints(self.vehicle, base, self.joints)
 
     def lateral(self, axis: Array, rate: Array, growth: Array, push: Array) -> Array:
-        """Lateral force that the base would need, as `LateralForce` has it.
+        """Lateral force (s, 2) that the base would need, by weight, as `LateralForce` has it.
 
-        Args:
-            axis, rate, growth: Thrust axes and their first two derivatives (s, 3), world axes.
-            push: What is added to the acceleration of the base centre (s, 3), m/s².
-
-        Returns:
-            The force (s, 2), as a share of the weight.
+        Thrust axes and their first two derivatives (s, 3) are in world axes; `push` (s, 3), m/s²,
+        is added to the acceleration of the base centre.
         """
         still = np.zeros_like(push)
         motion = self.motion((axis, rate, growth), (still, still, push))
@@ -94,28 +83,15 @@ class Leaning:
         return share
 
     def part(self, span: slice) -> Leaning:
-        """The same at some of the knots.
-
-        Args:
-            span: Which knots.
-
-        Returns:
-            The base on this part of the path.
-        """
+        """The same at some of the knots."""
         if len(self.joints.time[span]) == self.grid.count:
             return self
         return self._at(span, self.joints.time[span])
 
     def with_room(self, count: int) -> tuple[Leaning, slice]:
-        """The same with time at rest before and after, where the machine rests at the ends.
+        """The same with `count` more knots at ends where the machine rests, and the path's knots.
 
         A base swings before its path begins to move, and after it has ended.
-
-        Args:
-            count: How many knots more there are at each end at which it rests.
-
-        Returns:
-            The base on the longer path, and which knots are those of the path.
         """
         held, last = self.at_rest(), self.grid.count - 1
         before, after = count * int(held[0]), count * int(held[-1])
@@ -136,9 +112,8 @@ class Leaning:
     def point_mass(self) -> Array:
         """Thrust axes (s, 3) of a point mass on the path, world axes.
 
-        Raises:
-            UsageError: With the time, where thrust would have to vanish or to point against the
-                scenario's attitude.
+        Raises `UsageError`, with the time, where thrust would have to vanish or to point against
+        the scenario's attitude.
         """
         time = self.joints.time
         needed = self.centre[:, 2] + np.array([0.0, 0.0, self.gravity])

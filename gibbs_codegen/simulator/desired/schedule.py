@@ -37,14 +37,10 @@ class Profile:
 class Clock:
     """Length along a course as a function of time, with three derivatives.
 
-    Args:
-        course: the course.
-        profiles: squared speeds along each of its stretches.
-        spacing: greatest time between two control points, s.
-        window: the time, s, over which lengths are averaged.
-
-    A rest lasts as long as in the scenario. `duration` (s) is that of the motion; `knots` (s) are
-    times of control points, `step` (s) the time between two of them.
+    Profiles have the squared speeds along each stretch; a rest lasts as long as in the scenario.
+    Lengths are averaged over `window`, s, and control points are at most `spacing` apart, s:
+    `knots` (s) are their times, `step` the time between two of them. `duration` (s) is that of the
+    motion.
     """
 
     def __init__(
@@ -80,14 +76,7 @@ class Clock:
         return np.stack([each(inside) for each in self._derivatives], axis=-1)
 
     def scenario_time(self, time: Array) -> Array:
-        """Time of the scenario, and its derivatives: zero where the motion rests.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Time and three derivatives (…, 4).
-        """
+        """Time of the scenario and its three derivatives (…, 4); these are zero where it rests."""
         length, speed, growth, jerk = np.moveaxis(self(np.ravel(time)), -1, 0)
         now = self.course.times(length)
         out = np.zeros((len(now), 4))
@@ -102,29 +91,16 @@ class Clock:
         return out.reshape(*np.shape(time), 4)
 
     def motion(self, time: Array) -> tuple[Array, Array, Array]:
-        """The motion as a function of time.
-
-        Args:
-            time: Times (s), s.
-
-        Returns:
-            Coordinates (s, nq), velocities and accelerations (s, nv).
-        """
+        """Coordinates (s, nq), velocities and accelerations (s, nv) at times (s), s."""
         length, speed, growth, _ = np.moveaxis(self(time)[..., np.newaxis], 1, 0)
         q, direction, bend = self.course.at(self.course.times(length[:, 0]))
         return q, direction * speed, direction * growth + bend * speed**2
 
 
 def _exact(course: Course, profiles: Sequence[Profile], pad: float) -> PPoly:
-    """Length along the course in time, with constant accelerations between nodes.
+    """Length along the course in time, from 0, with constant accelerations between nodes.
 
-    Args:
-        course: The course.
-        profiles: Squared speeds along its stretches.
-        pad: What is added to every rest where a stretch begins or ends there, s.
-
-    Returns:
-        The length in time, from 0.
+    `pad`, s, is added to every rest where a stretch begins or ends there.
     """
     reference = course.reference
     steps: list[Array] = []
@@ -164,16 +140,7 @@ def _mirrored(exact: PPoly, time: Array) -> Array:
 
 
 def _integral(exact: PPoly, integral: PPoly, time: Array) -> Array:
-    """The integral of `_mirrored` from 0.
-
-    Args:
-        exact: Length in time.
-        integral: Its integral.
-        time: Times (s), s.
-
-    Returns:
-        The integral (s) up to those times.
-    """
+    """The integral (s) of `_mirrored` from 0 to times (s); `integral` is that of `exact`."""
     end = exact.x[-1]
     early, late = time < 0.0, time > end
     inside = np.where(early, -time, np.where(late, 2.0 * end - time, time))

@@ -31,16 +31,7 @@ class Rows:
 
 
 def fastest(lengths: Array, rows: Rows, ends: tuple[float, float]) -> Array:
-    """The greatest squared speeds at nodes.
-
-    Args:
-        lengths: Lengths (s) of the course at the nodes.
-        rows: Limits at the nodes.
-        ends: Greatest squared speeds at the first and the last node.
-
-    Returns:
-        Squared speeds (s).
-    """
+    """The greatest squared speeds (s) at nodes at lengths (s), with at most `ends` at both ends."""
     steps = np.diff(lengths)
     count = len(lengths)
     reachable = np.empty(count)
@@ -63,14 +54,8 @@ def fastest(lengths: Array, rows: Rows, ends: tuple[float, float]) -> Array:
 def _interval(rows: Rows, k: int, step: float, greatest: float) -> tuple[Array, Array, Array]:
     """Limits of the squared speed at node k and the acceleration after it.
 
-    Args:
-        rows: Limits at the nodes.
-        k: Number of the node.
-        step: Length to the next.
-        greatest: Greatest squared speed there.
-
-    Returns:
-        Coefficients of squared speed and acceleration, and right sides.
+    Coefficients of both, and right sides; `step` is the length to the next node, `greatest` its
+    greatest squared speed.
     """
     ahead = rows.acceleration[k + 1] + 2.0 * step * rows.square[k + 1]
     return (
@@ -81,13 +66,9 @@ def _interval(rows: Rows, k: int, step: float, greatest: float) -> tuple[Array, 
 
 
 def _greatest(square: Array, acceleration: Array, most: Array) -> float:
-    """The greatest b with square · b + acceleration · u ≤ most for some u.
+    """The greatest b with square · b + acceleration · u ≤ most for some u; all `most` (rows) ≥ 0.
 
-    Args:
-        square, acceleration, most: Coefficients and right sides (rows); the right sides ≥ 0.
-
-    Returns:
-        The greatest b; infinite if there is none.
+    Infinite if there is none.
     """
     up, down = acceleration > 0.0, acceleration < 0.0
     flat = ~up & ~down

@@ -15,13 +15,9 @@ Derivatives = tuple[Array, Array, Array]
 
 
 def swing(begin: Derivatives, end: Derivatives) -> Derivatives:
-    """The shortest rotation from a unit vector to another, with its first two derivatives.
+    """The shortest rotation (s, 3, 3) of a unit vector to another, with its first two derivatives.
 
-    Args:
-        begin, end: The vectors and their derivatives (s, 3); nowhere opposite to each other.
-
-    Returns:
-        The rotation and its derivatives (s, 3, 3).
+    The vectors and their derivatives are (s, 3), nowhere opposite to each other.
     """
     about = cross_derivatives(begin, end)
     dot = product(lambda a, b: np.sum(a * b, axis=-1), begin, end)
@@ -41,15 +37,7 @@ def swing(begin: Derivatives, end: Derivatives) -> Derivatives:
 
 
 def product(times: Callable[[Array, Array], Array], a: Derivatives, b: Derivatives) -> Derivatives:
-    """A product and its first two derivatives.
-
-    Args:
-        times: The product of two values, linear in both.
-        a, b: The factors and their derivatives.
-
-    Returns:
-        The product and its derivatives.
-    """
+    """A product, linear in both factors, and its first two derivatives."""
     return (
         times(a[0], b[0]),
         times(a[1], b[0]) + times(a[0], b[1]),
@@ -58,28 +46,13 @@ def product(times: Callable[[Array, Array], Array], a: Derivatives, b: Derivativ
 
 
 def applied(matrix: Array, vector: Array) -> Array:
-    """Products of matrices with vectors.
-
-    Args:
-        matrix: The matrices (…, r, c).
-        vector: The vectors (…, c).
-
-    Returns:
-        The products (…, r).
-    """
+    """Products (…, r) of matrices (…, r, c) with vectors (…, c)."""
     product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
     return product
 
 
 def skew(vector: Array) -> Array:
-    """Matrices of cross products with vectors.
-
-    Args:
-        vector: The vectors (…, 3).
-
-    Returns:
-        The matrices (…, 3, 3).
-    """
+    """Matrices (…, 3, 3) of cross products with vectors (…, 3)."""
     matrix: Array = np.cross(np.eye(3), vector[..., np.newaxis, :])
     return matrix
 

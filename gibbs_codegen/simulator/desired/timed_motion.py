@@ -52,18 +52,8 @@ def timed_motion(
     """The desired motion of a scenario, by its law of timing.
 
     Where the rotors command every wrench, "fastest" is the fastest motion along the paths. Else the
-    attitude depends on the timing, and all of the motion is stretched by one factor.
-
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-
-    Returns:
-        Motion and scenario.
-
-    Raises:
-        UsageError: Or one of its kinds, where there is no such motion.
+    attitude depends on the timing, and all of the motion is stretched by one factor. Raises
+    `UsageError` or one of its kinds where there is no such motion.
     """
     if scenario.timing.law == "uniform":
         return TimedMotion(scenario, desired_motion(vehicle, scenario, progress))
@@ -99,17 +89,7 @@ def _stretched_motion(
 ) -> TimedMotion:
     """The fastest motion that differs from that of a scenario by one factor of time.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-        limits: What the motion is to keep to.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-
-    Returns:
-        Motion and scenario.
-
-    Raises:
-        UsageError: If none of the factors that are tried keeps the limits.
+    Raises `UsageError` if none of the factors that are tried keeps the limits.
     """
     tried = _Tried(vehicle, scenario, limits, progress)
     if tried.kept(1.0) and _rests(tried.found[1.0][0]):
@@ -143,14 +123,7 @@ def _stretched_motion(
 
 
 class _Tried:
-    """Factors of time that were tried: the motions that keep limits, and why others do not.
-
-    Args:
-        vehicle: the robot.
-        scenario: what is flown.
-        limits: what the motion is to keep to.
-        progress: is told what is being done, and the share of it that is done.
-    """
+    """Factors of time that were tried: the motions that keep limits, and why others do not."""
 
     def __init__(
         self, vehicle: Vehicle, scenario: Scenario, limits: Limits, progress: Progress
@@ -169,14 +142,7 @@ class _Tried:
     def kept(self, factor: float) -> bool:
         """Whether there is a motion by a factor of time, and it keeps the limits.
 
-        Args:
-            factor: The factor.
-
-        Returns:
-            Whether it does.
-
-        Raises:
-            UsageError: If the robot cannot stand still with its joints as they are on the way.
+        Raises `UsageError` if the robot cannot stand still with its joints as they are on the way.
         """
         attempts = len(self.found) + len(self._failed)
         self._progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
@@ -195,15 +161,7 @@ class _Tried:
         return True
 
     def _check_still(self, reference: Reference, time: Array) -> None:
-        """See that the robot can stand still as the base is at the start.
-
-        Args:
-            reference: A motion.
-            time: Its check times in the scenario's time (s), s.
-
-        Raises:
-            UsageError: If it cannot.
-        """
+        """Raise `UsageError` if the robot cannot stand still as the base is at the start."""
         q, v, a = reference(check_times(reference.knots))
         arm = q[:, self.vehicle.arm].copy()
         q[:] = q[0]

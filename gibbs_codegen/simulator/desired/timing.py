@@ -51,19 +51,10 @@ def fastest_motion(
     limits: Limits,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Clock:
-    """The fastest timing of a motion.
+    """The fastest timing of a motion whose wrenches the rotors can produce.
 
-    Args:
-        vehicle: The robot, whose rotors can produce the wrenches that the motion needs.
-        reference: The motion in the scenario's time.
-        limits: What the timing keeps to.
-        progress: Is told the share that is done, 0 to 1.
-
-    Returns:
-        Where the motion is, and when.
-
-    Raises:
-        UsageError: If the robot cannot stand still within its limits everywhere on its way.
+    `reference` is in the scenario's time; `progress` is told the share done, 0 to 1. Raises
+    `UsageError` if the robot cannot stand still within its limits everywhere on its way.
     """
     course = Course(reference)
     still = course.time[::CHECKS]
@@ -91,29 +82,13 @@ def fastest_motion(
 
 
 def demand_at(vehicle: Vehicle, clock: Clock) -> Demand:
-    """What a timed motion demands, at its knots and between.
-
-    Args:
-        vehicle: The robot.
-        clock: Where the motion is, and when.
-
-    Returns:
-        The demand.
-    """
+    """What a timed motion demands, at its knots and between."""
     time = check_times(clock.knots)
     return demand_of(vehicle, clock.motion(time), time)
 
 
 def timed_reference(vehicle: Vehicle, clock: Clock) -> Reference:
-    """The motion as a function of time that a controller follows.
-
-    Args:
-        vehicle: The robot.
-        clock: Where the motion is, and when.
-
-    Returns:
-        The reference, with knots so near that it stays with the motion between them.
-    """
+    """The motion as a function of time, with knots so near that it stays true between them."""
     refinement = 1
     while True:
         pieces = refinement * (len(clock.knots) - 1)
@@ -176,12 +151,9 @@ class _Way:
         return Profile(self.lengths, self.squares)
 
     def slow_down(self, lengths: Array, over: Array, everywhere: bool) -> None:
-        """Leave less room for motion where limits are exceeded.
+        """Leave less room for motion where limits are exceeded, or everywhere on the stretch.
 
-        Args:
-            lengths: Lengths (s) along the course.
-            over: By how much limits are exceeded there (s); below 1 if they are not.
-            everywhere: Whether to leave less room on all of the stretch.
+        `over` (s) tells by how much at lengths (s) along the course; below 1 if they are not.
         """
         over = maximum_filter1d(np.maximum(over, 1.0), 2 * _AROUND + 1)
         here = np.interp(self.lengths, lengths, over)
@@ -196,17 +168,7 @@ def _both(values: Array, joints: Array) -> Array:
 
 
 def _window(vehicle: Vehicle, course: Course, profiles: list[Profile], thrust_rate: float) -> float:
-    """The shortest time to average over, so that thrusts change slowly enough.
-
-    Args:
-        vehicle: The robot.
-        course: The course of the motion.
-        profiles: Squared speeds along its stretches.
-        thrust_rate: Greatest rate of thrusts, N/s.
-
-    Returns:
-        The time, s.
-    """
+    """The shortest time to average over, s, for thrusts to change by at most `thrust_rate`, N/s."""
 
     def too_fast(window: float) -> bool:
         clock = Clock(course, profiles, KNOT_SPACING, window)

@@ -40,24 +40,11 @@ def desired_with_tip(
 ) -> Motion:
     """Motion of base and arm, with the tip on a path.
 
-    Args:
-        vehicle: The robot.
-        time: Knots, shape (s), evenly spaced, in s. Where the tip leaves its path between them,
-            2, 4 … times as many are taken.
-        base_at: Motion of the base for knots, as `desired_base` gives it.
-        tip: Path of the tip.
-        limits: Joint limits.
-        guess: Joints (n) to begin with, rad or m; None tries many postures.
-        progress: Is told the number of knots done and of all knots.
-
-    Returns:
-        The motion at the knots.
-
-    Raises:
-        UnreachableError: For points out of reach.
-        SingularArmError: Where the arm cannot move as the path wants.
-        UsageError: For a robot without an arm, and where not even the most knots keep the tip on
-            its path.
+    Where the tip leaves it between the evenly spaced knots, 2, 4 … times as many are taken.
+    `base_at` gives the base's motion for knots, as `desired_base` does; `guess` (n) are joints to
+    begin with, None tries many postures. Raises `UnreachableError` for points out of reach,
+    `SingularArmError` where the arm cannot move as the path wants, `UsageError` without an arm, and
+    where not even the most knots keep the tip on its path.
     """
     if not vehicle.has_tip:
         raise UsageError(
@@ -88,16 +75,7 @@ def desired_with_tip(
 
 
 def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
-    """Where the tip is farthest from its path between knots.
-
-    Args:
-        vehicle: The robot.
-        motion: Motion of base and arm at knots.
-        tip: Path of the tip.
-
-    Returns:
-        The greatest deviation, m; None if it is within the tolerance.
-    """
+    """Where the tip is farthest from its path between knots, m; None within the tolerance."""
     reference = vehicle.kinematics.reference(motion)
     worst, found = 1.0, None
     for begin in range(0, len(motion.time) - 1, BATCH):

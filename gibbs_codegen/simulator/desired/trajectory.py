@@ -36,17 +36,8 @@ def desired_motion(
 ) -> Reference:
     """Desired coordinates, rates and accelerations of a scenario, as functions of time.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-
-    Returns:
-        The reference of the flight.
-
-    Raises:
-        UsageError: Or one of its kinds, where there is no such motion, and for joints outside their
-            limits.
+    Raises `UsageError` or one of its kinds where there is no such motion, and for joints outside
+    their limits.
     """
     _check_units(vehicle, scenario.arm)
     actuators = actuators_of(vehicle, scenario)
@@ -70,15 +61,7 @@ def _with_posture(
 ) -> Motion:
     """The motion of a scenario without a path of the tip.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-        limits: Joint limits.
-        fastest: Greatest rates of the joints (n), or of all, rad/s or m/s.
-        progress: Is told what is being done, and the share of it that is done.
-
-    Returns:
-        The motion at knots.
+    `fastest`: greatest rates of the joints (n), or of all, rad/s or m/s.
     """
     task, time = scenario.arm, knots(scenario.duration)
     if task.posture is None:
@@ -107,18 +90,7 @@ def _with_tip(
 ) -> Motion:
     """The motion of a scenario with a path of the tip.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown.
-        tip: Path of the tip.
-        limits: Joint limits.
-        progress: Is told what is being done, and the share of it that is done.
-
-    Returns:
-        The motion at knots.
-
-    Raises:
-        UsageError: For a base that leans, and as `desired_with_tip` says.
+    Raises `UsageError` for a base that leans, and as `desired_with_tip` does.
     """
     task, time = scenario.arm, knots(scenario.duration)
     leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
@@ -153,19 +125,10 @@ def _with_tip(
 def starting_state(
     vehicle: Vehicle, reference: Reference, offset: StartOffset
 ) -> tuple[Array, Array]:
-    """The desired state at the start of a flight, moved and turned by the start offset.
+    """The desired state (nq), (nv) at the start of a flight, moved and turned by the start offset.
 
-    Args:
-        vehicle: The robot.
-        reference: The desired motion.
-        offset: How far base centre and attitude are off.
-
-    Returns:
-        Coordinates (nq) and velocities (nv); those of position and attitude stay as they are in
-        the world, or as rates of attitude angles.
-
-    Raises:
-        SingularAttitudeError: If the offset turns the base to the singularity.
+    Velocities of position and attitude stay as they are in the world, or as rates of attitude
+    angles. Raises `SingularAttitudeError` if the offset turns the base to the singularity.
     """
     q, v, _ = reference(reference.begin)
     if not any(offset.position) and not any(offset.rotation):
@@ -203,16 +166,7 @@ def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
 
 
 def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
-    """Raise an error where a joint is desired to move faster than it can.
-
-    Args:
-        vehicle: The robot.
-        motion: The desired motion.
-        most: Greatest rates of the joints (n), or of all, rad/s or m/s.
-
-    Raises:
-        UsageError: With the joint and the time at which it is fastest.
-    """
+    """Raise `UsageError`, with joint and time, where a joint is to move faster than it can."""
     rates = np.abs(motion.v[:, vehicle.arm_rates])
     most = np.broadcast_to(most, rates.shape[1:])
     for joint in np.flatnonzero(np.any(rates > most, axis=0)):
@@ -226,16 +180,7 @@ def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
 
 
 def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> Array:
-    """Coordinates of all joints, of which a table gives some.
-
-    Args:
-        vehicle: The robot.
-        values: Coordinates by name, rad or m; those left out are 0.
-        table: The table, for a message.
-
-    Returns:
-        The coordinates (n).
-    """
+    """Coordinates (n) of all joints, 0 for those that `table`, as messages call it, leaves out."""
     found = np.zeros(vehicle.joints)
     for name, value in values.items():
         found[joint_place(vehicle, name, table)] = value
@@ -245,18 +190,9 @@ def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> 
 def _check_limits(
     vehicle: Vehicle, task: ArmTask, key: str, values: Array, limits: Limits, joints: Iterable[str]
 ) -> None:
-    """Raise an error for the first of some joints whose value is outside its limits.
+    """Raise `UsageError` for the first of some joints whose value (n) is outside its limits.
 
-    Args:
-        vehicle: The robot.
-        task: What the arm is to do: angles of a file are told in degrees.
-        key: Key of the scenario file's arm table that gives the values.
-        values: Joint coordinates (n), rad or m.
-        limits: Joint limits.
-        joints: Names of the joints to check.
-
-    Raises:
-        UsageError: With joint, value and limits.
+    `key` of the scenario file's arm table gives the values; angles of a file are told in degrees.
     """
     for name in joints:
         joint = joint_place(vehicle, name)

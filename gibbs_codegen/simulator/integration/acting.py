@@ -12,10 +12,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts: pushes, payloads, and inputs u (nu) that are commanded all through, if any.
+    """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all.
-    Without inputs that are held, the law of control commands them at every instant.
+    Without `held` inputs the law of control commands them at every instant.
     """
 
     push: bool | Flags = False

@@ -40,13 +40,7 @@ _SHORTEST = 1e-6
 
 
 class AdaptiveIntegrator:
-    """Steps of adaptive size, sampled by their dense output.
-
-    Args:
-        loop: the closed loop to integrate.
-        settings: tolerances and rate of samples.
-        envelope: where control counts as lost.
-    """
+    """Steps of adaptive size, sampled by their dense output."""
 
     def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
         self.loop, self.settings, self.envelope = loop, settings, envelope
@@ -120,16 +114,7 @@ class AdaptiveIntegrator:
         self.budget = min(earned, _EVALUATIONS_AHEAD) - evaluations
 
     def _too_slow(self, time: float, step: float, state: Array) -> str:
-        """Why a flight takes too many evaluations, and what to do about it.
-
-        Args:
-            time: Time that was reached, s.
-            step: Size of the last step, s.
-            state: State (size) that was reached.
-
-        Returns:
-            The reason.
-        """
+        """Why a flight takes too many evaluations, and what to do about it."""
         reason = f"at t = {time:.6g} s: steps of {step:.2g} s are needed"
         fastest = next(iter(stable_modes(self.loop)), None)
         if fastest is not None and fastest.rate * step > _STIFF:
@@ -145,16 +130,9 @@ class AdaptiveIntegrator:
 def _first_violation(
     envelope: Envelope, path: Callable[[float], Array], good: float, bad: float
 ) -> float:
-    """The first time in a step at which the flight cannot go on, to a millionth of the step.
+    """A time, s, at which the flight cannot go on, to a millionth of the step the first one.
 
-    Args:
-        envelope: Where control counts as lost.
-        path: State (size) at a time of the step.
-        good: Begin of the step, s, where the flight can go on.
-        bad: End of the step, s, where it cannot.
-
-    Returns:
-        A time, s, at which the flight cannot go on.
+    `path` gives the state (size) at times of the step, from `good` to `bad`, s, where it cannot.
     """
     for _ in range(20):
         middle = 0.5 * (good + bad)

@@ -39,11 +39,10 @@ _ALIGNMENT = 8 * LANES
 
 
 class Blocks(NamedTuple):
-    """What became of flights: how many steps were taken (count), and samples (count, s, size).
+    """What became of flights: steps `taken` (count), samples (count, s, size), `last` states.
 
-    `last` (count, size) are the last states, and `refused` (count) tells which flights ended
-    because the rotors cannot produce a wrench, of which `ClosedLoop.derivative` says more. Samples
-    after the end of a flight repeat its last state.
+    `refused` (count) tells which flights ended because the rotors cannot produce a wrench, of which
+    `ClosedLoop.derivative` says more. Samples after the end of a flight repeat its last state.
     """
 
     taken: NDArray[np.int64]
@@ -72,19 +71,11 @@ class BlockLoop:
     def of(
         cls, closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int
     ) -> BlockLoop | None:
-        """The compiled loops of many flights, if there are any.
+        """The compiled loops of `count` flights; None where module, law or loop is not compiled.
 
-        Args:
-            closed: A closed loop in which arrays may have one more leading axis of length `count`:
-                constants of plant and model, damping, wrenches and centre of the rotors, lag,
-                limits, gains, and what the geometric law knows. The others are the same for all.
-            bounds: Errors, then their rates (2 nv) or (count, 2 nv), beyond which control is lost;
-                one number serves for all.
-            acting: What acts on the robots.
-            count: How many flights there are.
-
-        Returns:
-            The loops; None where the module, the law or the loop is not compiled.
+        In `closed`, one more leading axis of length `count` may be on constants of plant and model,
+        damping, wrenches and centre of the rotors, lag, limits, gains, and what the geometric law
+        knows. `bounds` of errors, then their rates, are (2 nv), (count, 2 nv) or one number.
         """
         vehicle = closed.vehicle
         law = closed.controller.law if acting.held is None else "held"
@@ -117,18 +108,8 @@ class BlockLoop:
     ) -> Blocks:
         """Take steps with all flights, fewer with those that are refused or cannot go on.
 
-        Args:
-            time: Time before the first step, s.
-            states: States (count, size) before the first step.
-            step: Size of the steps, s.
-            steps: Greatest number of steps.
-            every: Each `every`-th step is a sample, counted from `number`.
-            number: Number of steps before the first.
-            going: The flights (count) that are flown; None for all.
-            threads: How many threads share the flights.
-
-        Returns:
-            Steps, samples, last states, and which flights were refused.
+        `states` are (count, size). Each `every`-th step is a sample, where `number` steps came
+        before. `going` (count): the flights that are flown.
         """
         blocks, kept = len(self.loops), (number + steps) // every - number // every
         state = _in_blocks(states)
@@ -169,29 +150,13 @@ class _Pointers:
         self._strides: dict[int, int] = {}
 
     def to(self, at: int, array: NDArray[Any]) -> int:
-        """The address of an array.
-
-        Args:
-            at: Offset of the pointer in the structure.
-            array: The array, (1, …) for all blocks or (blocks, …).
-
-        Returns:
-            The address.
-        """
+        """The address of an array, (1 or blocks, …), at an offset of the structure."""
         self.owned.append(array)
         self._strides[at // 8] = array.strides[0] if len(array) > 1 else 0
         return array.ctypes.data
 
     def repeated(self, loop: Loop, blocks: int) -> NDArray[np.uint64]:
-        """The structure for each block, with pointers to its parts.
-
-        Args:
-            loop: That of the first block.
-            blocks: How many there are.
-
-        Returns:
-            Words (blocks, words).
-        """
+        """The structure for each block, with pointers to its parts: words (blocks, words)."""
         self.owned.append(loop)
         words = np.tile(np.frombuffer(bytes(loop), dtype=np.uint64), (blocks, 1))
         for word, stride in self._strides.items():
@@ -202,21 +167,10 @@ class _Pointers:
 def _structures(
     closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int, compiler: Compiler
 ) -> tuple[NDArray[np.uint64], list[Any]]:
-    """A `Loop` for each block, as words (blocks, words), and what they point to.
+    """A `Loop` for each block, as words (blocks, words), and what must live as long.
 
-    Args:
-        closed: The closed loops.
-        bounds: Errors, then their rates, beyond which control is lost.
-        acting: What acts on the robots.
-        count: How many flights there are.
-        compiler: What compiles the functions that take constants of each state.
-
-    Returns:
-        The words, and what must live as long.
-
-    Raises:
-        CompilerError: Those functions cannot be compiled.
-        CacheError: Nor kept.
+    Raises `CompilerError` or `CacheError` where functions of constants of each state cannot be
+    compiled or kept.
     """
     loop, pointers, blocks = Loop(), _Pointers(), -(-count // LANES)
     _bind(loop, pointers, closed, count, compiler)
@@ -239,15 +193,7 @@ def _structures(
 def _bind(
     loop: Loop, pointers: _Pointers, closed: ClosedLoop, count: int, compiler: Compiler
 ) -> None:
-    """Put functions for blocks into a structure, with constants for all or of each state.
-
-    Args:
-        loop: The structure.
-        pointers: What it points to.
-        closed: The closed loops.
-        count: How many flights there are.
-        compiler: What compiles the functions that take constants of each state.
-    """
+    """Put functions for blocks into a structure, with constants for all or of each state."""
     vehicle, model = closed.vehicle, closed.controller.vehicle
     constants = {"plant": vehicle.constants, "model": model.constants}
     if any(isinstance(values, np.ndarray) for values in constants.values()):
@@ -268,13 +214,7 @@ def _bind(
 def _for_all_or_each(value: Any, axes: int, count: int) -> Array:
     """Numbers in blocks (1 or blocks, entries, LANES): the same for all flights, or of each.
 
-    Args:
-        value: An array, or a number.
-        axes: Its axes, if it is the same for all; else it has one more, of length `count`.
-        count: How many flights there are.
-
-    Returns:
-        The blocks.
+    `value` has `axes` axes if it is the same for all; else one more, of length `count`.
     """
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == axes:
@@ -293,12 +233,7 @@ def _aligned(shape: tuple[int, ...], kind: type[np.generic] = np.float64) -> NDA
 def _in_blocks(rows: NDArray[Any], fill: bool = True) -> NDArray[Any]:
     """Rows (count, entries) in blocks (blocks, entries, LANES), in memory that is aligned.
 
-    Args:
-        rows: The rows.
-        fill: Whether the last row fills what is left of the last block, rather than zeros.
-
-    Returns:
-        The blocks.
+    With `fill` the last row fills what is left of the last block, else zeros do.
     """
     count, entries = rows.shape
     blocks = _aligned((-(-count // LANES), entries, LANES), rows.dtype.type)

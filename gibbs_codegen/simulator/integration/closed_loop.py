@@ -44,9 +44,9 @@ class Parts(NamedTuple):
 class ClosedLoop:
     """Vehicle, controller, limits and lag of its motors and joints, and what else acts on it.
 
-    `vehicle` is the plant. The controller has its own, with the parameters that it knows. Where
-    `environment` is None, nothing acts but inputs.
-    `compensated`: whether the lag of the motors is, as `control.lag` has it.
+    `vehicle` is the plant; the controller has its own, with the parameters that it knows. Where
+    `environment` is None, nothing acts but inputs. `compensated`: whether the lag of the motors is,
+    as `control.lag` has it.
     """
 
     vehicle: Vehicle
@@ -92,14 +92,7 @@ class ClosedLoop:
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
-        """The state at time 0, with motors that have settled at the thrusts that the law wants.
-
-        Args:
-            q, v: Coordinates (nq) and velocities (nv).
-
-        Returns:
-            The state (size).
-        """
+        """The state (size) at time 0, with motors settled at the thrusts that the law wants."""
         if self.held is not None:
             self.held.start(q, v)
         memory = np.zeros(self.controller.memory)
@@ -108,14 +101,7 @@ class ClosedLoop:
         return np.concatenate([q, v, [0.0], thrusts, memory])
 
     def parts(self, states: Array) -> Parts:
-        """What states consist of.
-
-        Args:
-            states: States (…, size).
-
-        Returns:
-            The parts, the quaternion of length 1.
-        """
+        """What states (…, size) consist of, the quaternion made of length 1."""
         n, work, memory = self.vehicle.layout.q.size, self.work_place, self.memory_place
         return Parts(
             self.vehicle.kinematics.normalised(states[..., :n]),
@@ -126,15 +112,7 @@ class ClosedLoop:
         )
 
     def commanded(self, time: float | Array, parts: Parts) -> Array:
-        """Inputs that are commanded, not yet within limits.
-
-        Args:
-            time: Times (…), s.
-            parts: Parts of the states (…).
-
-        Returns:
-            Inputs (…, nu): those that the law wants, with what makes up for the lag of the motors.
-        """
+        """Commanded inputs (…, nu), not yet within limits, with what makes up for lag of motors."""
         q, v, _, thrusts, memory = parts
         wanted = self.controller(time, q, v, memory)
         if self.compensates:
@@ -144,14 +122,9 @@ class ClosedLoop:
         return wanted
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
-        """Inputs that act: those commanded, within limits, with thrusts as the motors give them.
+        """Inputs u (…, nu) that act: those commanded, within limits, with thrusts of the motors.
 
-        Args:
-            commanded: Inputs (…, nu) that the controller commands.
-            thrusts: Thrusts (…, N) of the state, N; not looked at if the motors do not lag.
-
-        Returns:
-            Inputs u (…, nu).
+        `thrusts` (…, N), N, are those of the state, not looked at if the motors do not lag.
         """
         inputs = self._setpoints(commanded)
         if self.lags:
@@ -164,15 +137,7 @@ class ClosedLoop:
         return np.clip(commanded, *self.actuators.inputs) if self.limited else commanded.copy()
 
     def saturated(self, time: float, state: Array) -> list[str]:
-        """Inputs of which the greatest or the least value is commanded.
-
-        Args:
-            time: Time, s.
-            state: State (size).
-
-        Returns:
-            Their names.
-        """
+        """Names of inputs of which the greatest or the least value is commanded."""
         if not self.limited:
             return []
         commanded = self.commanded(time, self.parts(state))
@@ -182,60 +147,31 @@ class ClosedLoop:
     def wrenches(
         self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
     ) -> Array:
-        """Wrenches on the frames by all that acts but the inputs.
+        """Wrenches (…, f, 6) on the frames by all that acts but the inputs.
 
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            inputs: Inputs u (…, nu) that act.
-            acting: What acts at those times.
-
-        Returns:
-            Wrenches (…, f, 6): force, N, and torque about the origin, N m, world axes.
+        Force, N, and torque about the origin, N m, world axes.
         """
         if self.environment is None:
             return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
         return self.environment.wrenches(time, q, v, inputs, acting.push, acting.payloads)
 
     def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
-        """Accelerations of states and inputs, by the forward dynamics.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            inputs: Inputs u (…, nu) that act.
-            wrenches: Wrenches (…, f, 6) on the frames.
-
-        Returns:
-            Accelerations (…, nv).
-        """
+        """Accelerations (…, nv) of states, inputs and wrenches (…, f, 6), by forward dynamics."""
         if self.environment is None:
             return self.vehicle.forward_dynamics(q, v, inputs)
         return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
     def acting(self, time: float | Array) -> Acting:
-        """What acts.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            What acts at those times.
-        """
+        """What acts at times (…), s."""
         if self.environment is None:
             return NOTHING
         return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))
 
     def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
-        """Time derivative of a state.
+        """Time derivative (size) of a state, NaN for a state that is not finite.
 
-        Args:
-            time: Time, s.
-            state: State (size).
-            acting: What acts on the robot. This is given, since an integrator may ask for the end
-                of an interval without a push, which is when the push begins.
-
-        Returns:
-            The derivative (size), NaN for a state that is not finite.
+        What acts is given, since an integrator may ask for the end of an interval without a push,
+        which is when the push begins.
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
@@ -260,14 +196,9 @@ class ClosedLoop:
         return np.concatenate(rates)
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
-        """An interval with the inputs that are held through it, after samples that are due.
+        """An interval with the inputs held through it, after samples that are due, and a reason.
 
-        Args:
-            interval: The interval.
-            state: State (size) at its begin.
-
-        Returns:
-            The interval, and why the flight cannot go on, "" if it can.
+        That is why the flight cannot go on, "" if it can. `state` is that at its begin.
         """
         if self.held is None:
             return interval, ""
@@ -279,11 +210,7 @@ class ClosedLoop:
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push or held inputs may change.
 
-        Args:
-            begin, end: The time that they cover, s.
-
-        Yields:
-            Intervals, each beginning where the one before ends, without the inputs that are held.
+        Each begins where the one before ends; they are without the inputs that are held.
         """
         jumps = self.environment.jumps if self.environment else ()
         times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))

@@ -50,17 +50,10 @@ class CompiledLoop:
     def of(
         cls, closed: ClosedLoop, bounds: Array | float, acting: Acting = NOTHING
     ) -> CompiledLoop | None:
-        """The compiled loop of a closed loop, if there is one.
+        """The compiled loop of a closed loop; None where module, law or loop is not compiled.
 
-        Args:
-            closed: The closed loop.
-            bounds: Errors, then their rates (2 nv), beyond which control is lost; one number
-                serves for all.
-            acting: What acts on the robot.
-
-        Returns:
-            The loop; None where the module, the law or the loop is not compiled; the geometric law
-            is for a base with a quaternion.
+        The geometric law is for a base with a quaternion. `bounds` of errors, then their rates, are
+        (2 nv) or one number.
         """
         vehicle = closed.vehicle
         law = closed.controller.law if acting.held is None else "held"
@@ -95,17 +88,9 @@ class CompiledLoop:
     ) -> tuple[int, Array, Array]:
         """Take steps, fewer where rotors cannot produce a wrench or the flight cannot go on.
 
-        Args:
-            time: Time before the first step, s.
-            state: State (size) before the first step.
-            step: Size of the steps, s.
-            count: Greatest number of steps.
-            every: Each `every`-th step is a sample, counted from `number`.
-            number: Number of steps before the first.
-            seen: Is given the ranges of the inputs from sample to sample.
-
-        Returns:
-            The number of steps taken, the samples (s, size), and the last state (size).
+        Returns how many were taken, samples (s, size), the last state. Each `every`-th step is a
+        sample, where `number` steps came before; `seen` is given ranges of the inputs from sample
+        to sample.
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
@@ -135,15 +120,9 @@ class CompiledLoop:
         return taken, samples[: (number + taken) // every - first], last
 
     def rate(self, time: float, state: Array) -> Array | None:
-        """Time derivative of a state.
+        """Time derivative of a state (size); None where the rotors cannot produce a wrench.
 
-        Args:
-            time: Time, s.
-            state: State (size).
-
-        Returns:
-            The derivative (size); None where the rotors cannot produce a wrench, of which
-            `ClosedLoop.derivative` says more.
+        `ClosedLoop.derivative` says more of that.
         """
         rate, state = np.empty(self.size), np.ascontiguousarray(state, dtype=np.float64)
         going = ctypes.c_int(1)
@@ -158,26 +137,16 @@ class CompiledLoop:
 
 
 class CompiledLoops:
-    """The compiled loops of a closed loop: one for each of what may act, made when it first does.
-
-    Args:
-        closed: the closed loop.
-        bounds: errors, then their rates (2 nv), beyond which control is lost, or one number.
-    """
+    """The compiled loops of a closed loop: one for each of what may act, made when it does."""
 
     def __init__(self, closed: ClosedLoop, bounds: Array | float) -> None:
         self.closed, self.bounds = closed, bounds
         self._made: dict[tuple[Acting, bool], CompiledLoop | None] = {}
 
     def at(self, acting: Acting) -> CompiledLoop | None:
-        """The compiled loop while something acts, if there is one.
+        """The compiled loop while something acts; None where there is none (`CompiledLoop.of`).
 
-        Args:
-            acting: What acts on the robot.
-
-        Returns:
-            The loop; None where there is none (`CompiledLoop.of`). For all inputs that are held it
-            is the same loop, which holds those that were given last.
+        For all inputs that are held it is the same loop, which holds those that were given last.
         """
         key = replace(acting, held=None), acting.held is None
         if key not in self._made:
@@ -188,14 +157,7 @@ class CompiledLoops:
         return loop
 
     def derivative(self, acting: Acting) -> Callable[[float, Array], Array]:
-        """The time derivative of states while something acts: compiled, where there is a loop.
-
-        Args:
-            acting: What acts on the robot.
-
-        Returns:
-            The derivative (size) of a time, s, and a state (size).
-        """
+        """The time derivative of states while something acts: compiled, where there is a loop."""
         loop = self.at(acting)
 
         def derivative(time: float, state: Array) -> Array:
@@ -216,18 +178,10 @@ class _Progress(ctypes.Structure):
 
 @functools.cache
 def compiled_steps(compiler: Compiler, *flags: str) -> ctypes.CDLL:
-    """`native/rk4.c`, compiled.
+    """`native/rk4.c`, compiled with flags such as LANES and LAYOUT.
 
-    Args:
-        compiler: The compiler.
-        flags: LANES, how many states a number has, and LAYOUT, if all robots have the same one.
-
-    Returns:
-        The library.
-
-    Raises:
-        CompilerError: It cannot be compiled.
-        CacheError: The cache of libraries cannot be used.
+    LANES is how many states a number has, LAYOUT that of all robots, if it is the same. Raises
+    `CompilerError`, or `CacheError` where the cache of libraries cannot be used.
     """
     source = NATIVE / "rk4.c"
     read = [source, *sorted(NATIVE.glob("*.h")), *sorted(Path(emitted.__path__[0]).glob("*.c"))]

@@ -30,12 +30,7 @@ class Envelope:
 
     `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
     infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
-    with the error.
-
-    Args:
-        loop: the closed loop.
-        divergence: bound of the coordinates, rad or m.
-        duration: duration of the flight, s.
+    with the error. `divergence` is the bound of the coordinates.
     """
 
     def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
@@ -51,15 +46,7 @@ class Envelope:
             )
 
     def holds(self, time: Array, states: Array) -> Flags:
-        """Which states are finite and within the bounds.
-
-        Args:
-            time: Times (s), s.
-            states: States (s, size).
-
-        Returns:
-            Whether each of them is (s).
-        """
+        """Which states (s, size) at times (s) are finite and within the bounds (s)."""
         held = self._finite(states)
         held[held] = np.all(self._errors(time[held], states[held]) <= self.bounds, axis=-1)
         return held
@@ -73,15 +60,7 @@ class Envelope:
         return finite
 
     def goes_on(self, time: Array, states: Array) -> Flags:
-        """From which states a flight can go on: there is no `reason` why not.
-
-        Args:
-            time: Times (s), s.
-            states: States (s, size).
-
-        Returns:
-            Whether it can from each of them (s).
-        """
+        """From which states (s, size) a flight can go on: there is no `reason` why not."""
         return self.holds(time, states) & ~self._singular(states)
 
     def _singular(self, states: Array) -> Flags:
@@ -94,15 +73,7 @@ class Envelope:
         return singular
 
     def reason(self, time: float, state: Array) -> str:
-        """Why a flight cannot go on from a state.
-
-        Args:
-            time: Time, s.
-            state: State (size).
-
-        Returns:
-            The reason, with the time and a remedy; "" if it can go on.
-        """
+        """Why a flight cannot go on from a state, with the time and a remedy; "" if it can."""
         lost = f"at t = {time:.6g} s control is lost: "
         if not self._finite(state):
             return f"{lost}{NOT_FINITE}; {self._advice([])}"

@@ -27,15 +27,7 @@ class EnvironmentPart(ctypes.Structure):
 
 
 def environment_values(closed: ClosedLoop, acting: Acting) -> dict[str, Any]:
-    """Values of the part, while something acts.
-
-    Args:
-        closed: The closed loop.
-        acting: What acts on the robot.
-
-    Returns:
-        Numbers and arrays, by the names of the fields; none where nothing acts.
-    """
+    """Values of the part by names of its fields, while something acts; none where nothing does."""
     environment = closed.environment
     if environment is None:
         return {}

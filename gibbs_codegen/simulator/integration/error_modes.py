@@ -36,14 +36,9 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: of lagging thrusts, of errors that a law corrects at all times, of walls
-    and drag.
+    """Modes that decay, fastest first.
 
-    Args:
-        loop: The closed loop.
-
-    Returns:
-        The modes, fastest first.
+    They are of lagging thrusts, of errors that a law corrects at all times, of walls and drag.
     """
     found = []
     # A lag that is nothing, next to any step, is not nothing to divide by.
@@ -84,9 +79,9 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
 
 
 def _drag_modes(loop: ClosedLoop) -> list[Mode]:
-    """The fastest mode by which drag slows the machine, along the desired motion.
+    """The fastest mode by which drag slows the machine, along the desired motion: M v̇ = −Jᵀ C J v.
 
-    Velocities obey M v̇ = −Jᵀ C J v with the Jacobian J of the frames and their coefficients C.
+    J is the Jacobian of the frames, C their coefficients.
     """
     drag = loop.environment.drag if loop.environment else None
     if drag is None:
@@ -108,16 +103,9 @@ def _configurations(loop: ClosedLoop) -> Array:
 
 
 def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:
-    """What makes integration hard besides the vehicle itself.
+    """What makes integration hard besides the vehicle itself: saturated inputs, and lag if asked.
 
-    Args:
-        loop: The closed loop.
-        time: Time, s.
-        state: State (size).
-        lag: Whether to mention the lag of the motors.
-
-    Returns:
-        Clauses that begin with "; ", on saturated inputs and on lag; "" if there are none.
+    Clauses that begin with "; ", "" if there are none.
     """
     found = ""
     if inputs := loop.saturated(time, state):

@@ -30,11 +30,6 @@ class FixedStepIntegrator:
     """Equal steps on one grid of time, of which a whole number makes a sample interval.
 
     A push that begins or ends between instants of the grid ends a step early.
-
-    Args:
-        loop: the closed loop to integrate.
-        settings: greatest step and rate of samples.
-        envelope: where control counts as lost.
     """
 
     def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
@@ -65,17 +60,9 @@ class FixedStepIntegrator:
     def _advance(
         self, stretch: Stretch, done: int, time: float, state: Array, inputs: SeenInputs
     ) -> tuple[int, Array, Array]:
-        """Take steps of a stretch: many in C, or else one in Python.
+        """Take steps of a stretch, of which `done` were taken: many in C, or one in Python.
 
-        Args:
-            stretch: The stretch.
-            done: How many of its steps have been taken.
-            time: Time, s.
-            state: State (size).
-            inputs: Takes the inputs.
-
-        Returns:
-            The number of steps taken, samples (s, size), and the last state (size).
+        Returns how many, samples (s, size), and the last state.
         """
         number, acting = stretch.first + done, inputs.acting
         if (compiled := self.compiled.at(acting)) is not None:
@@ -92,18 +79,7 @@ class FixedStepIntegrator:
 
 
 def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: Acting) -> Array:
-    """One step of the classical method of Runge and Kutta.
-
-    Args:
-        loop: The closed loop.
-        time: Time before the step, s.
-        state: State (size) before the step.
-        size: Size of the step, s.
-        acting: What acts on the robot.
-
-    Returns:
-        The state (size) after the step.
-    """
+    """The state (size) after one step of the classical method of Runge and Kutta."""
     first = loop.derivative(time, state, acting)
     second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, acting)
     third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, acting)
@@ -112,15 +88,7 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: A
 
 
 def check_stability(loop: ClosedLoop, size: float) -> None:
-    """Refuse steps in which what should decay grows.
-
-    Args:
-        loop: The closed loop.
-        size: Size of the steps, s.
-
-    Raises:
-        UsageError: There is such a mode.
-    """
+    """Raise `UsageError` for steps in which what should decay grows."""
     for mode in stable_modes(loop):
         z = size * mode.eigenvalue
         if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:

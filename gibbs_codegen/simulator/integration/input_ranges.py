@@ -23,38 +23,19 @@ class InputRanges:
 
     @classmethod
     def none(cls, width: int) -> InputRanges:
-        """No ranges.
-
-        Args:
-            width: Number of inputs nu.
-
-        Returns:
-            Ranges of no stretch.
-        """
+        """Ranges of no stretch, of `width` inputs."""
         return cls(np.zeros(0), np.zeros((0, 2, 2, width)))
 
     @classmethod
     def joined(cls, parts: Sequence[InputRanges]) -> InputRanges:
-        """Ranges of parts of a flight as one.
-
-        Args:
-            parts: The ranges, at least one, in the order of time.
-
-        Returns:
-            All of them.
-        """
+        """Ranges of parts of a flight, at least one and in the order of time, as one."""
         times, values = [each.time for each in parts], [each.values for each in parts]
         return cls(np.concatenate(times), np.concatenate(values))
 
     def up_to_samples(self, time: Array, commanded: Array, applied: Array) -> Array:
-        """Ranges since the sample before, with the values at both samples.
+        """Ranges (2, 2, s, nu) since the sample before, with the values at both samples.
 
-        Args:
-            time: Times (s) of the samples, s.
-            commanded, applied: Inputs (s, nu) at the samples.
-
-        Returns:
-            The ranges (2, 2, s, nu): of commanded and applied inputs the least and the greatest.
+        Of commanded and applied inputs (s, nu), the least and the greatest.
         """
         here = np.stack([commanded, applied], axis=1)
         before = np.concatenate([here[:1], here[:-1]])

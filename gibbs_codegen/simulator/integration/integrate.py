@@ -19,18 +19,9 @@ class Integration:
     """A flight that is integrated from interval to interval, as far as it is wanted.
 
     Stops early at a singularity, where control is lost, where "adaptive" needs more evaluations
-    than can be waited for, and where a controller commands what inputs cannot be.
-
-    Args:
-        loop: the closed loop.
-        start: state (size) at the start.
-        settings: method, tolerances or step, and rate of samples.
-        duration: time that errors may take to grow, s.
-        begin: time at which it begins, s.
-
-    Raises:
-        UsageError: for steps of "rk4" that are so long that errors under control, or of lagging
-            motors, would grow.
+    than can be waited for, and where a controller commands what inputs cannot be. `duration`, s, is
+    what errors may take to grow. Raises `UsageError` for steps of "rk4" so long that errors under
+    control, or of lagging motors, would grow.
     """
 
     def __init__(
@@ -51,12 +42,7 @@ class Integration:
         self.stopped = self._envelope.reason(begin, start)
 
     def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
-        """Integrate up to a time, or until the flight cannot go on.
-
-        Args:
-            end: The time, s.
-            progress: Is told the time reached, s.
-        """
+        """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
         for interval in self._loop.smooth_intervals(self.time, end):
             if not self.stopped:
                 begun, self.stopped = self._loop.begun(interval, self.state)
@@ -82,16 +68,9 @@ class Integration:
 def whole_history(
     samples: StateHistory, end: float, state: Array, envelope: Envelope
 ) -> StateHistory:
-    """The samples of a flight up to its last instant, in which control is not lost.
+    """The samples of a flight up to its last instant, at which control is not lost.
 
-    Args:
-        samples: Samples at multiples of 1 / rate.
-        end: The last instant, s.
-        state: State (size) there.
-        envelope: Where control counts as lost.
-
-    Returns:
-        The samples that are kept, and the last instant where it is one.
+    That is the last of them, beside the multiples of 1 / rate.
     """
     time, states = samples.time, samples.states
     if end > time[-1]:
@@ -111,18 +90,8 @@ def integrate(
 ) -> StateHistory:
     """Integrate the state of a closed loop from time 0 on, as `Integration` does.
 
-    Args:
-        loop: The closed loop.
-        start: State (size) at time 0.
-        duration: Time to integrate, s.
-        settings: Method, tolerances or step, and rate of samples.
-        progress: Is told the time reached and the duration, s.
-
-    Returns:
-        Samples of the state at multiples of 1 / rate, and at the last instant.
-
-    Raises:
-        UsageError: For steps of "rk4" that are so long that errors would grow.
+    Samples are at multiples of 1 / rate and the last instant; `progress` is told time and duration.
+    Raises `UsageError` for steps of "rk4" so long that errors would grow.
     """
     integration = Integration(loop, start, settings, duration)
     integration.advance(duration, lambda time: progress(time, duration))

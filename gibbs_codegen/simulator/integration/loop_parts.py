@@ -76,14 +76,7 @@ def _layout(closed: ClosedLoop, acting: Acting) -> Values:
 
 
 def layout_text(closed: ClosedLoop) -> str:
-    """The layout of a closed loop as C initialises it.
-
-    Args:
-        closed: The closed loop.
-
-    Returns:
-        The text.
-    """
+    """The layout of a closed loop as C initialises it."""
     values = [*_layout(closed, NOTHING).values()]
     texts = (str(x) if isinstance(x, int) else "{" + ",".join(map(str, x)) + "}" for x in values)
     return "{" + ",".join(texts) + "}"
@@ -229,13 +222,8 @@ def values_of(
 ) -> Iterator[tuple[str, str, Any]]:
     """What C knows of a closed loop, but for functions, constants, and room to compute in.
 
-    Args:
-        closed: The closed loop.
-        bounds: Errors, then their rates (2 nv), beyond which control is lost, or one number.
-        acting: What acts on the robot.
-
-    Yields:
-        Part, "" for `Loop` itself, and name of a field, and its value.
+    Part ("" for `Loop` itself) and name of each field, and its value. `bounds` of errors, then
+    their rates, are (2 nv) or one number.
     """
     limits = np.broadcast_to(bounds, (*np.shape(bounds)[:-1], 2 * closed.vehicle.layout.v.size))
     law = closed.controller.law if acting.held is None else "held"
@@ -251,15 +239,9 @@ def values_of(
 
 
 def addresses(library: ctypes.CDLL, name: str, ending: str = "") -> list[int]:
-    """Where the functions of a compiled module are.
+    """Addresses of a compiled module's functions, in the order of `Functions`.
 
-    Args:
-        library: The module.
-        name: Name of the robot.
-        ending: What the names of the functions end with.
-
-    Returns:
-        Their addresses, in the order of `Functions`.
+    `name` is the robot's; those of the functions end with `ending`.
     """
     found = (library[f"{name}_{function}{ending}"] for function in FUNCTIONS)
     return [ctypes.cast(function, POINTER).value or 0 for function in found]
@@ -268,17 +250,9 @@ def addresses(library: ctypes.CDLL, name: str, ending: str = "") -> list[int]:
 def filled(
     closed: ClosedLoop, bounds: Array | float, acting: Acting, library: ctypes.CDLL
 ) -> tuple[Loop, dict[tuple[str, str], Array]]:
-    """The structure of a closed loop, but for its room to compute in.
+    """The structure of a closed loop, but for its room to compute in, and what it points to.
 
-    Args:
-        closed: The closed loop.
-        bounds: Errors, then their rates (2 nv), beyond which control is lost, or one number.
-        acting: What acts on the robot.
-        library: The compiled module of the robot.
-
-    Returns:
-        The structure, and the arrays that it points to, by part and name: they and the library
-        must live as long.
+    These arrays, by part and name, and the library must live as long.
     """
     vehicle, model = closed.vehicle, closed.controller.vehicle
     loop, arrays = Loop(), {}

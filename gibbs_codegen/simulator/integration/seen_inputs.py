@@ -16,12 +16,7 @@ _BATCH = 4096
 
 
 class SeenInputs:
-    """Gathers the inputs of the states that an integrator comes to while the same acts.
-
-    Args:
-        loop: the closed loop.
-        acting: what acts on the robot.
-    """
+    """Gathers the inputs of the states that an integrator comes to while the same acts."""
 
     def __init__(self, loop: ClosedLoop, acting: Acting) -> None:
         self.loop, self.acting = loop, acting
@@ -30,12 +25,7 @@ class SeenInputs:
         self._states: list[Array] = []
 
     def state(self, time: float, state: Array) -> None:
-        """Take a state.
-
-        Args:
-            time: Its time, s.
-            state: The state (size).
-        """
+        """Take a state (size) at a time, s."""
         if np.all(np.isfinite(state)):
             self._times.append(time)
             self._states.append(state)
@@ -43,29 +33,16 @@ class SeenInputs:
             self._compute()
 
     def path(self, path: Callable[[float], Array], times: Array) -> None:
-        """Take states of a path.
-
-        Args:
-            path: State (size) at a time.
-            times: Times (k) at which states are taken, s.
-        """
+        """Take states of a path at times (k), s."""
         for time in times.tolist():
             self.state(time, path(time))
 
     def ranges(self, ranges: InputRanges) -> None:
-        """Take ranges that are known already.
-
-        Args:
-            ranges: The ranges.
-        """
+        """Take ranges that are known already."""
         self._found.append(ranges)
 
     def found(self) -> InputRanges:
-        """The ranges of all that was taken.
-
-        Returns:
-            The ranges; a state is a stretch of its own.
-        """
+        """The ranges of all that was taken; a state is a stretch of its own."""
         if self._times:
             self._compute()
         return InputRanges.joined(self._found)

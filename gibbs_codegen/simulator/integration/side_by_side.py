@@ -42,15 +42,10 @@ class SideBySide:
     def __call__(
         self, starts: Array, progress: Callable[[float], None] = lambda time: None
     ) -> list[StateHistory | None]:
-        """Integrate from time 0 on.
+        """Histories from states (n, size) at time 0 on, as `integrate` gives them.
 
-        Args:
-            starts: States (n, size) at time 0.
-            progress: Is told the time reached, s.
-
-        Returns:
-            The history of each flight, as `integrate` gives it. None for one that is to be
-            integrated by itself: its law refuses a state, or there are no compiled blocks.
+        None for a flight to be integrated by itself: its law refuses a state, or there are no
+        compiled blocks. `progress` is told the time reached, s.
         """
         flown = _Flown(self, starts)
         for interval in self.loop.smooth_intervals(0.0, self.duration):
@@ -58,14 +53,7 @@ class SideBySide:
         return flown.histories()
 
     def envelope(self, loop: ClosedLoop) -> Envelope:
-        """Where control counts as lost.
-
-        Args:
-            loop: The closed loop of all flights, or of one.
-
-        Returns:
-            The envelope.
-        """
+        """Where control counts as lost, of all flights or of one."""
         return Envelope(loop, self.settings.divergence, self.duration)
 
 
@@ -86,12 +74,7 @@ class _Flown:
             self._end(i)
 
     def through(self, interval: SmoothInterval, progress: Callable[[float], None]) -> None:
-        """Integrate over an interval.
-
-        Args:
-            interval: The interval, which begins where the last one ended.
-            progress: Is told the time reached, s.
-        """
+        """Integrate over an interval, which begins where the last one ended."""
         plan, count = self._plan, len(self._last)
         block = BlockLoop.of(plan.loop, self._bounds, interval.acting, count)
         if block is None:
@@ -138,12 +121,9 @@ class _Flown:
         return found
 
     def _go_on(self, found: Blocks, ends: Array, finished: Flags) -> None:
-        """Take the states to which flights under way have come.
+        """Take the states to which flights under way have come, at times `ends` (n), s.
 
-        Args:
-            found: What became of all flights.
-            ends: Times (n) to which those under way have come, s.
-            finished: Whether all steps were taken (n).
+        `finished` (n) says whether all steps were taken.
         """
         flies = self._flies
         self._last[flies], self._ends[flies] = found.last[flies], ends[flies]

@@ -38,14 +38,7 @@ class SmoothInterval:
     acting: Acting
 
     def sample_times(self, rate: float) -> Array:
-        """Times of the samples in the interval.
-
-        Args:
-            rate: Samples a second, 1/s.
-
-        Returns:
-            Multiples of 1 / rate (s) after the start of the interval, up to its end.
-        """
+        """Multiples of 1 / rate (s) after the start of the interval, up to its end."""
         first = int(np.floor(self.begin * rate + SAME_TIME)) + 1
         last = int(np.floor(self.end * rate + SAME_TIME))
         times = np.arange(first, last + 1) / rate

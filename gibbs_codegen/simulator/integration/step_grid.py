@@ -21,11 +21,7 @@ class Stretch(NamedTuple):
 
 
 class StepGrid:
-    """Equal steps on one grid of time.
-
-    Args:
-        settings: greatest step and rate of samples.
-    """
+    """Equal steps on one grid of time, by the greatest step and the rate of samples."""
 
     def __init__(self, settings: Settings) -> None:
         self.rate = settings.rate
@@ -34,14 +30,7 @@ class StepGrid:
         self.size = 1.0 / (settings.rate * self.every)
 
     def stretches(self, interval: SmoothInterval) -> list[Stretch]:
-        """Whole steps on the grid, after a step up to it and before one from it where need be.
-
-        Args:
-            interval: The interval that they cover.
-
-        Returns:
-            The stretches, in the order of time.
-        """
+        """Whole steps on the grid, after a step up to it and before one from it where need be."""
         begin, end, size, every = interval.begin, interval.end, self.size, self.every
         first, last = (_on_grid(time / size) for time in (begin, end))
         whole, cut = math.ceil(first), math.floor(last)
@@ -56,14 +45,7 @@ class StepGrid:
         return stretches[whole == first : 2 + (cut < last)]
 
     def sample_times(self, interval: SmoothInterval) -> Array:
-        """Times of samples.
-
-        Args:
-            interval: An interval.
-
-        Returns:
-            Times after its begin, s, the last of them its end if that is on the grid.
-        """
+        """Times of samples after an interval's begin, s; its end too if it is on the grid."""
         first, last = (_on_grid(t / self.size) for t in (interval.begin, interval.end))
         count = self.every
         times = np.arange(math.floor(first) // count + 1, math.floor(last) // count + 1)

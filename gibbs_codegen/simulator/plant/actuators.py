@@ -42,14 +42,7 @@ class Actuators:
 
     @classmethod
     def unlimited(cls, vehicle: Vehicle) -> Actuators:
-        """Those of a robot without limits and lag.
-
-        Args:
-            vehicle: The robot.
-
-        Returns:
-            Its actuators.
-        """
+        """Those of a robot without limits and lag."""
         rotors, joints = vehicle.rotors, vehicle.joints
         return cls(
             np.tile(np.transpose([_NO_LIMITS]), rotors),
@@ -69,14 +62,7 @@ class Actuators:
         return np.concatenate(list(parts), axis=-1)
 
     def reached(self, commanded: Array) -> Flags:
-        """Which inputs are at a limit, or beyond.
-
-        Args:
-            commanded: Inputs (nu) that are commanded.
-
-        Returns:
-            Whether each of them is (nu).
-        """
+        """Which commanded inputs (nu) are at a limit, or beyond."""
         least, most = self.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
@@ -85,18 +71,10 @@ class Actuators:
 
 
 def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
-    """Limits and lag in a flight.
+    """Limits and lag in a flight; what the scenario does not say is that of the robot file.
 
-    Args:
-        vehicle: The robot.
-        scenario: What is flown; what it does not say is taken from the robot file of the module.
-
-    Returns:
-        The actuators of the flight.
-
-    Raises:
-        UsageError: If the scenario names a joint that the robot does not have, or if the robot file
-            is not the module's.
+    Raises `UsageError` for a joint that the robot does not have, or if the robot file is not the
+    module's.
     """
     found = robot_file_actuators(vehicle)
     motors, arm = scenario.motors, scenario.arm
@@ -115,18 +93,9 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
 
 
 def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
-    """The place of a joint among the joints.
+    """The place of a joint among the joints, from 0.
 
-    Args:
-        vehicle: The robot.
-        name: Name of the joint's coordinate.
-        table: Table of the scenario file that names it, for the message.
-
-    Returns:
-        The place, from 0.
-
-    Raises:
-        UsageError: If there is no such joint.
+    Raises `UsageError`, with the scenario's `table` that names it, if there is no such joint.
     """
     if name not in vehicle.joint_names:
         known = ", ".join(vehicle.joint_names) or "none"
@@ -136,16 +105,9 @@ def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
 
 
 def robot_file_actuators(vehicle: Vehicle) -> Actuators:
-    """Limits and lag that the robot file of a module says.
+    """Limits and lag that a module's robot file says; none without such a file.
 
-    Args:
-        vehicle: The robot.
-
-    Returns:
-        The actuators; without limits and lag where the module has no robot file.
-
-    Raises:
-        UsageError: If the robot file is not the module's.
+    Raises `UsageError` if it is not the module's.
     """
     found = Actuators.unlimited(vehicle)
     for folder in getattr(vehicle.module, "__path__", ()):
@@ -166,13 +128,7 @@ def robot_file_actuators(vehicle: Vehicle) -> Actuators:
 def _fill(
     found: Actuators, rotors: list[Mapping[str, Any]], links: list[Mapping[str, Any]]
 ) -> None:
-    """Put what a robot file says in place of no limits and no lag.
-
-    Args:
-        found: Actuators without limits and lag.
-        rotors: The tables [[rotor]], one for each rotor, or none.
-        links: The tables [[link]].
-    """
+    """Put what [[rotor]], one for each or none, and [[link]] say in place of no limits or lag."""
     for k, rotor in enumerate(rotors):
         found.thrusts[:, k] = rotor.get("limits", _NO_LIMITS)
         found.lag[k] = rotor.get("time_constant", 0.0)

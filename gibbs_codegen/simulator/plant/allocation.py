@@ -41,11 +41,9 @@ class Allocation:
     """Thrusts for wrenches: exact for six rotors, of minimum norm for more, within limits if given.
 
     Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
-    least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m.
-
-    Args:
-        wrenches: wrench of a unit thrust of each rotor (6, N), as `Vehicle.thrust_wrenches` has it.
-        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
+    least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m. `wrenches` (6,
+    N) are those of unit thrusts, as `Vehicle.thrust_wrenches` has them; `limits`, N, are (2, N) or
+    one pair for all.
     """
 
     # Whether a wrench that no thrusts produce is refused.
@@ -75,16 +73,9 @@ class Allocation:
         return found
 
     def thrusts(self, wrenches: Array) -> Array:
-        """Thrusts that produce wrenches, or within limits come nearest to them.
+        """Thrusts (…, N), N, that produce wrenches (…, 6), or within limits come nearest to them.
 
-        Args:
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Thrusts (…, N), N.
-
-        Raises:
-            AllocationError: For a wrench in a direction that the rotors cannot command.
+        Raises `AllocationError` for a wrench in a direction that the rotors cannot command.
         """
         found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
         if self.missing and self.refuses:
@@ -102,37 +93,17 @@ class Allocation:
         return found
 
     def thrusts_at(self, q: Array, wrenches: Array) -> Array:
-        """`thrusts` (…, N) for wrenches (…, 6); the configurations (…, nq) make no difference.
-
-        Args:
-            q: Coordinates (…, nq).
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Thrusts (…, N), N.
-        """
+        """`thrusts` (…, N) for wrenches (…, 6); the configurations (…, nq) make no difference."""
         return self.thrusts(wrenches)
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:
-        """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference.
-
-        Args:
-            q: Coordinates (…, nq).
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Its norm (…), N and N m.
-        """
+        """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference."""
         return self.residual(wrenches)
 
     def residual(self, wrenches: Array) -> Array:
-        """The part of wrenches that no thrusts produce, whatever the limits.
+        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
 
-        Args:
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
+        Limits make no difference; 0 where thrusts are exact but for rounding.
         """
         return unproduced(self.wrenches, self.inverse, wrenches)
 
@@ -147,13 +118,9 @@ class Allocation:
 
 
 def ranks(matrices: Array) -> NDArray[np.int64]:
-    """How many directions rotors command.
+    """How many directions rotors command (…), by wrenches of unit thrusts (…, m, N).
 
-    Args:
-        matrices: Wrenches of unit thrusts (…, m, N), or some components of them.
-
-    Returns:
-        The ranks (…).
+    These may be some components only.
     """
     values = np.linalg.svd(matrices, compute_uv=False)
     largest = values.max(axis=-1, initial=0.0, keepdims=True)
@@ -162,15 +129,10 @@ def ranks(matrices: Array) -> NDArray[np.int64]:
 
 
 def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
-    """The part of wrenches that no thrusts produce, whatever the limits.
+    """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
 
-    Args:
-        wrenches_of_thrusts: Wrench of a unit thrust of each rotor (…, 6, N).
-        inverse: Its pseudo-inverse (…, N, 6).
-        wrenches: Desired wrenches (…, 6).
-
-    Returns:
-        Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
+    Limits make no difference; 0 where thrusts are exact but for rounding. `inverse` (…, N, 6) is
+    the pseudo-inverse of `wrenches_of_thrusts` (…, 6, N), of unit thrusts.
     """
     left = np.eye(6) - wrenches_of_thrusts @ inverse
     norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
@@ -180,12 +142,5 @@ def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> A
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names as a clause lists them.
-
-    Args:
-        names: The names, one at least.
-
-    Returns:
-        The names with commas, and "and" before the last.
-    """
+    """Names, one at least, with commas, and "and" before the last."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

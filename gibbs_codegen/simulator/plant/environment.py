@@ -62,19 +62,9 @@ class Environment:
 
     @classmethod
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
-        """What acts in a flight.
+        """What acts in a flight; None if nothing does at any time.
 
-        Args:
-            vehicle: The robot that flies.
-            scenario: What is flown.
-            spins: Angular momentum of the rotors (N), as `Actuators` has it.
-
-        Returns:
-            The environment; None if nothing acts at any time.
-
-        Raises:
-            UsageError: For frames that the robot does not have, and for a spinning rotor on a link
-                without a frame.
+        Raises `UsageError` also for a spinning rotor on a link without a frame.
         """
         spinning = spins if np.any(spins) else None
         found = cls(
@@ -113,14 +103,7 @@ class Environment:
         return wrenches
 
     def push_acts(self, time: float | Array) -> Flags:
-        """Whether the push acts.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Whether it acts at those times (…).
-        """
+        """Whether the push acts at times (…), s."""
         times = np.asarray(time)
         if self.push is None:
             return np.zeros(times.shape, dtype=bool)
@@ -153,17 +136,9 @@ class Environment:
         pushed: Flags | bool,
         carried: ArrayLike,
     ) -> Array:
-        """All wrenches on the frames.
+        """All wrenches (…, f, 6) on the frames: force, N, torque about the origin, N m, world axes.
 
-        Args:
-            time: Times (…), s.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            inputs: Inputs u (…, nu) that act.
-            pushed: Whether the push acts (…).
-            carried: Which payloads are there (…, p).
-
-        Returns:
-            Wrenches (…, f, 6): force, N, and torque about the origin, N m, world axes.
+        `pushed` (…) tells whether the push acts, `carried` (…, p) which payloads are there.
         """
         vehicle = self.vehicle
         found: Array = np.asarray(pushed)[..., np.newaxis, np.newaxis] * self.pushing

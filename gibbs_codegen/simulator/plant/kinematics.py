@@ -31,180 +31,88 @@ Array = NDArray[np.float64]
 
 
 class Kinematics(Protocol):
-    """The base's part in coordinates, velocities and errors.
-
-    `error_names` (nv) are those of the tracking errors.
-    """
+    """The base's part in coordinates, velocities and errors, whose names are `error_names` (nv)."""
 
     error_names: tuple[str, ...]
 
     def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq).
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            R (…, 3, 3).
-        """
+        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq)."""
         ...
 
     def normalised(self, q: Array) -> Array:
-        """Coordinates (…, nq) of which the functions of a module may be asked.
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            Coordinates (…, nq) of the same configuration.
-        """
+        """Coordinates (…, nq) of the same configuration, of which modules may be asked."""
         ...
 
     def rates(self, q: Array, v: Array) -> Array:
-        """Rates of coordinates.
+        """Rates (…, nq) of coordinates by v (…, nv).
 
-        Args:
-            q: Coordinates (…, nq), of which a quaternion may have any length.
-            v: Velocities (…, nv).
-
-        Returns:
-            The rates (…, nq), by which a quaternion keeps its length.
+        By them a quaternion, of any length, keeps that length.
         """
         ...
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Entries of the attitude in q, v and a.
+        """Entries (s, k) of the attitude in q, v and a, without jumps in time.
 
-        Args:
-            turning: Rotation of the base in time, with s instants.
-
-        Returns:
-            The entries (s, k), without jumps in time.
-
-        Raises:
-            SingularAttitudeError: Where there are none.
+        Raises `SingularAttitudeError` where there are none.
         """
         ...
 
     def continued(self, last: Array, attitude: Array) -> Array:
-        """Entries of the attitude that go on from others without a jump.
+        """Attitudes (s, k) in q as entries that go on from the `last` (k) without a jump.
 
-        Args:
-            last: Entries (k) in q of an attitude.
-            attitude: Entries (s, k) of attitudes, of which the first is the same.
-
-        Returns:
-            Entries (s, k) of the same attitudes.
+        The first of the attitudes is the same as the last.
         """
         ...
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Entries of the position in v and a.
+        """Entries (…, 3) of the position in v and a.
 
-        Args:
-            turning: Rotation of the base in time.
-            velocity, acceleration: Of the point whose position is x, y, z, (…, 3), world axes.
-
-        Returns:
-            The entries (…, 3) each.
+        Its velocity and acceleration (…, 3) are in world axes.
         """
         ...
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities of a base that is turned but moves on.
+        """Velocities (nv) of a base that is turned but moves on.
 
-        Args:
-            v: Velocities (nv) before.
-            turn: From the frame of the base before to that after it is turned (3, 3).
-
-        Returns:
-            Velocities (nv) after.
+        `turn` (3, 3) leads from its frame before to that after.
         """
         ...
 
     def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration of the base.
-
-        Args:
-            q: Coordinates (…, nq).
-            v, a: Velocities and accelerations (…, nv).
-
-        Returns:
-            Both (…, 3), in the base's frame.
-        """
+        """Angular velocity and acceleration (…, 3) of the base, in its frame."""
         ...
 
     def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """Entries of the attitude in the accelerations of a base.
-
-        Args:
-            q: Coordinates (…, nq).
-            v: Velocities (…, nv).
-            turning: Angular acceleration (…, 3), in the base's frame.
-
-        Returns:
-            The entries (…, 3) of a.
-        """
+        """Entries (…, 3) of the attitude in a, for angular acceleration (…, 3), base's frame."""
         ...
 
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """The wrench on the base that a generalised force amounts to.
+        """Force, N, and torque, N m, (…, 3) on the base for a generalised force (…, nv).
 
-        Args:
-            q: Coordinates (…, nq).
-            generalised_force: Generalised force (…, nv).
-
-        Returns:
-            Force, N, and torque, N m, about the point whose position is x, y, z: (…, 3), world
-            axes.
+        They are about the point whose position is x, y, z, in world axes.
         """
         ...
 
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """How far the desired state is from the actual one.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            q_desired, v_desired: Those desired.
-
-        Returns:
-            Errors and their rates (…, nv).
-        """
+        """Errors and their rates (…, nv): how far the desired state is from the actual one."""
         ...
 
     def corrected(
         self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
     ) -> Array:
-        """Accelerations with which errors e obey ë + d ė + k e = 0.
+        """Accelerations (…, nv) with which errors e obey ë + d ė + k e = 0.
 
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            desired: Desired coordinates, velocities and accelerations.
-            gains: Stiffness k, 1/s², and damping d, 1/s, of the errors (nv).
-
-        Returns:
-            The accelerations (…, nv).
+        `desired` are q, v and a, `gains` k, 1/s², and d, 1/s, (nv).
         """
         ...
 
     def reference(self, motion: Motion) -> Reference:
-        """The motion as a function of time, from that at knots.
-
-        Args:
-            motion: Coordinates, velocities and accelerations at knots.
-
-        Returns:
-            Those in time.
-        """
+        """The motion as a function of time, from that at knots."""
         ...
 
 
 class AngleKinematics:
-    """A base with Tait–Bryan angles: v holds the rates of q, and errors are differences.
-
-    Args:
-        layout: the layout of the coordinates.
-    """
+    """A base with Tait–Bryan angles: v holds the rates of q, and errors are differences."""
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
@@ -212,98 +120,37 @@ class AngleKinematics:
         self.error_names = layout.q.names
 
     def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq).
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            R (…, 3, 3).
-        """
+        """R (…, 3, 3), by the rotations of the three angles."""
         return rotation_matrix(self.sequence, q[..., self.layout.q.attitude])
 
     def normalised(self, q: Array) -> Array:
-        """The coordinates (…, nq) themselves.
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            Coordinates (…, nq) of the same configuration.
-        """
+        """The coordinates (…, nq) themselves."""
         return q
 
     def rates(self, q: Array, v: Array) -> Array:
-        """The rates (…, nq) that v holds.
-
-        Args:
-            q: Coordinates (…, nq).
-            v: Velocities (…, nv).
-
-        Returns:
-            The rates (…, nq).
-        """
+        """The rates (…, nq) that v holds."""
         return v
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Angles, rates and accelerations (s, 3) of a rotation with s instants.
-
-        Args:
-            turning: Rotation of the base in time, with s instants.
-
-        Returns:
-            The entries (s, k) of q, v and a.
-        """
+        """Angles, rates and accelerations (s, 3) of a rotation with s instants."""
         angles, rates, accelerations = attitude_angles(self.sequence, turning)
         return np.unwrap(angles, axis=0), rates, accelerations
 
     def continued(self, last: Array, attitude: Array) -> Array:
-        """Angles (s, 3) with as many whole turns more as bring the first nearest to the last.
-
-        Args:
-            last: Entries (k) in q of an attitude.
-            attitude: Entries (s, k) of attitudes, of which the first is the same.
-
-        Returns:
-            Entries (s, k) of the same attitudes.
-        """
+        """Angles (s, 3) with as many whole turns more as bring the first nearest to the last."""
         whole: Array = 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
         return attitude + whole
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration (…, 3) of the position, which are entries of v and a.
-
-        Args:
-            turning: Rotation of the base in time.
-            velocity, acceleration: Of the position (…, 3), world axes.
-
-        Returns:
-            The entries (…, 3) of v and a.
-        """
+        """Velocity and acceleration (…, 3) of the position, which are entries of v and a."""
         return velocity, acceleration
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """The same rates (nq): those of angles go on, not the angular velocity.
-
-        Args:
-            v: Velocities (nv) before.
-            turn: From the frame of the base before to that after it is turned (3, 3).
-
-        Returns:
-            Velocities (nv) after.
-        """
+        """The same rates (nq): those of angles go on, not the angular velocity."""
         return v
 
     def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3), by ω = E θ̇.
-
-        Args:
-            q: Coordinates (…, nq).
-            v, a: Rates and accelerations (…, nq).
-
-        Returns:
-            Both, in the base's frame.
-        """
+        """Angular velocity and acceleration (…, 3) in the base's frame, by ω = E θ̇."""
         back = transposed(self.rotation(q))
         attitude = self.layout.q.attitude
         angles, rates = q[..., attitude], v[..., attitude]
@@ -312,16 +159,7 @@ class AngleKinematics:
         return times(back, times(matrix, rates)), times(back, growth)
 
     def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """Accelerations (…, 3) of the angles, away from their singularity.
-
-        Args:
-            q: Coordinates (…, nq).
-            v: Rates (…, nq).
-            turning: Angular acceleration (…, 3), in the base's frame.
-
-        Returns:
-            The entries (…, 3) of a.
-        """
+        """Accelerations (…, 3) of the angles, away from their singularity."""
         attitude = self.layout.q.attitude
         angles, rates = q[..., attitude], v[..., attitude]
         growth = times(self.rotation(q), turning)
@@ -330,15 +168,7 @@ class AngleKinematics:
         return np.asarray(np.linalg.solve(matrix, growth[..., np.newaxis])[..., 0])
 
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """The wrench on the base, by the inverse of ψ = Jᵀw for attitude and position (eq. 13).
-
-        Args:
-            q: Coordinates (…, nq).
-            generalised_force: Generalised force (…, nv).
-
-        Returns:
-            Force, N, and torque, N m, about the position: (…, 3), world axes.
-        """
+        """The wrench on the base, by the inverse of ψ = Jᵀw for attitude and position (eq. 13)."""
         attitude = self.layout.q.attitude
         turn = np.swapaxes(rate_matrix(self.sequence, q[..., attitude]), -1, -2)
         torque = np.linalg.solve(turn, generalised_force[..., attitude, np.newaxis])[..., 0]
@@ -346,53 +176,22 @@ class AngleKinematics:
         return force, np.asarray(torque, dtype=np.float64)
 
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Differences of coordinates, and of rates (…, nq).
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            q_desired, v_desired: Those desired.
-
-        Returns:
-            Errors and their rates (…, nv).
-        """
+        """Differences of coordinates, and of rates (…, nq)."""
         return q_desired - q, v_desired - v
 
     def corrected(
         self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
     ) -> Array:
-        """Desired accelerations (…, nq), corrected by the errors.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            desired: Desired coordinates, velocities and accelerations.
-            gains: Stiffness, 1/s², and damping, 1/s, of the errors (nv).
-
-        Returns:
-            The accelerations (…, nv).
-        """
+        """Desired accelerations (…, nq), corrected by the errors."""
         stiffness, damping = gains
         corrected: Array = desired[2] + damping * (desired[1] - v) + stiffness * (desired[0] - q)
         return corrected
 
     def reference(self, motion: Motion) -> Reference:
-        """Quintics of all coordinates.
-
-        Args:
-            motion: Coordinates, velocities and accelerations at knots.
-
-        Returns:
-            Those in time.
-        """
+        """Quintics of all coordinates."""
         return Reference(motion)
 
 
 def kinematics_of(layout: Layout) -> Kinematics:
-    """The kinematics of a base.
-
-    Args:
-        layout: The layout of its coordinates.
-
-    Returns:
-        Those of angles, or of a quaternion.
-    """
+    """The kinematics of a base with angles, or with a quaternion."""
     return QuaternionKinematics(layout) if layout.is_quaternion else AngleKinematics(layout)

@@ -11,12 +11,8 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 class MovingAllocation(Allocation):
     """Thrusts for wrenches at configurations, each by the allocation that holds there.
 
-    As an allocation by itself it is that of one configuration.
-
-    Args:
-        vehicle: the robot.
-        q: the configuration (nq) of which `missing` tells.
-        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
+    As an allocation by itself it is that of configuration `q` (nq), of which `missing` tells.
+    `limits`, N, are (2, N) or one pair for all.
     """
 
     def __init__(
@@ -26,15 +22,7 @@ class MovingAllocation(Allocation):
         self.vehicle = vehicle
 
     def thrusts_at(self, q: Array, wrenches: Array) -> Array:
-        """Thrusts that produce wrenches at configurations, or come nearest to them.
-
-        Args:
-            q: Coordinates (…, nq).
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Thrusts (…, N), N.
-        """
+        """Thrusts (…, N), N, that produce wrenches (…, 6) at `q`, or come nearest to them."""
         matrices, inverses = self._at(q)
         thrusts: Array = (inverses @ wrenches[..., np.newaxis])[..., 0]
         doubtful = self.refuses & (unproduced(matrices, inverses, wrenches) > 0.0)
@@ -49,15 +37,7 @@ class MovingAllocation(Allocation):
         return thrusts
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:
-        """The part of wrenches that no thrusts produce at configurations.
-
-        Args:
-            q: Coordinates (…, nq).
-            wrenches: Desired wrenches (…, 6).
-
-        Returns:
-            Its norm (…), N and N m.
-        """
+        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce at `q`."""
         return unproduced(*self._at(q), wrenches)
 
     def _at(self, q: Array) -> tuple[Array, Array]:
@@ -69,16 +49,10 @@ class MovingAllocation(Allocation):
 def allocation_of(
     vehicle: Vehicle, q: Array | None = None, limits: Array | tuple[float, float] | None = None
 ) -> Allocation:
-    """The allocation of a robot's rotors.
+    """The allocation of a robot's rotors, which serves at every configuration.
 
-    Args:
-        vehicle: The robot.
-        q: A configuration (nq) of which it is told what the rotors cannot command, if they move;
-            None for that of zero.
-        limits: Least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
-
-    Returns:
-        One that serves at every configuration.
+    Of `q` (nq), or zero, it is told what the rotors cannot command, if they move. `limits`, N, are
+    (2, N) or one pair for all.
     """
     if not vehicle.rotors_move:
         return Allocation(vehicle.thrust_wrenches(), limits)

@@ -19,12 +19,7 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
 
 
 class Payloads:
-    """The payloads of a flight.
-
-    Args:
-        vehicle: the robot that carries them.
-        payloads: the payloads, p of them.
-    """
+    """The p payloads of a flight, and the robot that carries them."""
 
     def __init__(self, vehicle: Vehicle, payloads: Sequence[Payload]) -> None:
         self.vehicle = vehicle
@@ -45,26 +40,15 @@ class Payloads:
         return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
 
     def carried(self, time: float | Array) -> Flags:
-        """Which payloads are there.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Which of them are there (…, p) at those times.
-        """
+        """Which payloads are there (…, p) at times (…), s."""
         times = np.asarray(time)[..., np.newaxis]
         there: Flags = (times >= self.begins) & (times < self.ends)
         return there
 
     def add(self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: ArrayLike) -> None:
-        """Add the forces of the payloads to the wrenches of all else.
+        """Add the forces of the payloads to the wrenches (…, f, 6) of all else.
 
-        Args:
-            wrenches: Wrenches (…, f, 6) on the frames, which are changed.
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            inputs: Inputs u (…, nu) that act.
-            carried: Which payloads are there (…, p).
+        `carried` (…, p) tells which are there.
         """
         vehicle = self.vehicle
         masses = np.repeat(np.where(carried, self.masses, 0.0), 3, axis=-1)

@@ -20,12 +20,9 @@ Array = NDArray[np.float64]
 class QuaternionKinematics:
     """What `Kinematics` says, for a quaternion.
 
-    Errors of the position are in world axes. Those of the attitude are the rotation vector from
-    the actual to the desired attitude in the base's frame, and the difference of angular
-    velocities there.
-
-    Args:
-        layout: the layout of the coordinates.
+    Errors of the position are in world axes. Those of the attitude are the rotation vector from the
+    actual to the desired attitude in the base's frame, and the difference of angular velocities
+    there.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -36,14 +33,7 @@ class QuaternionKinematics:
         self.error_names = tuple(names)
 
     def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq).
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            R (…, 3, 3).
-        """
+        """R (…, 3, 3), from the base's frame to the world, of a quaternion of unit length."""
         # A copy, since SciPy refuses an empty array that is read-only.
         quaternion = np.array(q[..., self.layout.q.attitude])
         flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
@@ -51,28 +41,13 @@ class QuaternionKinematics:
         return matrix
 
     def normalised(self, q: Array) -> Array:
-        """Coordinates (…, nq) with quaternions of unit length.
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            Coordinates (…, nq) of the same configuration.
-        """
+        """Coordinates (…, nq) with quaternions of unit length."""
         unit, attitude = np.array(q), self.layout.q.attitude
         unit[..., attitude] /= np.linalg.norm(q[..., attitude], axis=-1, keepdims=True)
         return unit
 
     def rates(self, q: Array, v: Array) -> Array:
-        """Rates (…, nq) of coordinates, by which a quaternion keeps the length that it has.
-
-        Args:
-            q: Coordinates (…, nq).
-            v: Velocities (…, nv).
-
-        Returns:
-            The rates (…, nq).
-        """
+        """Rates (…, nq) of coordinates, by which a quaternion keeps the length that it has."""
         places, rates = self.layout, np.empty_like(q)
         rates[..., places.q.joints] = v[..., places.v.joints]
         rates[..., places.q.position] = times(self.rotation(q), v[..., places.v.position])
@@ -81,14 +56,7 @@ class QuaternionKinematics:
         return rates
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Quaternions (s, 4), angular velocity and acceleration (s, 3) in the base's frame.
-
-        Args:
-            turning: Rotation of the base in time, with s instants.
-
-        Returns:
-            The entries (s, k) of q, v and a.
-        """
+        """Quaternions (s, 4), angular velocity and acceleration (s, 3) in the base's frame."""
         quaternion = np.asarray(Rotation.from_matrix(turning.rotation).as_quat())
         # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
         turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
@@ -98,84 +66,35 @@ class QuaternionKinematics:
         return quaternion, velocity, acceleration
 
     def continued(self, last: Array, attitude: Array) -> Array:
-        """Quaternions (s, 4), or their opposites if the first of those is nearer to the last.
-
-        Args:
-            last: Entries (k) in q of an attitude.
-            attitude: Entries (s, k) of attitudes, of which the first is the same.
-
-        Returns:
-            Entries (s, k) of the same attitudes.
-        """
+        """Quaternions (s, 4), or their opposites if the first of those is nearer to the last."""
         signed: Array = np.copysign(1.0, attitude[0] @ last) * attitude
         return signed
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Linear velocity and its rate (…, 3) in the frame of a base that moves in the world.
-
-        Args:
-            turning: Rotation of the base in time.
-            velocity, acceleration: Of the position (…, 3), world axes.
-
-        Returns:
-            The entries (…, 3) of v and a.
-        """
+        """Linear velocity and its rate (…, 3) in the frame of a base that moves in the world."""
         inverse = transposed(turning.rotation)
         linear = times(inverse, velocity)
         carried = np.cross(times(inverse, turning.velocity), linear)
         return linear, times(inverse, acceleration) - carried
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) that are the same in the world, by the `turn` (3, 3) between frames.
-
-        Args:
-            v: Velocities (nv) before.
-            turn: From the frame of the base before to that after it is turned (3, 3).
-
-        Returns:
-            Velocities (nv) after.
-        """
+        """Velocities (nv) that are the same in the world, by the `turn` (3, 3) between frames."""
         after = v.copy()
         for part in (self.layout.v.position, self.layout.v.attitude):
             after[part] = turn @ v[part]
         return after
 
     def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3), which are entries of v and a.
-
-        Args:
-            q: Coordinates (…, nq).
-            v, a: Velocities and accelerations (…, nv).
-
-        Returns:
-            The entries, in the base's frame.
-        """
+        """Angular velocity and acceleration (…, 3), which are entries of v and a."""
         attitude = self.layout.v.attitude
         return v[..., attitude], a[..., attitude]
 
     def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """The angular acceleration (…, 3) itself.
-
-        Args:
-            q: Coordinates (…, nq).
-            v: Velocities (…, nv).
-            turning: The angular acceleration, in the base's frame.
-
-        Returns:
-            Entries (…, 3) of a.
-        """
+        """The angular acceleration (…, 3) itself."""
         return turning
 
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """Force and torque (…, 3) in world axes: entries of a generalised force, turned.
-
-        Args:
-            q: Coordinates (…, nq).
-            generalised_force: Generalised force (…, nv).
-
-        Returns:
-            Force, N, and torque, N m, about the position: (…, 3), world axes.
-        """
+        """Force and torque (…, 3) in world axes: entries of a generalised force, turned."""
         places, rotation = self.layout.v, self.rotation(q)
         force, torque = (
             times(rotation, generalised_force[..., part])
@@ -184,15 +103,7 @@ class QuaternionKinematics:
         return force, torque
 
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Errors and their rates (…, nv), those of the position in world axes.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            q_desired, v_desired: Those desired.
-
-        Returns:
-            Errors and their rates (…, nv).
-        """
+        """Errors and their rates (…, nv), those of the position in world axes."""
         places = self.layout.q, self.layout.v
         (attitude, position, joints), (spin, linear, rates) = (
             (each.attitude, each.position, each.joints) for each in places
@@ -211,16 +122,7 @@ class QuaternionKinematics:
     def corrected(
         self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
     ) -> Array:
-        """Accelerations (…, nv) of a base that moves in the world as desired, but for the gains.
-
-        Args:
-            q, v: Coordinates (…, nq) and velocities (…, nv).
-            desired: Desired coordinates, velocities and accelerations.
-            gains: Stiffness, 1/s², and damping, 1/s, of the errors (nv).
-
-        Returns:
-            The accelerations (…, nv).
-        """
+        """Accelerations (…, nv) of a base that moves in the world as desired, but for the gains."""
         q_desired, v_desired, a_desired = desired
         off, off_rate = self.errors(q, v, q_desired, v_desired)
         pull = gains[0] * off + gains[1] * off_rate
@@ -239,26 +141,11 @@ class QuaternionKinematics:
         return a
 
     def reference(self, motion: Motion) -> Reference:
-        """Quintics of position, quaternion and joints, as `PoseReference` has them.
-
-        Args:
-            motion: Coordinates, velocities and accelerations at knots.
-
-        Returns:
-            Those in time.
-        """
+        """Quintics of position, quaternion and joints, as `PoseReference` has them."""
         return PoseReference(motion, self)
 
     def _carried(self, rotation: Array, desired: Array, vector: Array) -> Array:
-        """A vector of the desired base's frame in that of the actual base.
-
-        Args:
-            rotation, desired: Of the actual and the desired base (…, 3, 3).
-            vector: The vector (…, 3), in the frame of the desired base.
-
-        Returns:
-            The vector (…, 3).
-        """
+        """A vector (…, 3) of the desired base's frame in that of the actual base."""
         return times(transposed(rotation) @ desired, vector)
 
 
@@ -267,10 +154,6 @@ class PoseReference(Reference):
 
     Between knots the quaternion is as good as of unit length, and is made so; velocities and
     accelerations are the exact rates of what that gives.
-
-    Args:
-        motion: coordinates, velocities and accelerations at the knots.
-        kinematics: those of the base.
     """
 
     def __init__(self, motion: Motion, kinematics: QuaternionKinematics) -> None:
@@ -342,26 +225,11 @@ def _rotation_vector(quaternion: Array) -> Array:
 
 
 def transposed(matrix: Array) -> Array:
-    """Matrices (…, n, m) of matrices (…, m, n).
-
-    Args:
-        matrix: The matrices.
-
-    Returns:
-        Their transposes.
-    """
+    """Matrices (…, n, m) of matrices (…, m, n)."""
     return np.swapaxes(matrix, -1, -2)
 
 
 def times(matrix: Array, vector: Array) -> Array:
-    """Products of matrices and vectors.
-
-    Args:
-        matrix: Matrices (…, m, n).
-        vector: Vectors (…, n).
-
-    Returns:
-        The products (…, m).
-    """
+    """Products (…, m) of matrices (…, m, n) and vectors (…, n)."""
     product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
     return product

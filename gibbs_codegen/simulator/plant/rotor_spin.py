@@ -24,18 +24,12 @@ _SAME_DIRECTION = 1e-9
 
 
 class RotorSpin:
-    """The rotors that have a spin inertia, g of them, and the frames that take their torques.
+    """The g rotors that have a spin inertia, and the frames that take their torques.
 
     `places` (g) are numbers of the frames, `axes` (g, 3) the directions of the thrusts in their
-    axes.
-
-    Args:
-        vehicle: the robot.
-        spins: angular momentum by the square root of the thrust (N), kg m²/s/√N, negative for a
-            rotor that spins clockwise seen from the tip of its thrust, 0 for one without inertia.
-
-    Raises:
-        UsageError: for a rotor on a link that has no frame.
+    axes. `spins` (N) are as of `Actuators`, negative for a rotor that spins clockwise seen from the
+    tip of its thrust, 0 for one without inertia. Raises `UsageError` for a rotor on a link that has
+    no frame.
     """
 
     def __init__(self, vehicle: Vehicle, spins: Array) -> None:
@@ -61,13 +55,10 @@ class RotorSpin:
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
     def add(self, wrenches: Array, poses: Array, velocities: Array, inputs: Array) -> None:
-        """Add the gyroscopic torques to other wrenches.
+        """Add the gyroscopic torques to other wrenches (…, f, 6) on the frames.
 
-        Args:
-            wrenches: Wrenches (…, f, 6) on the frames, which are changed.
-            poses: Poses (…, f, 4, 4) of the frames.
-            velocities: Velocities (…, f, 6) of the frames: linear, then angular, world axes.
-            inputs: Inputs u (…, nu) that act, thrusts first, N.
+        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
+        theirs.
         """
         thrusts = inputs[..., self.rotors]
         # A thrust the other way is that of a rotor that turns the other way.

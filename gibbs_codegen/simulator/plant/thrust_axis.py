@@ -16,13 +16,8 @@ LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
     """The axis along which rotors push, if they command a force along it and three moments.
 
-    Args:
-        vehicle: The robot.
-        q: Configurations (…, nq).
-
-    Returns:
-        Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors
-        make; None if at some configuration the rotors command other wrenches.
+    Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors make; None if at
+    some configuration (…, nq) the rotors command other wrenches.
     """
     wrenches = vehicle.thrust_wrenches(q)
     if np.any(ranks(wrenches) != _DIRECTIONS) or np.any(ranks(wrenches[..., :3, :]) != 1):
@@ -31,13 +26,9 @@ def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
 
 
 def force_axis(wrenches: Array) -> Array:
-    """The axis along which rotors push, in the direction of what equal thrusts of all make.
+    """Unit vectors (…, 3), base's frame, along which rotors push, as equal thrusts of all do.
 
-    Args:
-        wrenches: Wrenches of unit thrusts (…, 6, N), as `Vehicle.thrust_wrenches` has them.
-
-    Returns:
-        Unit vectors (…, 3) in the base's frame.
+    `wrenches` (…, 6, N) are those of unit thrusts.
     """
     forces = wrenches[..., :3, :]
     sizes = np.linalg.norm(forces, axis=-2, keepdims=True)

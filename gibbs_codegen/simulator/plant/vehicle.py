@@ -31,19 +31,12 @@ _SAME_ANGLE = 1e-9
 
 
 class Vehicle:
-    """A generated module with the constants of some parameters.
+    """A generated module with the constants of some parameters, and its functions by their names.
 
-    The functions are the module's own, by the same names.
-
-    Args:
-        module: a generated module, with the back end "numpy" or "c".
-        parameters: parameters of the module's `prepare`; those left out keep their defaults. Arrays
-            have a value for each state: they broadcast to the states' leading axes.
-        key: key of a scenario file that gave them.
-
-    Raises:
-        UsageError: for a module of another back end or of an older version, and for parameters that
-            `prepare` rejects.
+    The back end is "numpy" or "c". Parameters left out keep their defaults; arrays have a value for
+    each state: they broadcast to the states' leading axes. `key` of a scenario file gave them.
+    Raises `UsageError` for a module of another back end or of an older version, and for parameters
+    that `prepare` rejects.
     """
 
     def __init__(
@@ -104,14 +97,7 @@ class Vehicle:
         self.potential_energy = self.function("potential_energy")
 
     def function(self, name: str) -> Callable[..., Array]:
-        """A function of the module with the constants of the parameters.
-
-        Args:
-            name: Its name.
-
-        Returns:
-            The function.
-        """
+        """A function of the module, by name, with the constants of the parameters."""
         function: Callable[..., Array] = getattr(self.module, name)
         return function if self.constants is None else partial(function, constants=self.constants)
 
@@ -121,26 +107,11 @@ class Vehicle:
         return self.coordinates[self.arm]
 
     def base_rotation(self, q: ArrayLike) -> Array:
-        """Rotation of the base.
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            R (…, 3, 3), from the base's frame, which is that of arm 1 if there are arms, to the
-            world.
-        """
+        """R (…, 3, 3), from the base's frame, arm 1's if there are arms, to the world."""
         return self.kinematics.rotation(np.asarray(q))
 
     def centre_offset(self, q: ArrayLike) -> Array:
-        """Vector from the point whose position is x, y, z to the base centre.
-
-        Args:
-            q: Coordinates (…, nq).
-
-        Returns:
-            The vector (…, 3), world axes, m.
-        """
+        """Vector (…, 3), m, world axes, from where x, y, z are to the base centre."""
         at_origin = np.array(q, dtype=np.float64)
         at_origin[..., self.layout.q.position] = 0.0
         return self.positions(at_origin)[..., self.points.index(self.centre), :]
@@ -165,14 +136,9 @@ class Vehicle:
         return by_rule
 
     def base_wrench(self, q: Array, generalised_force: Array) -> Array:
-        """The wrench on the base that a generalised force amounts to.
+        """The wrench (…, 6) on the base that a generalised force (…, nv) amounts to.
 
-        Args:
-            q: Coordinates (…, nq).
-            generalised_force: Generalised force (…, nv).
-
-        Returns:
-            Force, N, and torque about the base centre, N m, (…, 6) in the base's frame.
+        Force, N, and torque about the base centre, N m, in the base's frame.
         """
         world_force, torque = self.kinematics.wrench(q, generalised_force)
         torque = torque - np.cross(self.centre_offset(q), world_force)
@@ -186,14 +152,10 @@ class Vehicle:
         return np.array(self.layout.neutral)
 
     def thrust_wrenches(self, q: Array | None = None) -> Array:
-        """Wrench on the base of a unit thrust of each rotor: force, torque about the centre.
+        """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
 
-        Args:
-            q: Coordinates (…, nq), of which the attitude and the position make no difference, nor
-                do the joints unless rotors move with them; None for those of zero.
-
-        Returns:
-            Forces and torques (…, 6, N), in the base's frame.
+        Attitude and position make no difference, nor do the joints unless rotors move with them;
+        zero if None.
         """
         q = self.neutral if q is None else q
         # The rotors come first, since constants may differ along the axes of the states.
@@ -238,15 +200,9 @@ def _check(module: ModuleType) -> None:
 
 
 def _about_parameters(module: ModuleType, given: Mapping[str, Any], words: str) -> str:
-    """What to add to the words in which `prepare` of a module rejects parameters.
+    """What to add to the `words` in which `prepare` rejects parameters.
 
-    Args:
-        module: The module.
-        given: The parameters.
-        words: What `prepare` says.
-
-    Returns:
-        A clause that begins with "; ", or "": names that may be meant, or all that were given.
+    A clause that begins with "; ", or "": names that may be meant, or all that were given.
     """
     names = list(module.PARAMETERS)
     unknown = [name for name in given if name not in names]

@@ -12,12 +12,7 @@ from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
 class Walls:
-    """The walls of a flight.
-
-    Args:
-        vehicle: the robot.
-        walls: the walls, w of them.
-    """
+    """The w walls of a flight."""
 
     def __init__(self, vehicle: Vehicle, walls: Sequence[Wall]) -> None:
         self.walls = tuple(walls)
@@ -32,12 +27,10 @@ class Walls:
         self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
 
     def add(self, wrenches: Array, poses: Array, velocities: Array) -> None:
-        """Add the forces of the walls to other wrenches.
+        """Add the forces of the walls to other wrenches (…, f, 6) on the frames.
 
-        Args:
-            wrenches: Wrenches (…, f, 6) on the frames, which are changed.
-            poses: Poses (…, f, 4, 4) of the frames.
-            velocities: Velocities (…, f, 6) of the frames: linear, then angular, world axes.
+        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
+        theirs.
         """
         behind = self.points - poses[..., :3, 3][..., self.places, :]
         depth = np.sum(self.normals * behind, axis=-1)
@@ -48,14 +41,9 @@ class Walls:
             wrenches[..., place, :3] += forces[..., k, :]
 
     def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
-        """The masses that walls feel along their normals, of a robot that is free to move.
+        """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).
 
-        Args:
-            vehicle: The robot.
-            q: Coordinates (…, nq).
-
-        Returns:
-            Masses (…, w), kg: 1 / (nᵀ J M⁻¹ Jᵀ n).
+        The robot is free to move.
         """
         jacobians = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
         across = np.einsum("wi,...wij->...wj", self.normals, jacobians)

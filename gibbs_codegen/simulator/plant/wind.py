@@ -14,10 +14,6 @@ class WindDrag:
     """The drag of frames in the wind.
 
     `coefficients` (f, 6) are those of the forces, N s/m, and of the torques, N m s/rad.
-
-    Args:
-        vehicle: the robot.
-        wind: the wind, and what it blows on.
     """
 
     def __init__(self, vehicle: Vehicle, wind: Wind) -> None:
@@ -32,39 +28,21 @@ class WindDrag:
         self._fill(vehicle, wind.rotational_drag, slice(3, 6))
 
     def _fill(self, vehicle: Vehicle, drag: Mapping[str, float], entries: slice) -> None:
-        """Take coefficients of frames.
-
-        Args:
-            vehicle: The robot.
-            drag: Coefficients by frame.
-            entries: Entries of wrenches that they are for.
-        """
+        """Take coefficients of frames, for some entries of wrenches."""
         for name, coefficient in drag.items():
             self.coefficients[vehicle.frames.index(name), entries] = coefficient
 
     def speed(self, time: float | Array) -> Array:
-        """Velocity of the wind.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            The velocity (…, 3), m/s, world axes.
-        """
+        """Velocity (…, 3) of the wind, m/s, world axes, at times (…), s."""
         share = (np.asarray(time)[..., np.newaxis] - self.gusts[:, 0]) / self.gusts[:, 1]
         rise = 1.0 - np.cos(2.0 * np.pi * np.clip(share, 0.0, 1.0))
         found: Array = self.velocity + rise @ self.gusts[:, 2:]
         return found
 
     def wrenches(self, time: float | Array, velocities: Array) -> Array:
-        """Wrenches of the drag on the frames.
+        """Wrenches (…, f, 6) of the drag on the frames: force, N, and torque, N m, world axes.
 
-        Args:
-            time: Times (…), s.
-            velocities: Velocities (…, f, 6) of the frames: linear, then angular, world axes.
-
-        Returns:
-            Wrenches (…, f, 6): force, N, and torque, N m, world axes.
+        `velocities` (…, f, 6) of the frames are linear, then angular.
         """
         against = np.array(velocities)
         against[..., :3] -= self.speed(time)[..., np.newaxis, :]

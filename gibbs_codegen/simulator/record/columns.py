@@ -21,14 +21,7 @@ _INPUTS = {
 
 
 def columns_of(flight: Series) -> Iterator[Column]:
-    """Every scalar series of a flight, time first.
-
-    Args:
-        flight: The flight.
-
-    Yields:
-        Name, unit and values (s) of each.
-    """
+    """Name, unit and values (s) of every scalar series of a flight, time first."""
     yield "time", "s", flight.time
     places, velocities = flight.layout.q, flight.layout.v
     # Components of velocities have names of their own, rates those of their coordinates.

@@ -18,15 +18,10 @@ _ROUNDING = 1e-9
 
 
 def point_parents(vehicle: Vehicle) -> NDArray[np.int_]:
-    """The points that points are joined to, for drawings.
+    """Numbers (k) of the points that points are joined to, for drawings, −1 for none.
 
-    Args:
-        vehicle: The robot.
-
-    Returns:
-        Numbers (k) of points: for rotors and joints, that of the joint that carries them or of the
-        base centre; for frames, the same where they are on the last link of an arm, or the base
-        centre for a tip without an arm. −1 for all other points.
+    For rotors and joints that is the joint that carries them or the base centre; for frames, the
+    same where they are on the last link of an arm, or the base centre for a tip without an arm.
     """
     joints, centre = vehicle.joints, vehicle.points.index(vehicle.centre)
     rotor = centre + 1

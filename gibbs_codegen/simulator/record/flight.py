@@ -137,11 +137,7 @@ def _checked(stored: dict[str, Any]) -> dict[str, Any]:
 def is_flight(path: StrPath) -> bool:
     """Whether a file is one that `write_npz` wrote, by the names of what it holds.
 
-    Args:
-        path: The file.
-
-    Returns:
-        Whether it is; False if it cannot be read.
+    False if it cannot be read.
     """
     try:
         with ZipFile(path) as archive:

@@ -12,9 +12,7 @@ from gibbs_codegen.simulator.record.recording import Recording
 class LateFlight(Flight):
     """A flight that computes each group of its fields when one of them is first asked for.
 
-    Args:
-        recording: the recording of the flight.
-        known: fields that are known already.
+    Those `known` are known already.
     """
 
     def __init__(self, recording: Recording, known: dict[str, Any]) -> None:

@@ -14,13 +14,9 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
-    """Fields that are not in a file, as far as they follow from what is.
+    """Values of fields that are not in a file's arrays, as far as they follow from these.
 
-    Args:
-        stored: The arrays of a file.
-
-    Returns:
-        Their values. The ranges of inputs are those of the samples alone.
+    The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
     endless = np.full(len(stored["input_names"]), np.inf)
@@ -45,14 +41,10 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
 
 
 def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
-    """What files lack that are from when all robots had base arms, angles and one serial arm.
+    """What files lack from when all robots had base arms, angles and one serial arm.
 
-    Args:
-        stored: The arrays of a file.
-
-    Returns:
-        Attitude, units, parents and names. The sequence of the angles is not in such files; it
-        makes no difference to what a flight has.
+    Attitude, units, parents and names. The sequence of the angles is not in such files; it makes no
+    difference to what a flight has.
     """
     points, coordinates = stored["points"].tolist(), stored["coordinates"].tolist()
     rotors = len(stored["base_arm_angles_desired"]) + 1

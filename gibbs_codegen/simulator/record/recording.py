@@ -28,16 +28,7 @@ _BASE = ("base_arm_angles", "base_arm_angles_desired", "base_rotation", "heading
 
 
 def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
-    """All time series of a flight.
-
-    Args:
-        loop: The closed loop that was integrated.
-        scenario: What was flown.
-        history: Samples of the state.
-
-    Returns:
-        The flight, with a row per sample.
-    """
+    """All time series of a flight, a row per sample."""
     recording = Recording(loop, scenario, history)
     made: dict[str, Any] = {}
     for _, group in recording.groups:
@@ -203,27 +194,12 @@ def _weight(vehicle: Vehicle) -> float:
 
 
 def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
-    """The flight with what is to be said of its timing.
-
-    Args:
-        flight: The flight.
-        motion: What was flown.
-
-    Returns:
-        The flight.
-    """
+    """The flight with what is to be said of its timing."""
     return replace(flight, **timing_fields(motion))
 
 
 def timing_fields(motion: TimedMotion) -> dict[str, Any]:
-    """What is to be said of the timing of a motion, by the names of the fields of a flight.
-
-    Args:
-        motion: What was flown.
-
-    Returns:
-        The fields.
-    """
+    """What is to be said of the timing of a motion, by the names of the fields of a flight."""
     times = [(each.begin, each.end) for each in motion.binding]
     return {
         "timing": motion.said,
@@ -250,17 +226,9 @@ def _tangent_arm(vehicle: Vehicle, scenario: Scenario) -> int:
 
 
 def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
-    """Desired position of the tip.
+    """Desired tip (s, 3), m, world axes: on its path, or where a held posture puts it.
 
-    Args:
-        vehicle: The robot as the controller knows it.
-        scenario: What was flown.
-        time: Times (s), s.
-        q_desired: Desired coordinates (s, nq).
-
-    Returns:
-        Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip;
-        (s, 0) without a tip.
+    It is (s, 0) without a tip. `vehicle` is the robot as the controller knows it.
     """
     if not vehicle.has_tip:
         return np.zeros((len(time), 0))
@@ -270,16 +238,9 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
 
 
 def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array) -> Array:
-    """Angle between the base arm that follows the path, and the tangent of the path.
+    """Angles (s), rad, between the base arm that follows the path, and its tangent.
 
-    Args:
-        vehicle: The robot.
-        scenario: What was flown.
-        time: Times (s), s.
-        q: Coordinates (s, nq).
-
-    Returns:
-        Angles (s), rad; 0 where no arm follows the path.
+    They are 0 where no arm does.
     """
     if not (arm := _tangent_arm(vehicle, scenario)):
         return np.zeros(len(time))
@@ -290,14 +251,9 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array)
 
 
 def _measured_arm_angles(vehicle: Vehicle, q: Array) -> Array:
-    """Angles of base arms 2 … N against arm 1, from where the motors are.
+    """Angles (s, N − 1), rad, of base arms 2 … N against arm 1, from where the motors are.
 
-    Args:
-        vehicle: The robot.
-        q: Coordinates (s, nq).
-
-    Returns:
-        Angles (s, N − 1), rad; (s, 0) of a base without arms.
+    They are (s, 0) of a base without arms.
     """
     positions, rotation = vehicle.positions(q), vehicle.base_rotation(q)
     centre = positions[:, vehicle.points.index(vehicle.centre)]
