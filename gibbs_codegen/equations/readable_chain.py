@@ -202,7 +202,7 @@ def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
-    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13).
+    """F_j (eqs. 7, 12, 16): Ψ of every motor of the chain times its thrust, and joint torques.
 
     Args:
         readable: The chain.
