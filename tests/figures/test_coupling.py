@@ -21,7 +21,7 @@ from gibbs_codegen.figures.coupling import (
     coupling_figure,
     hybrid_pattern_figure,
 )
-from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
