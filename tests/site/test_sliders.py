@@ -13,6 +13,7 @@ from playwright.sync_api import Page
 from support.browser import visit
 from support.notebook_cells import run_cells
 
+pytestmark = pytest.mark.slow
 TANGENT, BOWL = "tangent-to-be-moved", "bowl-drawn"
 
 
