@@ -129,7 +129,7 @@ def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
     if enlarged:
         shapes = _without_base(robot, shapes)
     places = np.concatenate([*shapes.arms, *shapes.spokes])
-    size = float(np.ptp(places, axis=0).max())
+    size = float(np.ptp(places, axis=0).max()) or subject.size
     length = _SHORT_AXIS * size
     ends = [f.origin + length * axis for f in frames.links for axis in f.axes.T[::2]]
     shown = [k for k in range(1, robot.rotors + 1) if not enlarged or k not in base_rotors(robot)]
