@@ -182,7 +182,7 @@ def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
-    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13)."""
+    """F_j (eqs. 7, 12, 16): Ψ of every motor of the chain times its thrust, and joint torques."""
     chain, symbolic, serial = readable.chain, readable.symbolic, readable.serial
     tape, u = symbolic.tape, symbolic.u
     places = symbolic.root.places(serial.joints)

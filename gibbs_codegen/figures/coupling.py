@@ -8,7 +8,7 @@ symbols keep the size in which they can be read.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
+from itertools import accumulate, groupby
 from math import ceil, sqrt
 
 from matplotlib.axes import Axes
@@ -30,8 +30,8 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 
 # Fig. 6, in units of a row: distance between rows and between chains, and where things stand.
-_ROW, _CHAIN_GAP, _PADDING = 0.187, 1.1, 0.25
-_LEFT_WIDTH, _RIGHT_WIDTH, _BETWEEN = 6.5, 8.0, 22.0
+_ROW, _CHAIN_GAP, _PADDING = 0.21, 1.0, 0.25
+_LEFT_WIDTH, _RIGHT_WIDTH, _BETWEEN = 8.5, 11.5, 12.5
 # Letters of a joint's name that are shown.
 _LONGEST_NAME = 10
 
@@ -60,7 +60,8 @@ def coupling_figure(robot: Robot) -> Figure:
     """Draw Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each is.
 
     The hybrid unknowns are numbered by their rows, from −1. Arrows and boxes have the colours of
-    the chains.
+    the chains. The three unknowns of the attitude share a line and an arrow, and so do those of the
+    position, which every chain has.
 
     Args:
         robot: The robot.
@@ -69,7 +70,8 @@ def coupling_figure(robot: Robot) -> Figure:
         The figure.
     """
     chains = decompose(robot)
-    tops = list(accumulate(chains, lambda y, c: y + len(c.unknowns) + _CHAIN_GAP, initial=0.0))
+    heights = [len(_lines(robot, chain.unknowns)) + _CHAIN_GAP for chain in chains]
+    tops = list(accumulate(heights, initial=0.0))
     height = tops[-1] - _CHAIN_GAP
     with style():
         figure, axes = _canvas(
@@ -82,6 +84,14 @@ def coupling_figure(robot: Robot) -> Figure:
     return figure
 
 
+def _lines(robot: Robot, names: Sequence[str]) -> list[list[int]]:
+    """Places of unknowns by lines: attitude, position, and each other one by itself."""
+    v = layout_of(robot).v
+    parts = {name: part for part in (v.attitude, v.position) for name in v.names[part]}
+    runs = groupby(range(len(names)), lambda place: parts.get(names[place], place))
+    return [list(run) for _, run in runs]
+
+
 def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
     """Draw the column of the hybrid unknowns with their rows.
 
@@ -91,21 +101,22 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
         height: Height of the column, rows.
 
     Returns:
-        The distance between unknowns, rows.
+        The distance between their lines, rows.
     """
     left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
     names, given = hybrid_names(robot), _given_names(robot)
-    step = height / len(unknowns)
+    lines = _lines(robot, [unknown.name for unknown in unknowns])
+    step = height / len(lines)
     _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=_SMALL)
-    for place, unknown in enumerate(unknowns):
-        y = (place + 0.5) * step
+    for number, line in enumerate(lines):
+        y, name = (number + 0.5) * step, unknowns[line[0]].name
         _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
-        _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, _row_number(place), "0.45")
-        symbol = _math(accelerated(names[unknown.name]))
-        at = 0.45 if unknown.name in given else 0.62
-        _symbol(axes, left + at * _RIGHT_WIDTH, y, symbol, size=min(11.0, 7.5 * step))
-        if unknown.name in given:
-            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[unknown.name], "0.45", _GIVEN)
+        _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, ", ".join(map(_row_number, line)), "0.45")
+        symbols = ", ".join(_math(accelerated(names[unknowns[place].name])) for place in line)
+        at = 0.45 if name in given else 0.65
+        _symbol(axes, left + at * _RIGHT_WIDTH, y, symbols, size=min(11.0, 7.5 * step))
+        if name in given:
+            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[name], "0.45", _GIVEN)
     return step
 
 
@@ -128,19 +139,24 @@ def _draw_chain(
         robot: The robot.
         chain: Its chain.
         top: Where the unknowns begin, rows from above.
-        hybrid: The distance between hybrid unknowns, rows, and the number of all chains.
+        hybrid: The distance between lines of hybrid unknowns, rows, and the number of all chains.
     """
     step, chains = hybrid
-    colour, length = chain_colour(chain.number), len(chain.unknowns)
+    lines = _lines(robot, chain.unknowns)
+    colour, length = chain_colour(chain.number), len(lines)
     _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, (colour, 0.1))
     text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
     text.set(color=colour, fontweight="bold")
     # Arrows that come to the same unknown end beside each other.
     aside = 0.6 * ((chain.number - 0.5) / chains - 0.5)
-    for item, place in enumerate(chain_equation(robot, chain.number, 18).places):
-        y = top + item + 0.5
-        _symbol(axes, _LEFT_WIDTH / 2, y, _math(place.unknown))
-        end = (place.row + 1.5 + aside) * step
+    whole = _lines(robot, [unknown.name for unknown in hybrid_coordinates(robot)])
+    ends = {place: number for number, line in enumerate(whole) for place in line}
+    places = chain_equation(robot, chain.number, 18).places
+    for number, line in enumerate(lines):
+        y = top + number + 0.5
+        symbols = ", ".join(_math(places[item].unknown) for item in line)
+        _symbol(axes, _LEFT_WIDTH / 2, y, symbols)
+        end = (ends[places[line[0]].row + 1] + 0.5 + aside) * step
         _arrow(axes, (_LEFT_WIDTH, y), (_LEFT_WIDTH + _BETWEEN, end), colour)
 
 

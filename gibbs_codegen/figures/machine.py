@@ -6,6 +6,7 @@ It is drawn from the robot's data alone, in the style of the figures of flights.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from gibbs_codegen.figures.marks import (
     arrow_key,
 )
 from gibbs_codegen.figures.name_places import Names
-from gibbs_codegen.figures.robot_artists import RobotArtists
+from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
 from gibbs_codegen.figures.scene import VIEW, fit, set_scene
 from gibbs_codegen.figures.skeleton import (
     base_rotors,
@@ -49,22 +50,27 @@ from gibbs_codegen.robot.posture import robot_frames
 
 # Of the base arms' length, or of the whole robot: thrusts and frames' axes.
 _ARROW, _AXIS, _ACROSS = 0.65, 0.5, 0.45
-_SHORT_ARROW, _SHORT_AXIS = 0.2, 0.13
-# Elevation from which thrusts along and across the base can be told apart, degrees.
-_ELEVATION = 50.0
+_SHORT_ARROW, _SHORT_AXIS = 0.2, 0.16
+# Elevation from which thrusts along and across the base can be told apart, degrees; and from above.
+_ELEVATION, _ABOVE = 35.0, (90.0, -90.0)
+# Thrusts whose part across the line of sight is less are not drawn from above.
+_SEEN = 0.3
 # Of fewer rotors on the base the drawing of the whole robot says all.
 _FEW_ROTORS = 3
-# Of the width of the figure: the drawing of the whole robot beside that of the base.
-_SHARE = 0.38
+# Inches of the height: a row of drawings, heading and legend.
+_ROW, _HEADING, _LEGEND = 3.4, 0.25, 0.5
+# Left, bottom, width and height of a drawing, in shares of the figure.
+_Room = tuple[float, float, float, float]
 
 
 def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
     """Draw the robot as in the paper's Fig. 1, in m.
 
-    The whole robot is on the left, with the world's axes if it is near their origin. The base is
-    enlarged on the right, with arm 2 in gold; a base with few rotors or none is not drawn again.
-    Rotors are discs normal to their thrusts; x and z axes of the frames start at the joints, y axes
-    of base arms on the arms. Where angles turn the base their axes are dashed.
+    The base is above, with arm 2 in gold: from above with its frames, and beside it from the side
+    with the thrusts and, dashed, the axes of angles that turn it. The links are below, with the
+    world's axes if these are near. A base with few rotors or none is drawn with its links. Rotors
+    are discs normal to their thrusts; x and z axes of the frames start at the joints, y axes of
+    base arms on the arms.
 
     Args:
         robot: The robot.
@@ -78,20 +84,19 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     """
     q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
     subject = Subject(robot, q, robot_frames(robot, q))
-    draws: list[Any] = [_draw_whole] if robot.links else []
-    if robot.base.rotors or len(base_rotors(robot)) >= _FEW_ROTORS or not robot.links:
-        draws.append(_draw_base)
+    draws: list[Any] = [_draw_links] if robot.links else []
+    draws += [_draw_from_above, _draw_base] if _is_enlarged(robot) else []
+    rows = 2 if len(draws) == 3 else 1
+    height = rows * _ROW + _HEADING + _LEGEND
     with style():
-        figure = Figure(figsize=((0.3 + 0.35 * len(draws)) * FULL, 4.3))
-        if len(draws) == 1:
-            figure.set_figwidth(0.6 * FULL)
+        figure = Figure(figsize=(FULL, height))
         figure.suptitle(robot.name, color="0.35", parse_math=False)
-        for column, draw in enumerate(draws):
-            axes = figure.add_subplot(1, len(draws), column + 1, projection="3d")
-            columns = (
-                ((0.0, _SHARE), (_SHARE, 1.0 - _SHARE))[column] if len(draws) > 1 else (0.0, 1.0)
-            )
-            draw(axes, subject, columns, draw is draws[-1]).settle()
+        for draw in draws:
+            below = draw is _draw_links
+            left, width = (0.0, 1.0) if below else (0.5 * (draw is _draw_base), 0.5)
+            bottom = (_LEGEND + (0 if below else rows - 1) * _ROW) / height
+            axes = figure.add_subplot(projection="3d")
+            draw(axes, subject, (left, bottom, width, _ROW / height)).settle()
         figure.legend(handles=_keys(subject), loc="lower center", ncols=3)
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
@@ -116,33 +121,26 @@ def _keys(subject: Subject) -> list[Line2D]:
     return keys
 
 
-def _draw_whole(axes: Any, subject: Subject, columns: tuple[float, float], is_last: bool) -> Names:
-    """Draw the whole robot, with the frames of the links.
-
-    Args:
-        axes: The 3-D axes.
-        subject: What is drawn.
-        columns: Left edge and width, in shares of the figure.
-        is_last: Whether the base is not drawn again.
-
-    Returns:
-        Its names, which have no places yet.
-    """
-    robot, frames, size = subject.robot, subject.frames, subject.size
+def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
+    """Draw the links with their frames, on the base if that has no drawings of its own."""
+    robot, frames = subject.robot, subject.frames
+    enlarged = _is_enlarged(robot)
+    shapes = whole_shapes(robot, frames)
+    if enlarged:
+        shapes = _without_base(robot, shapes)
+    places = np.concatenate([*shapes.arms, *shapes.spokes])
+    size = float(np.ptp(places, axis=0).max()) or subject.size
     length = _SHORT_AXIS * size
     ends = [f.origin + length * axis for f in frames.links for axis in f.axes.T[::2]]
-    shown = _shown_thrusts(robot, single=False)
+    shown = [k for k in range(1, robot.rotors + 1) if not enlarged or k not in base_rotors(robot)]
     thrusts = [frames.motors[k - 1] + _SHORT_ARROW * size * frames.thrusts[k - 1] for k in shown]
-    reach = [
-        float(np.linalg.norm(frames.motors[k - 1] - frames.centre)) for k in base_rotors(robot)
-    ]
-    room = max([*reach, 2.2 * rotor_radius(robot, frames)])
     world = [np.zeros(3), *(length * np.eye(3))] if subject.shows_world else []
-    virtual = subject.virtual_ends(length) if is_last else []
-    low, high = _box(np.array([*subject.places, *ends, *thrusts, *virtual]), 0.5 * room)
+    virtual = [] if enlarged else subject.virtual_ends(length)
+    margin = 1.1 * rotor_radius(robot, frames) if shown else 0.1 * length
+    low, high = _box(np.array([*places, *ends, *thrusts, *virtual]), margin)
     set_scene(axes, (np.min([low, *world], axis=0), np.max([high, *world], axis=0)), ticks=5)
-    RobotArtists(axes, whole_shapes(robot, frames), colour="0.45", scale=1.3)
-    fit(axes, columns[0] + 0.01, 0.11, columns[1], 0.83)
+    RobotArtists(axes, shapes, colour="0.45", scale=1.3)
+    fit(axes, *room)
     names = Names(axes)
     names.add("$O_2$" if robot.base.rotors else "base", frames.centre, np.array([-1.0, -1.0, 0.6]))
     for k, end in zip(shown, thrusts, strict=True):
@@ -151,17 +149,23 @@ def _draw_whole(axes: Any, subject: Subject, columns: tuple[float, float], is_la
     if subject.shows_world:
         draw_world(names, subject, length)
     draw_virtual_joints(names, virtual, subject)
-    _name_links(names, subject, room if robot.base.rotors else 0.07 * size)
+    if enlarged and frames.rods:
+        names.add("$O_1$", frames.motors[0], np.array([0.0, 0.0, -1.0]))
+    _name_links(names, subject, 0.07 * size)
     return names
 
 
-def _shown_thrusts(robot: Robot, single: bool) -> list[int]:
-    """Rotors whose thrusts are drawn with the base alone, or with the whole robot."""
-    base = base_rotors(robot)
-    enlarged = single or len(base) >= _FEW_ROTORS or robot.base.rotors
-    if single:
-        return base
-    return [k for k in range(1, robot.rotors + 1) if not enlarged or k not in base]
+def _is_enlarged(robot: Robot) -> bool:
+    """Whether the base has drawings of its own."""
+    few = len(base_rotors(robot)) < _FEW_ROTORS and not robot.base.rotors
+    return not few or not robot.links
+
+
+def _without_base(robot: Robot, shapes: Shapes) -> Shapes:
+    """The links with their rotors, and of the base no more than arm 1, if it has arms."""
+    kept = [k for k in range(robot.rotors) if k + 1 not in base_rotors(robot)]
+    spokes = shapes.spokes[:1] if robot.base.rotors else [shapes.spokes[k] for k in kept]
+    return replace(shapes, spokes=spokes, gold=np.empty((0, 3)), discs=shapes.discs[kept])
 
 
 def _name_links(names: Names, subject: Subject, shortest: float) -> None:
@@ -190,44 +194,66 @@ def _name_links(names: Names, subject: Subject, shortest: float) -> None:
         names.add(text, place, np.array([0.0, 0.0, -1.0]))
 
 
-def _draw_base(axes: Any, subject: Subject, columns: tuple[float, float], is_last: bool) -> Names:
-    """Draw the base, with numbers of its arms, their frames, and the thrusts.
-
-    Args:
-        axes: The 3-D axes.
-        subject: What is drawn.
-        columns: Left edge and width, in shares of the figure.
-        is_last: Whether this is the last drawing, which has the axes of virtual links.
-
-    Returns:
-        Its names, which have no places yet.
-    """
+def _draw_from_above(axes: Any, subject: Subject, room: _Room) -> Names:
+    """Draw the base from above, with the frames of its arms and the thrusts in its plane."""
     robot, frames = subject.robot, subject.frames
-    rotors = _shown_thrusts(robot, single=True)
+    rotors = base_rotors(robot)
+    names, motors, reach = _start_base(axes, subject, room, _ABOVE)
+    for k, motor in zip(rotors, motors, strict=True):
+        thrust = frames.thrusts[k - 1]
+        if np.hypot(*thrust[:2]) > _SEEN:
+            draw_rotor_thrust(names, subject, k, motor + _ARROW * reach * thrust, 1.6)
+    _draw_frames_of_base(names, subject, motors, reach)
+    return names
+
+
+def _draw_base(axes: Any, subject: Subject, room: _Room) -> Names:
+    """Draw the base from the side, with all thrusts and the axes of virtual links."""
+    robot, frames = subject.robot, subject.frames
+    rotors = base_rotors(robot)
+    arms = frames.motors[[k - 1 for k in rotors]] - frames.centre
+    view = (_ELEVATION, _azimuth_between(arms))
+    names, motors, reach = _start_base(axes, subject, room, view)
+    for k, motor in zip(rotors, motors, strict=True):
+        end = motor + _ARROW * reach * frames.thrusts[k - 1]
+        draw_rotor_thrust(names, subject, k, end, 1.6)
+    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
+    draw_axis(names, frames.centre, up, Z_AXIS, 0.9)
+    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
+    names.add(f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
+    draw_virtual_joints(names, subject.virtual_ends(0.6 * reach), subject)
+    return names
+
+
+def _start_base(
+    axes: Any, subject: Subject, room: _Room, view: tuple[float, float]
+) -> tuple[Names, Array, float]:
+    """Draw the base as it is in both views; also the motors' places (k, 3) and their reach, m."""
+    robot, frames = subject.robot, subject.frames
+    rotors = base_rotors(robot)
     motors = frames.motors[[k - 1 for k in rotors]]
-    arms = motors - frames.centre
-    reach = float(max([*np.linalg.norm(arms, axis=1), 0.0])) or 1.0
+    reach = float(max([*np.linalg.norm(motors - frames.centre, axis=1), 0.0])) or 1.0
     ends = motors + _ARROW * reach * frames.thrusts[[k - 1 for k in rotors]]
-    virtual = subject.virtual_ends(0.6 * reach) if is_last else []
-    places = np.array([*motors, *ends, frames.centre, *virtual])
-    box = _box(places, 1.1 * rotor_radius(robot, frames))
-    set_scene(axes, box, (_ELEVATION, _azimuth_between(arms)), ticks=4)
-    RobotArtists(axes, base_shapes(robot, frames), scale=1.3)
-    left, width = columns
-    fit(axes, left + (0.03 if left else 0.02), 0.11, width - 0.04, 0.83)
+    places = np.array([*motors, *ends, frames.centre, *subject.virtual_ends(0.6 * reach)])
+    set_scene(axes, _box(places, 1.1 * rotor_radius(robot, frames)), view, ticks=4)
+    if view == _ABOVE:
+        axes.set(zticks=[], zlabel="")
+    shapes = base_shapes(robot, frames)
+    RobotArtists(axes, shapes, scale=1.3)
+    fit(axes, *room)
     names = Names(axes)
+    for disc in shapes.discs:
+        for corner in disc[::3]:
+            names.line(disc.mean(axis=0), corner)
     named = [("$O_2$" if frames.rods else "base", frames.centre)]
     named += [("$O_1$", frames.motors[0])] if frames.rods else []
     for name, place in named:
         names.add(name, place, -frames.base.axes[:, 2])
-    for k, motor, end in zip(rotors, motors, ends, strict=True):
-        draw_rotor_thrust(names, subject, k, end, 1.6)
+    for k, motor in zip(rotors, motors, strict=True):
         names.line(frames.centre, motor)
         if robot.base.rotors:
             draw_link_number(names, str(k), 0.45 * frames.centre + 0.55 * motor)
-    _draw_frames_of_base(names, subject, motors, reach)
-    draw_virtual_joints(names, virtual, subject)
-    return names
+    return names, motors, reach
 
 
 def _draw_frames_of_base(names: Names, subject: Subject, motors: Array, reach: float) -> None:
@@ -239,16 +265,12 @@ def _draw_frames_of_base(names: Names, subject: Subject, motors: Array, reach: f
         motors: Places (N, 3) of the motors on the base, m.
         reach: How far the motors are from the centre, m.
     """
-    robot, frames = subject.robot, subject.frames
+    frames = subject.frames
     for frame in frames.rods or (frames.base,):
         draw_axis(names, frame.origin, frame.point(_AXIS * reach), X_AXIS, 0.9)
     for frame, motor in zip(frames.rods, motors, strict=False):
         middle = 0.45 * frames.centre + 0.55 * motor
         draw_axis(names, middle, middle + _ACROSS * reach * frame.axes[:, 1], Y_AXIS, 0.9)
-    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
-    draw_axis(names, frames.centre, up, Z_AXIS, 0.9)
-    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
-    names.add(f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
 
 
 def _box(places: Array, room: float) -> tuple[Array, Array]:

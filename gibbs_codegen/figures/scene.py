@@ -91,6 +91,8 @@ def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> N
         scale = float(np.min(room / (high - low)))
         origin = middle + scale * (place.p0 - (low + high) / 2.0)
         axes.set_position((*origin, *(scale * place.size)))
+    # Where the scene is drawn, of a wide rectangle only a part, and where names find their places.
+    axes.apply_aspect()
 
 
 def draw_plane(

@@ -110,7 +110,9 @@ def _accelerations(axes: Axes, along: Array, across: Array) -> None:
         draw_arrow(axes, at, end, THRUST if k else DARK)
         draw_name(axes, rf"$\ddot\theta = {k}$", end + spot(-0.42, -0.12))
     axes.plot(0.0, 0.0, "s", ms=6, color=DARK, zorder=8)
-    draw_name(axes, r"$\ddot{\mathbf{p}}$ of the particle, one $\dot\theta$", spot(0.95, 0.3))
+    draw_name(
+        axes, r"$\ddot{\mathbf{p}}$ of the particle, at one speed $\dot\theta$", spot(0.62, 0.35)
+    )
     draw_name(axes, r"one unit of $\ddot\theta$ moves the tip", spot(0.6, -1.0), Y_AXIS)
     draw_name(
         axes,

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Rectangle
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from support.emitted import emitted_module
 from support.random_robots import robots
 
@@ -21,7 +21,7 @@ from gibbs_codegen.figures.coupling import (
     coupling_figure,
     hybrid_pattern_figure,
 )
-from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
@@ -101,30 +101,48 @@ def test_an_entry_of_two_base_arms_is_one_chains_and_the_total_mass_is_everyones
 
 @pytest.mark.parametrize("robot", MACHINES, ids=named)
 def test_every_arrow_goes_from_its_chain_to_the_unknown_that_the_map_names(robot: Robot) -> None:
+    """The three angles of the attitude share a line, and so do the three coordinates x, y, z."""
     axes: Any = coupling_figure(robot).axes[0]
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    names = [unknown.name for unknown in hybrid_coordinates(robot)]
+    x = names.index("x")
+    lines = [line for line in range(len(names)) if line not in (1, 2, x + 1, x + 2)]
     wanted = [
-        (number, place)
+        (number, lines.index(place))
         for number, places in enumerate(coupling_map(robot), start=1)
         for place in places
+        if place in lines
     ]
-    lowest = sum(len(c.unknowns) for c in decompose(robot)) + 1.1 * (robot.rotors - 1)
-    step = lowest / len(hybrid_coordinates(robot))
+    # Middles of boxes, which are as many as the lines after those of the chains.
+    boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
+    middles = [box.get_y() + box.get_height() / 2.0 for box in boxes if box.get_x() > 0.0]
+    assert len(middles) == len(lines)
     starts = []
-    for arrow, (number, place) in zip(arrows, wanted, strict=True):
+    for arrow, (number, line) in zip(arrows, wanted, strict=True):
         path = arrow._path_original
         starts.append(path.vertices[0, 1])
-        assert int(path.vertices[-1, 1] / step) == place
+        assert np.abs(np.subtract(middles, path.vertices[-1, 1])).argmin() == line
         assert to_hex(arrow.get_edgecolor()) == chain_colour(number)
     assert starts == sorted(starts)
 
 
+def test_fewer_arrows_than_unknowns_fit_on_a_screen() -> None:
+    figure = coupling_figure(PAPER)
+    axes: Any = figure.axes[0]
+    arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    assert len(arrows) == 25  # Of 49 unknowns: four of each base arm, five of the manipulator.
+    width, height = figure.get_size_inches()
+    assert height < width
+
+
 def test_unknowns_are_written_as_in_the_paper() -> None:
     shown = texts(coupling_figure(PAPER))
+    symbols = [symbol for text in shown for symbol in text.split(", ")]
     for symbol in (r"$\ddot{\theta}_{5,4}$", r"$\ddot{x}_{o_{6,3}}$", r"$\tau\prime_{5,4}$"):
-        assert shown.count(symbol) == 1
-    assert r"$\ddot{\theta}_{-1}$" in shown
-    assert [int(t.replace("−", "-")) for t in shown if t.lstrip("−").isdigit()] == [*range(-1, 18)]
+        assert symbols.count(symbol) == 1
+    assert r"$\ddot{\theta}_{-1}$" in symbols
+    numbers = [int(t.replace("−", "-")) for t in symbols if t.lstrip("−").isdigit()]
+    assert numbers == [*range(-1, 18)]
 
 
 @pytest.mark.parametrize("robot", MACHINES, ids=named)

@@ -111,8 +111,10 @@ def test_machine_of_a_tree_has_every_rotor_and_joint(name: str) -> None:
     whole = figure.axes[0]
     assert arrows(whole, Z_AXIS) == arrows(whole, X_AXIS) == len(robot.moving)
     assert sum(arrows(axes, THRUST) for axes in figure.axes) == robot.rotors
-    (discs,) = [c for c in whole.collections if isinstance(c, Poly3DCollection)]
-    assert len(np.reshape(discs._faces, (-1, 24, 3))) == robot.rotors
+    # From above the base is there once more.
+    seen = [whole, *figure.axes[2:]]
+    discs = [c for axes in seen for c in axes.collections if isinstance(c, Poly3DCollection)]
+    assert sum(len(np.reshape(c._faces, (-1, 24, 3))) for c in discs) == robot.rotors
     (links,) = [line for line in whole.lines if line.get_marker() == "o"]
     ends = np.transpose(links.get_data_3d())
     joints = [frame.origin for frame in robot_frames(robot, q).links]
@@ -149,36 +151,41 @@ def test_machine_stands_where_its_frames_are(
     figure = machine_figure(robot, q)
     axes = figure.axes[0]
     at = dict(zip(module.POINTS, module.positions(q), strict=True))
-    (gold,) = gold_lines(axes)
-    assert np.allclose(np.transpose(gold.get_data_3d()), [at["O2"], at["motor2"]])
+    for base in figure.axes[-2:]:
+        (gold,) = gold_lines(base)
+        assert np.allclose(np.transpose(gold.get_data_3d()), [at["O2"], at["motor2"]])
+        (discs,) = [c for c in base.collections if isinstance(c, Poly3DCollection)]
+        assert len(discs.get_facecolor()) in (1, robot.rotors)
     if robot.links:
         arm = [line for line in axes.lines if isinstance(line, Line3D)][-1]
         along = ["O2", *(point for point in module.POINTS if point.startswith("joint")), "tip"]
         assert np.allclose(np.transpose(arm.get_data_3d()), [at[point] for point in along])
-    (discs,) = [c for c in axes.collections if isinstance(c, Poly3DCollection)]
-    assert len(discs.get_facecolor()) in (1, robot.rotors)
 
 
 def test_base_is_numbered_and_has_a_thrust_at_every_motor() -> None:
-    _, base = machine_figure(PAPER).axes
-    assert {"$O_1$", "$O_2$", *"123456", *(f"$F_{{{k}}}$" for k in range(1, 7))} <= set(texts(base))
+    _, above, base = machine_figure(PAPER).axes
+    common = {"$O_1$", "$O_2$", *"123456"}
+    assert {*common, *(f"$F_{{{k}}}$" for k in range(1, 7))} <= set(texts(base))
     assert arrows(base, THRUST) == 6
-    assert arrows(base, X_AXIS) == arrows(base, Y_AXIS) == 6
     assert arrows(base, Z_AXIS) == 1
+    # From above, thrusts along the line of sight would be points.
+    assert {*common, *(f"$F_{{{k}}}$" for k in (2, 4, 6))} == set(texts(above))
+    assert arrows(above, THRUST) == 3
+    assert arrows(above, X_AXIS) == arrows(above, Y_AXIS) == 6
 
 
 def test_arm_has_the_frame_of_every_link() -> None:
-    whole, _ = machine_figure(PAPER).axes
+    whole, _, _ = machine_figure(PAPER).axes
     expected = {f"$x_{{{k}}}$" for k in (7, 8, 9)}
     expected |= {rf"$z_{{{k}}}$: $\theta_{{{k}}}$, $\tau_{{{k}}}$" for k in (7, 8, 9)}
     expected |= {"$X_0$", "$Y_0$", "$Z_0$", "$(x, y, z)$"}
     # Link 7 has no length: no place for its number.
-    assert expected | {"$O_2$", "tip", "8", "9"} == set(texts(whole))
+    assert expected | {"$O_1$", "$O_2$", "tip", "8", "9"} == set(texts(whole))
 
 
 def test_posture_is_the_one_that_is_asked_for() -> None:
     q = np.array([0.1, -0.2, 0.3, 0.4, -1.0, 0.5, 1.0, 2.0, 3.0])
-    (gold,) = gold_lines(machine_figure(PAPER, q).axes[0])
+    (gold,) = gold_lines(machine_figure(PAPER, q).axes[-1])
     frames = robot_frames(PAPER, q)
     assert np.allclose(np.transpose(gold.get_data_3d()), [frames.centre, frames.motors[1]])
 
@@ -191,16 +198,19 @@ def flat_arrows(axes: Axes, colour: str) -> list[np.ndarray]:
 
 
 def test_even_motors_push_along_the_y_axes_of_their_arms() -> None:
-    _, base = machine_figure(PAPER).axes
-    thrusts, across = flat_arrows(base, THRUST), flat_arrows(base, Y_AXIS)
-    for k in range(6):
-        turned = abs(thrusts[k][0] * across[k][1] - thrusts[k][1] * across[k][0])
-        assert (turned < 1e-9) == (k % 2 == 1)
+    _, above, base = machine_figure(PAPER).axes
+    even = flat_arrows(above, Y_AXIS)[1::2]
+    for thrust, across in zip(flat_arrows(above, THRUST), even, strict=True):
+        assert abs(thrust[0] * across[1] - thrust[1] * across[0]) < 1e-9
+    upwards = project(base, np.eye(3)[2]) - project(base, np.zeros(3))
+    for k, thrust in enumerate(flat_arrows(base, THRUST)):
+        turned = abs(thrust[0] * upwards[1] - thrust[1] * upwards[0])
+        assert (turned < 1e-9) == (k % 2 == 0)
 
 
 def test_virtual_links_turn_the_base_about_axes_through_the_origin_of_the_coordinates() -> None:
     q = np.array([0.1, -0.2, 0.3, 0.4, -1.0, 0.5, 1.0, 2.0, 3.0])
-    _, base = machine_figure(PAPER, q).axes
+    *_, base = machine_figure(PAPER, q).axes
     assert {r"$\theta_{-1}$", r"$\theta_{0}$", r"$\theta_{1}$"} <= set(texts(base))
     # So far from the world's origin its axes would make the robot small.
     near = machine_figure(PAPER, np.array([*q[:-3], 1.0, 0.5, 0.0])).axes[0]
@@ -216,7 +226,9 @@ def test_virtual_links_turn_the_base_about_axes_through_the_origin_of_the_coordi
     assert np.isclose(along[0] * step[1], along[1] * step[0])
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor_2link", "hydrus"])
+@pytest.mark.parametrize(
+    "name", ["hexarotor_3link", "quadrotor_2link", "octorotor_7link", "hydrus"]
+)
 def test_names_at_the_machine_can_be_read(name: str) -> None:
     assert_names_are_apart(machine_figure(read_robot(name)[0]), smallest=9.0)
 
