@@ -25,7 +25,7 @@ from gibbs_codegen.figures.scene import (
 from gibbs_codegen.figures.style import FULL, add_legend, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
-# In one picture, and in panels, where more would be too small to see the robot.
+# In one picture; and in panels, of which more would be too small to show the robot.
 INSTANTS, _PANELS = 12, 6
 # Width and height of the largest box that is drawn, and what labels around it take, in.
 _LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
@@ -36,7 +36,7 @@ _HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
 # Not along an axis, which would hide what it measures.
 _AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
 _VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
-# Of arms.
+# Colours of arms.
 _SHADES = colormaps["viridis"]
 # Above every robot.
 _LABEL_LEVEL = 1000
