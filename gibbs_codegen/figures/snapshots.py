@@ -1,4 +1,4 @@
-"""The paper's Fig. 11: the robot at twelve instants of its flight."""
+"""The paper's Fig. 11: the robot at some instants of its flight."""
 
 from __future__ import annotations
 
@@ -25,16 +25,19 @@ from gibbs_codegen.figures.scene import (
 from gibbs_codegen.figures.style import FULL, add_legend, style
 from gibbs_codegen.simulator.record.flight import Array, Flight
 
-INSTANTS = 12
+# In one picture; and in panels, of which more would be too small to show the robot.
+INSTANTS, _PANELS = 12, 6
 # Width and height of the largest box that is drawn, and what labels around it take, in.
 _LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
 # Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
 # one of them take on one side and below, in.
-_COLUMNS, _TALLEST = (3, 4, 6), 6.0
+_COLUMNS, _TALLEST = (2, 3, 6), 6.0
 _HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
 # Not along an axis, which would hide what it measures.
 _AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
 _VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
+# Colours of arms.
+_SHADES = colormaps["viridis"]
 # Above every robot.
 _LABEL_LEVEL = 1000
 # Instants that differ by less, in m, are one in the picture.
@@ -60,7 +63,7 @@ def snapshots(flight: Flight) -> Figure:
     Returns:
         The figure.
     """
-    instants = _instants(flight)
+    instants = _instants(flight, INSTANTS)
     labels = _labels(flight, instants)
     samples = list(labels)
     centres = flight.point(flight.centre)[samples]
@@ -85,7 +88,7 @@ def snapshots(flight: Flight) -> Figure:
 
 
 def snapshots_panels(flight: Flight) -> Figure:
-    """Draw the twelve instants of Fig. 11 one by one, m, as one picture may be too crowded.
+    """Draw six instants of Fig. 11 one by one, m, as one picture may be too crowded.
 
     The panels have the same axes, whose numbers stand at one of them.
 
@@ -95,7 +98,7 @@ def snapshots_panels(flight: Flight) -> Figure:
     Returns:
         The figure.
     """
-    samples = _instants(flight)
+    samples = _instants(flight, _PANELS)
     box = bounds(flight, samples)
     view = _clearest_view(flight.point(flight.centre)[samples], box)
     columns, cell = _division(len(samples), extent(box, view))
@@ -103,10 +106,7 @@ def snapshots_panels(flight: Flight) -> Figure:
     with style():
         figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
         size = figure.get_size_inches()
-        panels = [
-            _panel(figure, flight, (box, view), sample, colour)
-            for sample, colour in zip(samples, _colours(samples), strict=True)
-        ]
+        panels = [_panel(figure, flight, (box, view), sample) for sample in samples]
         add_legend(panels[0], flight)
         on_left = _has_height_on_left(panels[0])
         numbered = panels[columns * (rows - 1) if on_left else -1]
@@ -158,7 +158,6 @@ def _panel(
     flight: Flight,
     scene: tuple[tuple[Array, Array], tuple[float, float]],
     sample: int,
-    colour: Array,
 ) -> Any:
     """Draw the robot at a sample, and its paths so far, in small axes.
 
@@ -167,7 +166,6 @@ def _panel(
         flight: The flight.
         scene: Lowest and highest coordinates (3) each, m, and the view.
         sample: Number of the sample.
-        colour: Colour (4) of the arm.
 
     Returns:
         The 3-D axes.
@@ -176,7 +174,7 @@ def _panel(
     set_scene(axes, *scene, ticks=4)
     _draw_walls(axes, flight, scene[0])
     PathDrawing(axes, flight, scale=0.6).show(sample)
-    RobotDrawing(axes, flight, colour=colour, scale=0.6).show(sample)
+    RobotDrawing(axes, flight, colour=_SHADES(0.0), scale=0.7).show(sample)
     axes.tick_params(pad=-2)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.labelpad = -5.0 if axis is axes.zaxis else -1.5
@@ -195,9 +193,9 @@ def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
         draw_plane(axes, box, wall[:3], wall[3:], "" if rank else "wall")
 
 
-def _instants(flight: Flight) -> list[int]:
-    """Twelve samples evenly spread over a flight, or all of them if it has fewer."""
-    times = np.linspace(flight.time[0], flight.time[-1], INSTANTS)
+def _instants(flight: Flight, count: int) -> list[int]:
+    """Samples evenly spread over a flight, so many or all of them if it has fewer."""
+    times = np.linspace(flight.time[0], flight.time[-1], count)
     return sorted(set(samples_at(flight, times)))
 
 
@@ -216,7 +214,7 @@ def _labels(flight: Flight, samples: list[int]) -> dict[int, str]:
 
 def _colours(samples: list[int]) -> Array:
     """Colours (s, 4) from dark to as light as still reads on white."""
-    colours: Array = colormaps["viridis"](np.linspace(0.0, 0.75, len(samples)))
+    colours: Array = _SHADES(np.linspace(0.0, 0.75, len(samples)))
     return colours
 
 

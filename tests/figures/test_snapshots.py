@@ -1,4 +1,4 @@
-"""Snapshots show the machine where it was: equal axes, twelve instants, the gold arm."""
+"""Snapshots show the machine where it was: equal axes, all instants, the gold arm."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight
         limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
         shape = np.ptp(limits, axis=1) / axes._box_aspect  # what set_box_aspect was given
         assert np.allclose(shape, shape[0], rtol=1e-12)
-        # Panels show the twelve instants, and so are limited to them.
+        # Panels show some instants, and so are limited to them.
         shown = np.concatenate([np.transpose(line.get_data_3d()) for line in axes.get_lines()])
         shown = shown[np.isfinite(shown).all(axis=1)]  # what is not, separates lines
         assert np.all((limits[:, 0] < shown) & (shown < limits[:, 1]))
@@ -130,7 +130,18 @@ def test_twelve_instants(drawn: Drawn) -> None:
     assert all(len(each._faces) == 6 for each in discs)  # no public way to ask for them
     times = [float(name.removesuffix(" s")) for name in names(axes)]
     assert np.allclose(times, np.linspace(0.0, 4.0 * np.pi, 12), atol=0.1)
-    assert len(drawn(snapshots_panels, "paper").axes) == 12
+
+
+def test_panels_are_large_and_have_one_colour_of_arms(drawn: Drawn) -> None:
+    """In twelve panels, a quarter of the page wide at most, the base could hardly be seen."""
+    figure: Any = drawn(snapshots_panels, "paper")
+    assert len(figure.axes) == 6
+    (legend,) = figure.legends
+    *_, arm = legend.get_lines()
+    for axes in figure.axes:
+        width, _ = np.ptp(axes.transData.transform(project(axes, corners(axes))), axis=0)
+        assert width > 0.29 * figure.bbox.width
+        assert axes.get_lines()[-1].get_color() == arm.get_color()
 
 
 def test_instants_in_one_place_share_a_label(paper: Flight) -> None:
