@@ -110,7 +110,7 @@ class Table(BaseModel):
     def _words(cls, found: ErrorDetails, with_suggestion: bool) -> str:
         """What pydantic found, in words of this package.
 
-        With a suggestion, it is looked for the key that an unknown one was meant to be.
+        `with_suggestion`: whether to look for the key that an unknown one was meant to be.
         """
         kind, value = found["type"], found["input"]
         if "words" in found.get("ctx", {}):

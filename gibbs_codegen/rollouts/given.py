@@ -29,7 +29,10 @@ _layout = functools.lru_cache(maxsize=64)(Layout.listed)
 
 
 class Given:
-    """Reads arguments of one call, and finds out how many states it is about."""
+    """Reads arguments of one call, and finds out how many states it is about.
+
+    What an argument must not be raises `UsageError`.
+    """
 
     def __init__(
         self, module: ModuleType, steps: int, xp: Any = np, read: Callable[..., Any] = numpy_array
@@ -54,7 +57,7 @@ class Given:
         return next(iter(many.values()), 1)
 
     def states(self, name: str, value: Any, *shape: int) -> Any:
-        """Finite numbers (1 or n, *shape), from (*shape) or (n, *shape). Raises `UsageError`."""
+        """Finite numbers (1 or n, *shape), from (*shape) or (n, *shape)."""
         array = self._finite(name, value)
         if array.shape[-len(shape) or array.ndim :] != shape or array.ndim > len(shape) + 1:
             alone, many = _listed(shape), _listed(("states", *shape))
@@ -62,10 +65,7 @@ class Given:
         return self._counted(name, array.reshape(-1, *shape))
 
     def in_time(self, name: str, value: Any, *shape: int) -> Any:
-        """Finite numbers (1 or n, 1 or steps, *shape), from (*shape), (steps, *shape) or the same.
-
-        Raises `UsageError`.
-        """
+        """Finite numbers (1 or n, 1 or steps, *shape), from such, (*shape) or (steps, *shape)."""
         array = self._finite(name, value)
         leading = array.shape[: array.ndim - len(shape)]
         fits = array.shape == (*leading, *shape) and len(leading) <= 2
@@ -79,9 +79,9 @@ class Given:
         return self._counted(name, array.reshape((1,) * (2 - len(leading)) + array.shape))
 
     def range(self, name: str, value: Any, width: int) -> Array:
-        """Least and greatest values (2, width), infinite if need be, of numbers or arrays (width).
+        """Least and greatest values (2, width), which may be infinite.
 
-        Raises `UsageError`, also where a least value is above the greatest.
+        They are of numbers or arrays (width); no least value may be above the greatest.
         """
         wanted = f"the least and the greatest values, each a number or an array of shape ({width},)"
         ends = [*value] if isinstance(value, tuple | list | np.ndarray) else []
@@ -99,10 +99,7 @@ class Given:
         return np.stack([least, most])
 
     def start(self, q0: Any, v0: Any) -> tuple[Any, Any]:
-        """Coordinates (1 or n, nq), with quaternions of length 1, and velocities (1 or n, nv).
-
-        Raises `UsageError`.
-        """
+        """Coordinates (1 or n, nq), with quaternions of length 1, and velocities (1 or n, nv)."""
         for name, value in (("q0", q0), ("v0", v0)):
             if value is None:
                 raise UsageError(f"{name}: must be given; only scenarios say where states begin")
@@ -110,10 +107,7 @@ class Given:
         return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
     def control(self, control: Any) -> tuple[Any, Feedback | None]:
-        """Inputs (1 or n, 1 or steps, nu), zeros for a callable, and feedback in such arrays.
-
-        `control` is as of `rollout`. Raises `UsageError`.
-        """
+        """Inputs (1 or n, 1 or steps, nu), zeros for a callable, and feedback in such arrays."""
         if callable(control):
             return self.xp.zeros((1, 1, self.inputs)), None
         if not isinstance(control, Feedback):
@@ -130,7 +124,7 @@ class Given:
         return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
     def asked(self, inputs: Any) -> Any:
-        """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu). Raises `UsageError`."""
+        """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu)."""
         name = "what the controller returned"
         rows = self.states(name, inputs, self.inputs)
         del self._counts[name]  # How many states there are is known by now.
@@ -139,7 +133,7 @@ class Given:
         return rows[:, np.newaxis]
 
     def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Parameters by name in arrays (1 or n), of numbers or arrays (n). Raises `UsageError`."""
+        """Parameters by name in arrays (1 or n), of numbers or arrays (n)."""
         if not isinstance(parameters, Mapping):
             words = printable(repr(parameters), 60)
             raise UsageError(f"parameters: must map names to numbers or arrays, not {words}")
@@ -161,7 +155,7 @@ class Given:
     def motors(self, limits: Any, time_constants: Any, thrusts: Any) -> Motors | None:
         """Motors with thrusts (1 or n, rotors), zeros if none are given, as of `rollout`.
 
-        None where inputs are what is commanded. Raises `UsageError`.
+        None where inputs are what is commanded.
         """
         if thrusts is not None and time_constants is None:
             raise UsageError("thrusts: without time_constants, thrusts are those commanded")
@@ -174,7 +168,7 @@ class Given:
         return Motors(least, most, lag, begin)
 
     def lag(self, time_constants: Any) -> Any:
-        """Time constants of motors (1 or n, rotors), s, as of `rollout`. Raises `UsageError`."""
+        """Time constants of motors (1 or n, rotors), s, as of `rollout`."""
         lag = self._of_rotors("time_constants", time_constants)
         self._check(lag >= 0.0, "time_constants", "0 or more, in s")
         return lag
@@ -184,10 +178,7 @@ class Given:
         return self.states(name, self._one_for_all(name, value, self.rotors), self.rotors)
 
     def _one_for_all(self, name: str, value: Any, width: int) -> Any:
-        """What was given, as an array; one number is repeated `width` times.
-
-        Raises `UsageError`.
-        """
+        """What was given, as an array; one number is repeated `width` times."""
         array = self._read(name, value)
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 

@@ -154,7 +154,7 @@ class Functions:
     def _displacements(
         self, name: str, arguments: Sequence[Any], changes: Sequence[Any]
     ) -> list[Any]:
-        """Displacements in place of changes of coordinates, if not None."""
+        """Displacements in place of changes of coordinates; None stays None."""
         names = self._signatures[name].arguments
         return [
             None if change is None else self.tangents.displacement(argument, values, change)

@@ -188,7 +188,7 @@ def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, 
 
 
 def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
-    """Begin and end, s, of each interval in which `flags` (s) hold; hardly any gaps are closed.
+    """Begin and end, s, of each interval in which `flags` (s) hold; gaps hardly there are closed.
 
     None is of an instant alone.
     """

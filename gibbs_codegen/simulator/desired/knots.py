@@ -71,8 +71,8 @@ def tolerance(size: float | Array) -> float | Array:
 def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remedy: str) -> int:
     """Twice the refinement of knots, because pieces between them leave the motion.
 
-    Raises `UsageError`, with the clause `cause` and the `remedy`, if that is too much. `time` (s)
-    are the knots before any refinement.
+    Raises `UsageError`, with the clause `cause` and the `remedy`, if knots so near are not allowed.
+    `time` (s) are the knots before any refinement.
     """
     pieces = len(time) - 1
     if 2 * refinement <= _FINEST and 2 * refinement * pieces <= _MOST_PIECES:

@@ -68,9 +68,9 @@ class Integration:
 def whole_history(
     samples: StateHistory, end: float, state: Array, envelope: Envelope
 ) -> StateHistory:
-    """The samples of a flight up to its last instant, at which control is not lost.
+    """The samples of a flight and its last instant, without those in which control is lost.
 
-    That is the last of them, beside the multiples of 1 / rate.
+    The first is kept in any case. `end`, s, and `state` (size) are of the last instant.
     """
     time, states = samples.time, samples.states
     if end > time[-1]:
