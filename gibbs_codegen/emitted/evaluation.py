@@ -170,6 +170,23 @@ class Evaluator:
         except FloatingPointError:
             return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
 
+    def composed(
+        self,
+        function: str,
+        compute: Callable[[], tuple[NDArray[np.float64], ...]],
+        arguments: Mapping[str, NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Results (..., rows) of a function that calls others, which warns in their place."""
+        batch_shape(arguments)
+        with np.errstate(all="ignore"):
+            results = compute()
+        finite = [np.isfinite(result) for result in results]
+        if not all(entries.all() for entries in finite):
+            batch = results[0].ndim - 1
+            of_states = [entries.all(axis=(*range(batch, entries.ndim),)) for entries in finite]
+            self._report(function, arguments, np.logical_and.reduce(of_states), 5)
+        return results
+
     def _differ(self, k: tuple[Any, ...]) -> bool:
         """Whether constants differ from state to state. Raises TypeError for another module's."""
         alike = isinstance(k, tuple) and len(k) == len(self._default)
