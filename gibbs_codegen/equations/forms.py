@@ -16,6 +16,16 @@ AT_REST = (
     "Angular accelerations, and accelerations of joints, are those without accelerations of the "
     "coordinates."
 )
+COLUMNS = (
+    "In equation 15, I is the mass matrix of the chain, and R and F are columns with an entry for "
+    "each of its coordinates: R is what is left without accelerations, of velocities, gravity, "
+    "springs and dampers, and F are the generalised forces of thrusts and joint torques."
+)
+FRAMES = (
+    "Each item lies in the frame of the item before it: turned by gamma about z, moved by x, y and "
+    "z, turned by alpha about x, moved by d along z and turned by theta about z, with angles in "
+    "degrees. Its coordinate adds to theta or, where it is a length, to d."
+)
 
 
 @dataclass(frozen=True)
