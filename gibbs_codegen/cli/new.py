@@ -29,6 +29,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 def _new(options: argparse.Namespace) -> int:
     import shlex
+    from functools import partial
     from pathlib import Path
 
     from gibbs_codegen.files.module_writer import write_new_file
@@ -38,11 +39,8 @@ def _new(options: argparse.Namespace) -> int:
 
     path = Path(options.file)
     name = name_from(path.stem)
-    if options.placed:
-        text = placed_robot_text(name)
-    else:
-        text = robot_text(paper_family(6, 3), name, to_start_from=True)
-    write_new_file(path, text)
+    rods = partial(robot_text, paper_family(6, 3), to_start_from=True)
+    write_new_file(path, (placed_robot_text if options.placed else rods)(name))
     # What begins with a minus sign would be taken for an option.
     words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
     command = printable(shlex.join(words), 4000)

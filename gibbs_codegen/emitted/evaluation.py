@@ -180,11 +180,10 @@ class Evaluator:
         batch_shape(arguments)
         with np.errstate(all="ignore"):
             results = compute()
-        finite = [np.isfinite(result) for result in results]
-        if not all(entries.all() for entries in finite):
-            batch = results[0].ndim - 1
-            of_states = [entries.all(axis=(*range(batch, entries.ndim),)) for entries in finite]
-            self._report(function, arguments, np.logical_and.reduce(of_states), 5)
+        first = results[0].ndim - 1
+        finite = [np.isfinite(each).all(axis=(*range(first, each.ndim),)) for each in results]
+        if not np.all(finite):
+            self._report(function, arguments, np.logical_and.reduce(finite), 5)
         return results
 
     def _differ(self, k: tuple[Any, ...]) -> bool:

@@ -17,14 +17,13 @@ AT_REST = (
     "coordinates."
 )
 COLUMNS = (
-    "In equation 15, I is the mass matrix of the chain, and R and F are columns with an entry for "
-    "each of its coordinates: R is what is left without accelerations, of velocities, gravity, "
-    "springs and dampers, and F are the generalised forces of thrusts and joint torques."
+    "In equation 15, R and F are columns with an entry for each coordinate: R is what is left "
+    "without accelerations, and F are the generalised forces of thrusts and joint torques."
 )
 FRAMES = (
-    "Each item lies in the frame of the item before it: turned by gamma about z, moved by x, y and "
-    "z, turned by alpha about x, moved by d along z and turned by theta about z, with angles in "
-    "degrees. Its coordinate adds to theta or, where it is a length, to d."
+    "Each item lies in the frame of the one before: turned by gamma about z, moved by x, y and z, "
+    "turned by alpha about x, moved by d along z and turned by theta about z. Angles are in "
+    "degrees; the coordinate adds to theta or, where it is a length, to d."
 )
 
 

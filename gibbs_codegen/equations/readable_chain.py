@@ -202,11 +202,11 @@ def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
         (joint,) = _chain_joints(readable.symbolic, readable.chain)
         step = readable.serial.segments[1].step
         return ((sp.Symbol(joint), sp.S.Zero, *step, sp.S.Zero, sp.S.Zero, sp.S.Zero),)
-    return tuple(
-        (link.coordinate, _number(link.turn_deg), *link.step)
-        + (_number(link.alpha_deg), link.d, _number(link.theta_deg))
-        for link in readable.links
-    )
+    rows = []
+    for link in readable.links:
+        gamma, alpha, theta = map(_number, (link.turn_deg, link.alpha_deg, link.theta_deg))
+        rows.append((link.coordinate, gamma, *link.step, alpha, link.d, theta))
+    return tuple(rows)
 
 
 def _number(angle_deg: Fraction) -> sp.Expr:

@@ -42,7 +42,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     Thrusts of rotors that lift and of rotors that push sideways have panels of their own. Lines are
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
-    are limits: red if all inputs of a panel have it, else in the colours of those that do. The background is grey while a force or torque acts on a frame for a time.
+    are limits: red if all inputs of a panel have it, else in the colours of those that do. The
+    background is grey while a force or torque acts on a frame for a time.
 
     Args:
         flight: The flight.

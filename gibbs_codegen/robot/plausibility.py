@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 
 from gibbs_codegen.robot.model import Body, Robot, as_rigid_body
 from gibbs_codegen.robot.names import link_label, rotor_label
-from gibbs_codegen.robot.placement import Array, joint_frame, mounted_rotors
+from gibbs_codegen.robot.placement import Array
 from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 # Robots are slender: none fills the cube around it with water, kg/m³.
 _WATER = 1000.0
 # Robots have substance: film to wrap food in weighs twice as much, kg/m². An arm of 64 rods of 3 m
-# and 1 kg/m is heavier.
+# and 1 kg/m weighs more, too, and all robots are a million times lighter in millimetres.
 _FILM = 0.004
-# From the frame of a body to what is placed there, in the largest radius of gyration of the robot's
-# bodies. It is 8 at most among the robots that ship, and a thousand times more in millimetres.
-_FARTHEST = 50.0
-# Of more places the first are told.
-_MOST_LISTED = 4
 # Radius of gyration of a body, of the extent of the whole robot.
 _LARGEST_GYRATION = 3.0
 # Of propellers it is about 0.01 to 0.03 m.
@@ -44,7 +37,11 @@ def implausible(robot: Robot) -> tuple[str, ...]:
             f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.3g} m, more than "
             "water in a cube of that size; masses are in kg and lengths in m"
         )
-    found += _lengths(robot, extent)
+    if robot.total_mass < _FILM * extent**2:
+        found.append(
+            f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.4g} m, less than a "
+            "film over the square of that size; masses are in kg and lengths in m"
+        )
     for name, body in _bodies(robot):
         gyration = _gyration(body)
         if extent and gyration > _LARGEST_GYRATION * extent:
@@ -71,40 +68,6 @@ def _bodies(robot: Robot) -> list[tuple[str, Body]]:
     return bodies + [
         (link_label(robot, i), link.body) for i, link in enumerate(robot.links, start=1)
     ]
-
-
-def _lengths(robot: Robot, extent: float) -> list[str]:
-    """A warning if places are far for the robot's inertias, or its size is large for its mass."""
-    largest = max((_gyration(body) for _, body in _bodies(robot)), default=0.0)
-    away = {name: float(np.linalg.norm(place)) for name, place in _places(robot)}
-    far = [name for name, distance in away.items() if distance > _FARTHEST * largest > 0.0]
-    if far:
-        more = f" and {len(far) - _MOST_LISTED} more" if len(far) > _MOST_LISTED else ""
-        return [
-            f"{', '.join(far[:_MOST_LISTED])}{more}: up to {max(away.values()):.4g} m from the "
-            "frame in which it is given, where no body has a radius of gyration above "
-            f"{largest:.3g} m; lengths are in m"
-        ]
-    if robot.total_mass < _FILM * extent**2:
-        return [
-            f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.4g} m, less than a "
-            "film over the square of that size; masses are in kg and lengths in m"
-        ]
-    return []
-
-
-def _places(robot: Robot) -> Iterator[tuple[str, Sequence[float] | Array]]:
-    """What has a place in the frame of a body, and the place (3) there, m."""
-    for k, rotor in enumerate(mounted_rotors(robot), start=1):
-        yield f"rotor {rotor_label(robot, k)}", rotor.position
-    for i in range(1, len(robot.links) + 1):
-        yield link_label(robot, i), joint_frame(robot, i)[1]
-    for frame in robot.frames:
-        yield f"frame {frame.name}", frame.pose.xyz
-    for name, body in _bodies(robot):
-        rigid = as_rigid_body(body)
-        yield f"the centre of mass of {name}", rigid.com
-        yield f"the end of {name}", (rigid.length, 0.0, 0.0)
 
 
 def _gyration(body: Body) -> float:

@@ -127,8 +127,7 @@ def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> c
 @contextmanager
 def announced(what: str) -> Iterator[None]:
     """Log what takes longer than two seconds: as a warning on a terminal, else as information."""
-    watched = sys.stderr is not None and sys.stderr.isatty()
-    level = logging.WARNING if watched else logging.INFO
+    level = logging.WARNING if sys.stderr and sys.stderr.isatty() else logging.INFO
     timer = threading.Timer(_PATIENCE, _log.log, (level, "%s", what))
     timer.daemon = True
     timer.start()

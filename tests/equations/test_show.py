@@ -522,8 +522,8 @@ def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
             continue
         readable = readable_chain(robot, chain.number)
         values = {symbol: defaults.get(symbol.name, 0.0) for symbol in readable.names}
-        for symbol, given in readable.definitions:
-            values[symbol] = value(given, values)
+        for symbol, meant in readable.definitions:
+            values[symbol] = value(meant, values)
         frame = AT_ORIGIN
         if robot.base.rotors:
             frame = Frame(drawn.rods[0].origin, drawn.rods[0].axes)

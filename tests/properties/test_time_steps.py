@@ -62,14 +62,13 @@ def test_a_step_that_is_lost_warns_once_by_its_own_name(name: str, module: Modul
     step = getattr(module, name)
     q, v, u = random_states(module, 3)
     v[1] = 1e200
-    with pytest.warns(RuntimeWarning) as said:
-        step(q[1], v[1], u[1], 0.01)
-        step(q, v, u, 0.01)
-    largest = f"largest there: v of {module.VELOCITIES[0]}, 1e+200)"
-    for warning, where in zip(said, ("", " in 1 of 3 states, first [1],"), strict=True):
+    for where, state in (("", (q[1], v[1], u[1])), (" in 1 of 3 states, first [1],", (q, v, u))):
+        with pytest.warns(RuntimeWarning) as said:
+            step(*state, 0.01)
+        (warning,) = said
         words = str(warning.message)
         assert words.startswith(f"{module.NAME}.{name} is not finite{where} though"), words
-        assert words.endswith(largest)
+        assert words.endswith(f"largest there: v of {module.VELOCITIES[0]}, 1e+200)")
         assert warning.filename == __file__
     with np.errstate(invalid="raise"), pytest.raises(FloatingPointError, match=f"{name} is not"):
         step(q, v, u, 0.01)

@@ -40,10 +40,10 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
-        ("position = [0.2", "position = [200", "rotor 1: up to 200 m from the frame in which it is"),
-        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, -100]", "link 1: up to 100 m from the frame"),
-        ("com = [0.1", "com = [100", "the centre of mass of link 1: up to 100 m"),
-        ("mass = 0.1", "mass = 0.1\nlength = 300", "the end of link 1: up to 300 m"),
+        ("position = [0.2", "position = [200", "the robot weighs 1.6 kg at a size of 200.2 m"),
+        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, -100]", "the robot weighs 1.6 kg at a size of 100 m"),
+        ("com = [0.1", "com = [100", "the robot weighs 1.6 kg at a size of 100.2 m"),
+        ("mass = 0.1", "mass = 0.1\nlength = 300", "the robot weighs 1.6 kg at a size of 300.2 m"),
         ("mass = 1.5", "mass = 1500", "the robot weighs 1500 kg at a size of 0.4 m"),
         ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
         ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),

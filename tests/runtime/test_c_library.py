@@ -27,6 +27,7 @@ class Stream(io.StringIO):
         self.terminal = terminal
 
     def isatty(self) -> bool:
+        """Whether it is one."""
         return self.terminal
 
 
@@ -34,6 +35,7 @@ class Slow(Compiler):
     """A compiler that takes a while, and writes no library."""
 
     def library(self, sources: Sequence[Path], output: Path, extra: Sequence[str] = ()) -> None:
+        """Make what is no library."""
         time.sleep(0.2)
         output.write_bytes(b"")
 
