@@ -127,9 +127,9 @@ def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> c
 @contextmanager
 def announced(what: str) -> Iterator[None]:
     """Log what takes longer than two seconds: as a warning on a terminal, else as information."""
-    level = logging.WARNING if sys.stderr and sys.stderr.isatty() else logging.INFO
+    stream = getattr(sys.stderr, "rich_proxied_file", sys.stderr)  # While a command draws a bar.
+    level = logging.WARNING if stream and stream.isatty() else logging.INFO
     timer = threading.Timer(_PATIENCE, _log.log, (level, "%s", what))
-    timer.daemon = True
     timer.start()
     try:
         yield

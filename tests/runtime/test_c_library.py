@@ -11,6 +11,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from rich.console import Console
+from rich.file_proxy import FileProxy
 
 from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.c_library import compiled_library
@@ -40,9 +42,11 @@ class Slow(Compiler):
         output.write_bytes(b"")
 
 
+@pytest.mark.parametrize("proxied", [False, True])
 @pytest.mark.parametrize("terminal", [True, False])
 @pytest.mark.parametrize("patience", [0.01, 60.0])
 def test_what_takes_long_to_compile_is_told_in_one_line(
+    proxied: bool,
     terminal: bool,
     patience: float,
     shipped: Callable[[str], ModuleType],
@@ -52,7 +56,10 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
 ) -> None:
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(c_library, "_PATIENCE", patience)
-    monkeypatch.setattr(sys, "stderr", Stream(terminal))
+    stream: object = Stream(terminal)
+    if proxied:  # As commands have it while they draw a bar.
+        stream = FileProxy(Console(), stream)
+    monkeypatch.setattr(sys, "stderr", stream)
     folder = Path(shipped(NAME).__file__ or "").parent
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
