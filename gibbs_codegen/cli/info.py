@@ -42,5 +42,5 @@ def _info(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(report(model), indent=2))
     else:
-        print_report(model, Console(width=terminal.width(), highlight=False))
+        print_report(model, Console(width=terminal.width(elsewhere=100), highlight=False))
     return 0

@@ -121,15 +121,19 @@ def print_report(model: Model, console: Console) -> None:
     )
     print_machine(robot, data, console)
     _print_arrangement(data["arrangement"], console)
-    print_table(_chain_table(robot, data), console)
+    # A rigid base by itself is one chain, of which there is nothing to tell.
+    hybrid = bool(robot.links or robot.base.rotors)
+    if hybrid:
+        print_table(_chain_table(robot, data), console)
     print_table(_coordinate_table("Coordinates q", reduced_coordinates(robot)), console)
     if robot.base.attitude == QUATERNION:
         print_table(_coordinate_table("Velocities v", velocities(robot)), console)
     print_table(_coordinate_table("Inputs u", inputs(robot)), console)
-    print_table(_row_table(data), console)
-    if _pattern_width(data) <= console.width:
+    if hybrid:
+        print_table(_row_table(data), console)
+    if hybrid and _pattern_width(data) <= console.width:
         console.print(_pattern_text(data, _pattern(robot)))
-    else:
+    elif hybrid:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
     print_table(_operation_table(data), console)
 
@@ -142,8 +146,8 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
         table.add_row(
             str(chain["number"]),
             " → ".join(_way(robot, chain)),
-            _each("arm", _massive(robot, chain)),
-            _each("motor", [rotor_label(robot, k) for k in chain["motors"]]),
+            _each("arm", _massive(robot, chain), len(_way(robot, chain))),
+            _each("motor", [rotor_label(robot, k) for k in chain["motors"]], data["rotors"]),
             str(len(chain["coordinates"])),
             ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
         )
@@ -174,10 +178,11 @@ def _link(robot: Robot, i: int) -> str:
     return link_label(robot, i) if named else str(robot.rotors + i)
 
 
-def _each(what: str, labels: Sequence[str]) -> str:
-    """Bodies or rotors by their labels; what they are is said where all are numbers."""
-    listed = ", ".join(labels) or "-"
-    return f"{what} {listed}" if labels and all(map(str.isdigit, labels)) else listed
+def _each(what: str, labels: Sequence[str], count: int) -> str:
+    """Bodies or rotors of `count` by their labels, or "all"; what they are is said of numbers."""
+    if labels and all(map(str.isdigit, labels)):
+        return f"{what} {_ranges([*map(int, labels)])}"
+    return "all" if len(labels) == count > 1 else ", ".join(labels) or "-"
 
 
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
@@ -190,8 +195,11 @@ def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
 def _row_table(data: dict[str, Any]) -> Table:
     title = "\nRows of the hybrid system (eq. 18)"
     table = plain_table(title, "row", "unknown", "chains that add there", "inputs that act there")
+    thrusts = ", ".join(entry["name"] for entry in data["inputs"][: data["rotors"]])
     for row in data["hybrid_rows"]:
         acting = ", ".join(row["inputs"]) or "-"
+        if data["rotors"] > 1:
+            acting = acting.replace(thrusts, "all thrusts")
         table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]), acting)
     return table
 

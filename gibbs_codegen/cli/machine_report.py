@@ -18,7 +18,7 @@ from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.mass_properties import MassProperties, base_properties, whole_properties
 from gibbs_codegen.robot.model import AXES, BASE, Robot, Vector3
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
-from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
 from gibbs_codegen.robot.plausibility import implausible
 from gibbs_codegen.robot.thrusters import wrench_matrix
 from gibbs_codegen.robot.wrenches import DIRECTIONS
@@ -133,7 +133,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
         console.print(line)
     for warning in data["warnings"]:
         console.print(f"warning: {warning}", style="bold", markup=False)
-    for table in (_link_table(data), _rotor_table(data), _frame_table(data)):
+    for table in (_link_table(data), *_place_tables(robot), _rotor_table(data), _frame_table(data)):
         if table.row_count:
             print_table(table, console)
 
@@ -163,20 +163,36 @@ def _link_table(data: dict[str, Any]) -> Table:
     # A column of its own for coordinates only where they are not called like their links.
     own_names = any(link["coordinate"] not in (None, link["name"]) for link in data["link_list"])
     coordinate = ("coordinate",) if own_names else ()
-    names = ("link", "parent", "joint", *coordinate, "axis", "mass, kg", "limits", "damping")
+    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
     table = plain_table("\nLinks", *names)
     for link in data["link_list"]:
         table.add_row(
             link["name"],
-            link["parent"],
             link["joint"],
             *(link[key] or "-" for key in coordinate),
-            _direction(link["axis"]) if link["axis"] else "-",
             number(link["mass"]),
             _range(link["limits"], link["unit"]),
             number(link["damping"]) if link["damping"] else "-",
         )
     return table
+
+
+def _place_tables(robot: Robot) -> list[Table]:
+    """Where the joints of links are on their parents, in the form that the robot file has."""
+    posed = ("link", "parent", "position, m", "roll, pitch, yaw, °", "axis")
+    poses = plain_table("\nPlaces of the links' joints, at zero, and their axes", *posed)
+    title = "\nDenavit–Hartenberg parameters of the links (modified; the axis is z)"
+    parameters = plain_table(title, "link", "parent", "alpha, °", "a, m", "d, m", "theta, °")
+    for i, link in enumerate(robot.links, start=1):
+        carried = (link_label(robot, i), _body(robot, robot.parents[i - 1]))
+        if link.pose:
+            angles = _listed([float(angle) for angle in link.pose.rpy_deg])
+            poses.add_row(*carried, _listed(link.pose.xyz), angles, _direction(link.axis))
+        else:
+            step = joint_frame(robot, i)[1][0], link.d
+            numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
+            parameters.add_row(*carried, *map(number, numbers))
+    return [poses, parameters]
 
 
 def _rotor_table(data: dict[str, Any]) -> Table:

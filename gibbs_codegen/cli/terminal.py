@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
     from gibbs_codegen.program.model import Progress
 
-# Of a table that a file or a program reads.
-_MOST_COLUMNS = 160
-
 
 class Parser(argparse.ArgumentParser):
     """A parser that wants options in full, and shows printably what it does not understand."""
@@ -37,9 +34,9 @@ class Parser(argparse.ArgumentParser):
         super().error(printable(message, 400))
 
 
-def width() -> int:
-    """Columns of the terminal, or those of every terminal where the output goes elsewhere."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 80
+def width(elsewhere: int = 80) -> int:
+    """Columns of the terminal, or `elsewhere`, where the output is not shown by one."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else elsewhere
 
 
 def plain_table(title: str, *columns: str, **style: Any) -> Table:
@@ -64,20 +61,20 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print a table; where the output goes elsewhere than to a terminal, in long lines if need be.
+    """Print a table; where the output goes elsewhere than to a terminal, words stay whole.
 
     Args:
         table: The table.
         console: Where to print.
     """
-    if console.is_terminal:
-        console.print(table)
-        return
-    usual = console.width
-    room = console.options.update_width(_MOST_COLUMNS)
-    console.width = max(usual, console.measure(table, options=room).maximum)
-    console.print(table)
-    console.width = usual
+    # Above a table, a title may be longer than its lines.
+    console.print(table.title, style="table.title", highlight=False)
+    table.title = None
+    if not console.is_terminal:
+        for column in table.columns:
+            words = [word for cell in column.cells for word in str(cell).split()]
+            column.min_width = max(map(len, words), default=0)
+    console.print(table, crop=console.is_terminal)
 
 
 @contextmanager

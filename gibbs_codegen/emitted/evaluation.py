@@ -170,6 +170,22 @@ class Evaluator:
         except FloatingPointError:
             return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
 
+    def composed(
+        self,
+        function: str,
+        compute: Callable[[], tuple[NDArray[np.float64], ...]],
+        arguments: Mapping[str, NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Results (..., rows) of a function that calls others, which warns in their place."""
+        batch_shape(arguments)
+        with np.errstate(all="ignore"):
+            results = compute()
+        first = results[0].ndim - 1
+        finite = [np.isfinite(each).all(axis=(*range(first, each.ndim),)) for each in results]
+        if not np.all(finite):
+            self._report(function, arguments, np.logical_and.reduce(finite), 5)
+        return results
+
     def _differ(self, k: tuple[Any, ...]) -> bool:
         """Whether constants differ from state to state. Raises TypeError for another module's."""
         alike = isinstance(k, tuple) and len(k) == len(self._default)

@@ -30,6 +30,7 @@ class ChainEquation:
     places, from 0, of what they hold among the accelerations; `matrix`, `residual` and `forces`
     (eq. 15) hold the symbols that `lines` define, or zero. `places` and `inputs` (eq. 18) pair the
     chain's symbols with the hybrid system's. `closed` tells whether the lines are closed forms.
+    `frames` are rows of the items' coordinates, γ, x, y, z, α, d and θ (m, °), from item 4 on.
     """
 
     robot: str
@@ -48,6 +49,7 @@ class ChainEquation:
     inputs: tuple[tuple[Name, Name], ...] = ()
     closed: bool = True
     quasi: bool = False
+    frames: tuple[tuple[sp.Expr, ...], ...] = ()
 
     @property
     def bordered(self) -> list[list[list[sp.Expr]]]:

@@ -16,6 +16,15 @@ AT_REST = (
     "Angular accelerations, and accelerations of joints, are those without accelerations of the "
     "coordinates."
 )
+COLUMNS = (
+    "In equation 15, R and F are columns with an entry for each coordinate: R is what is left "
+    "without accelerations, and F are the generalised forces of thrusts and joint torques."
+)
+FRAMES = (
+    "Each item lies in the frame of the one before: turned by gamma about z, moved by x, y and z, "
+    "turned by alpha about x, moved by d along z and turned by theta about z. Angles are in "
+    "degrees; the coordinate adds to theta or, where it is a length, to d."
+)
 
 
 @dataclass(frozen=True)

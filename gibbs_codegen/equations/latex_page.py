@@ -27,8 +27,14 @@ class LatexPage(Page):
 
     def _opening(self, head: str) -> list[str]:
         return [
-            f"% {head}. Needs \\usepackage{{amsmath}}; long displays want \\allowdisplaybreaks."
+            f"% {head}. Needs \\usepackage{{amsmath}}; long displays want \\allowdisplaybreaks.",
+            *self._introduction(),
         ]
+
+    def _table(self, rows: list[list[str]]) -> list[str]:
+        heads = [rf"\text{{{head}}}" for head in rows[0]]
+        body = " \\\\\n".join(" & ".join(row) for row in (heads, *rows[1:]))
+        return self._display([f"\\begin{{array}}{{{'c' * len(heads)}}}\n{body}\n\\end{{array}}"])
 
     def _heading(self, title: str) -> list[str]:
         return [f"\\paragraph{{{title}.}}"]

@@ -9,7 +9,7 @@ import sympy as sp
 
 from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.definitions import Definition
-from gibbs_codegen.equations.forms import AT_REST, FORMS, WHY_DEFINITIONS
+from gibbs_codegen.equations.forms import AT_REST, COLUMNS, FORMS, FRAMES, WHY_DEFINITIONS
 from gibbs_codegen.equations.notation import Kind, Name
 from gibbs_codegen.equations.typeset import LATEX, Dialect, Writer, filled
 from gibbs_codegen.errors import UsageError
@@ -54,7 +54,24 @@ class Page(ABC):
                 lines += self._definitions(equation.lines)
             if equation.places:
                 lines += self._coupling(equation)
-        return "\n".join([*lines, *self._legend(self._legend_entries())]) + "\n"
+        text = "\n".join([*lines, *self._legend(self._legend_entries())])
+        return text.replace("\n\n\n", "\n\n") + "\n"
+
+    def _introduction(self) -> list[str]:
+        """What the columns of eq. 15 are, and the table of frames."""
+        lines = []
+        if any(equation.number == 15 for equation in self._equations):
+            lines += ["", *self._remark(COLUMNS)]
+        if frames := next((e.frames for e in self._equations if e.frames), ()):
+            rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
+            for item, row in enumerate(frames, start=4):
+                rows.append([str(item), *map(self._writer.line, row)])
+            lines += [*self._heading("Frames of the items"), *self._remark(FRAMES)]
+            lines += self._table(rows)
+        return lines
+
+    @abstractmethod
+    def _table(self, rows: list[list[str]]) -> list[str]: ...
 
     @abstractmethod
     def _opening(self, head: str) -> list[str]: ...
@@ -161,6 +178,7 @@ def _explained(equations: Sequence[ChainEquation]) -> list[Name]:
     found: dict[Name, None] = {}
     for equation in equations:
         occurring = {*equation.accelerations, *equation.torques}
+        occurring |= {symbol for row in equation.frames for e in row for symbol in e.free_symbols}
         for symbol, value in equation.lines:
             occurring |= {symbol} | value.free_symbols
         found |= dict.fromkeys(n for s, n in equation.names.items() if s in occurring)

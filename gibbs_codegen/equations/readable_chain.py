@@ -9,6 +9,7 @@ matrix and the residual come from the functions that code is derived from.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 
 import sympy as sp
@@ -173,6 +174,24 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
             segments.append(replace(segment, rotation=rotation, starts_group=True))
     end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
     return SegmentTree((*segments, end))
+
+
+def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
+    """Where the items after the base are in those before them, as `ChainEquation.frames`."""
+    if readable.chain.rod is not None:
+        (joint,) = _chain_joints(readable.symbolic, readable.chain)
+        step = readable.serial.segments[1].step
+        return ((sp.Symbol(joint), sp.S.Zero, *step, sp.S.Zero, sp.S.Zero, sp.S.Zero),)
+    rows = []
+    for link in readable.links:
+        gamma, alpha, theta = map(_number, (link.turn_deg, link.alpha_deg, link.theta_deg))
+        rows.append((link.coordinate, gamma, *link.step, alpha, link.d, theta))
+    return tuple(rows)
+
+
+def _number(angle_deg: Fraction) -> sp.Expr:
+    """An angle as it is printed."""
+    return sp.Integer(angle_deg) if angle_deg.denominator == 1 else sp.Float(float(angle_deg))
 
 
 def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:

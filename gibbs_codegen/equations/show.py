@@ -35,7 +35,7 @@ from gibbs_codegen.equations.gibbs_equations import gibbs_function, gibbs_partia
 from gibbs_codegen.equations.motion_equation import equations_of_motion
 from gibbs_codegen.equations.normal_form import collected
 from gibbs_codegen.equations.notation import Kind, Name, accelerated, name
-from gibbs_codegen.equations.readable_chain import check_chain, readable_chain
+from gibbs_codegen.equations.readable_chain import check_chain, item_frames, readable_chain
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
@@ -73,7 +73,9 @@ def chain_equation(
     check_chain(robot, chain)
     if equation in _OF_EVERY_CHAIN:
         return _OF_EVERY_CHAIN[equation](robot, chain)
-    return _MAKERS[equation](robot, chain, most_terms)
+    made = _MAKERS[equation](robot, chain, most_terms)
+    readable = readable_chain(robot, chain)
+    return replace(made, names=made.names | readable.names, frames=item_frames(readable))
 
 
 def _link(robot: Robot, chain: int) -> ChainEquation:

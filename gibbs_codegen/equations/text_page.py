@@ -29,7 +29,11 @@ class TextPage(Page):
         self.width = width
 
     def _opening(self, head: str) -> list[str]:
-        return [head]
+        return [head, *self._introduction()]
+
+    def _table(self, rows: list[list[str]]) -> list[str]:
+        widths = [max(map(text_width, column)) + 2 for column in zip(*rows, strict=True)]
+        return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
 
     def _heading(self, title: str) -> list[str]:
         return ["", title, "-" * len(title)]

@@ -31,6 +31,8 @@ _BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
 _SEEN = 0.005
 _SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
 _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
+# Of the limits of some of the inputs in a panel, pt.
+_DASH = 5.0
 _LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
 
 
@@ -40,7 +42,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     Thrusts of rotors that lift and of rotors that push sideways have panels of their own. Lines are
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
-    are limits. The background is grey while a force or torque acts on a frame for a time.
+    are limits: red if all inputs of a panel have it, else in the colours of those that do. The
+    background is grey while a force or torque acts on a frame for a time.
 
     Args:
         flight: The flight.
@@ -144,7 +147,15 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
         keys[f"weight / {len(lift)}"] = axes.axhline(flight.weight / lift.sum(), **_SHARE)
     limits = flight.input_limits[:, places]
     for limit in np.unique(limits[np.isfinite(limits)]):
-        keys["limit"] = axes.axhline(limit, **_LIMIT)
+        limited = places[(limits == limit).any(axis=0)]
+        if len(limited) == len(places):
+            keys["limit"] = axes.axhline(limit, **_LIMIT)
+            continue
+        # Dashes of the inputs that have this limit, each beside the one before, and a gap.
+        for k, place in enumerate(limited):
+            dashes = (-_DASH * k, (_DASH, _DASH * len(limited)))
+            axes.axhline(limit, color=COLOURS[place % len(COLOURS)], linestyle=dashes)
+            keys["limit by colour"] = Line2D([], [], color="0.3", linestyle="--")
     return keys
 
 

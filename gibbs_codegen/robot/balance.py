@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.robot.hover import Hover, hangs, hover
+from gibbs_codegen.robot.hover import Hover, hangs, holding_efforts, hover
 from gibbs_codegen.robot.mass_properties import base_properties
 from gibbs_codegen.robot.model import Robot, as_rigid_body
-from gibbs_codegen.robot.names import rotor_label
+from gibbs_codegen.robot.names import coordinate_of, rotor_label
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01
@@ -54,6 +54,12 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     if len(found.thrusts) > _MOST_LISTED:
         values = f"{number(min(found.thrusts))} to {number(max(found.thrusts))}"
     lines = [f"hover thrusts: {values} N, {how}"]
+    if hangs(robot) and robot.moving:
+        lines.append("joint torques with them: none, if the arm hangs there at rest")
+    elif robot.moving:
+        pairs = zip(robot.moving, holding_efforts(robot, found.thrusts), strict=True)
+        told = [f"{coordinate_of(robot, i)} {number(effort)}" for i, effort in pairs]
+        lines.append(f"joint torques with them, N m, or forces, N: {', '.join(told)}")
     if found.margin is not None and found.margin < 1e-9:  # 0 but for rounding.
         lines.append("thrust margin: no thrusts within the limits hover here")
     elif found.margin is not None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gibbs_codegen.robot.mass_properties import base_properties, rounded, whole_properties
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.model import Robot, as_rigid_body
+from gibbs_codegen.robot.placement import Array, mounted_rotors
+from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
 from gibbs_codegen.robot.thrusters import wrench_matrix
 
 
@@ -55,6 +57,29 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
     given = [bounds for bounds in limits if bounds]
     limited = margin and size and len(given) == robot.rotors
     return Hover(found, _margin(matrix, needed, given) if limited else None, tuple(beyond))
+
+
+def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
+    """Torques (N m), forces (N) that hold joints at zero, the base level, under thrusts (N)."""
+    links = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving))).links
+    acting = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
+    for rotor, unit, thrust in zip(
+        mounted_rotors(robot), wrench_matrix(robot).T, thrusts, strict=True
+    ):
+        acting[rotor.on] += thrust * unit
+    for i in range(len(robot.links), 0, -1):
+        body = as_rigid_body(robot.links[i - 1].body)
+        weight = np.array([0.0, 0.0, -robot.gravity * body.mass])
+        acting[i] += *weight, *np.cross(links[i - 1].place(body.com), weight)
+        acting[robot.parents[i - 1]] += acting[i]
+    efforts = []
+    for i in robot.moving:
+        link, frame, (force, moment) = robot.links[i - 1], links[i - 1], np.split(acting[i], 2)
+        turns = link.joint == "revolute"
+        along = moment - np.cross(frame.origin, force) if turns else force
+        efforts.append(-link.passive.stiffness * link.passive.rest - along @ frame.axes @ link.axis)
+    size = robot.gravity * robot.total_mass
+    return list(map(float, rounded(np.array(efforts), size)))
 
 
 def _weight(robot: Robot) -> Array:

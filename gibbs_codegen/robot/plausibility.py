@@ -12,6 +12,9 @@ from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 # Robots are slender: none fills the cube around it with water, kg/m³.
 _WATER = 1000.0
+# Robots have substance: film to wrap food in weighs twice as much, kg/m². An arm of 64 rods of 3 m
+# and 1 kg/m weighs more, too, and all robots are a million times lighter in millimetres.
+_FILM = 0.004
 # Radius of gyration of a body, of the extent of the whole robot.
 _LARGEST_GYRATION = 3.0
 # Of propellers it is about 0.01 to 0.03 m.
@@ -26,6 +29,11 @@ def implausible(robot: Robot) -> tuple[str, ...]:
         found.append(
             f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.3g} m, more than "
             "water in a cube of that size; masses are in kg and lengths in m"
+        )
+    if robot.total_mass < _FILM * extent**2:
+        found.append(
+            f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.4g} m, less than a "
+            "film over the square of that size; masses are in kg and lengths in m"
         )
     for name, body in _bodies(robot):
         gyration = _gyration(body)

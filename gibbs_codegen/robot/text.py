@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.link_text import (
@@ -76,6 +77,11 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         frames=[frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
     )
     return render("robot.toml.jinja", context)
+
+
+def placed_robot_text(name: str) -> str:
+    """A commented robot file to start from: a quadrotor with an arm, whose parts have positions."""
+    return render("placed_robot.toml.jinja", SimpleNamespace(name=name))
 
 
 def _arms(base: Base, in_both_forms: bool) -> ArmsText:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 import shutil
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +18,9 @@ from gibbs_codegen.interface import Signature
 from gibbs_codegen.runtime.cache import cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 
+_log = logging.getLogger("gibbs_codegen")
+# What takes longer is told, s.
+_PATIENCE = 2.0
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
 _ROWS = "_rows.c"
@@ -68,10 +73,10 @@ def compiled_files(
         sources.mkdir()
         for file, text in texts.items():
             (sources / file).write_bytes(text)
-        with announced(f"compiling {name}"):
-            own = [file for file in texts if file.endswith(".c") and file not in included]
-            compiled = [sources / file for file in own]
-            compiler.library(compiled, output, extra)
+        own = [file for file in texts if file.endswith(".c") and file not in included]
+        told = f"{name}: compiling {', '.join(own)}; the library is kept for the next time"
+        with announced(told):
+            compiler.library([sources / file for file in own], output, extra)
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
@@ -95,14 +100,15 @@ def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> c
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Say what takes long, on a terminal, as long as the context lasts; nothing in a pipe."""
-    if not sys.stderr.isatty():
+    """Log what takes longer than two seconds: as a warning on a terminal, else as information."""
+    stream = getattr(sys.stderr, "rich_proxied_file", sys.stderr)  # While a command draws a bar.
+    level = logging.WARNING if stream and stream.isatty() else logging.INFO
+    timer = threading.Timer(_PATIENCE, _log.log, (level, "%s", what))
+    timer.start()
+    try:
         yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(what):
-        yield
+    finally:
+        timer.cancel()
 
 
 def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:

@@ -70,12 +70,12 @@ def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[s
         items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
     items += [
         f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised.",
-        f"@par Source: {row.source}.",
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
         lines += [*wrapped([details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
-    return lines + wrapped(items, _DOXYGEN_WIDTH, HANGING)
+    # What stands beside @par is a title, and what it is the title of begins on the next line.
+    return [*lines, *wrapped(items, _DOXYGEN_WIDTH, HANGING), "@par Source", f"{row.source}."]
 
 
 def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) -> list[str]:

@@ -13,7 +13,7 @@ from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.scenario.paths import plane
 from gibbs_codegen.simulator.record.flight import Array, Flight
 from gibbs_codegen.viewer.batch import rgb
-from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, set_stage
+from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, least_loads, set_stage
 from gibbs_codegen.viewer.skeleton import Points, Skeleton, skeleton
 
 _CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
@@ -46,7 +46,7 @@ class FlightScene:
         self._thrust = _usual(flight.applied[:, : flight.rotors])
         # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
         self._push = _usual(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
-        self._efforts, self._largest = _efforts(flight)
+        self._efforts, self._largest = _efforts(flight, drawn.size)
         self.paths = self._draw_paths()
         self._draw_walls()
         low, high = bounds(flight)
@@ -172,21 +172,25 @@ def _skeleton(flight: Flight) -> Skeleton:
     return skeleton(points, flight.positions, directions)
 
 
-def _efforts(flight: Flight) -> tuple[Array, dict[str, float]]:
-    """Efforts of the joints, then those that hold base arms.
+def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
+    """Efforts of the joints, then those that hold base arms, of a robot of some size.
 
     Args:
         flight: The flight.
+        size: How far the robot reaches, m.
 
     Returns:
-        Their shares (s, t) of the usual ones of the same unit, and these.
+        Their shares (s, t) of the usual ones of the same unit, and these, 0 where all are noise.
     """
     arms = len(flight.base_arm_angles_desired)
     joints = flight.applied[:, flight.rotors :]
     values = np.abs(np.hstack([joints, flight.constraint_torques[:, :arms]]))
     units = np.array([*flight.layout.effort_units, *["N m"] * arms])
-    most = {str(unit): _usual(values[:, units == unit]) for unit in np.unique(units)}
-    return values / np.array([most[unit] or 1.0 for unit in units.tolist()]), most
+    least, most = least_loads(flight.weight, size), {}
+    for unit in np.unique(units).tolist():
+        of_unit = values[:, units == unit]
+        most[unit] = max(_usual(of_unit), least[unit]) if np.any(of_unit > least[unit]) else 0.0
+    return values / np.array([most[unit] or np.inf for unit in units.tolist()]), most
 
 
 def _usual(values: Array) -> float:

@@ -21,6 +21,8 @@ _JOINT_COLOUR = "#262626"
 # Of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes; of the
 # radius of a rotor: its thickness.
 _ROD, _JOINT, _ARROW, _LENGTH, _AXES, _DISC = 0.008, 0.014, 0.012, 0.3, 0.08, 0.06
+# Of the robot's weight, and for torques times its size: what rounding and control leave is less.
+_NOISE = 1e-6
 # How much longer than others an arrow may be.
 _LONGEST = 1.5
 # About the share of a robot's size to which places in a file are rounded.
@@ -169,6 +171,12 @@ def set_stage(server: Any, root: str, floor: float, reach: float) -> None:
     camera.fov = _FIELD_OF_VIEW
     camera.look_at = (0.0, 0.0, 0.0)
     camera.position = seen_from(VIEW)[2] * _CLOSE * reach / np.tan(0.5 * _FIELD_OF_VIEW)
+
+
+def least_loads(weight: float, size: float) -> dict[str, float]:
+    """Forces (N) and torques (N m), by unit, that nothing but noise is below; 0 if unknown."""
+    force = _NOISE * float(np.nan_to_num(weight))
+    return {"N": force, "N m": force * size}
 
 
 def mixed(shares: Array) -> Bytes:

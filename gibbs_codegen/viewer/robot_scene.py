@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from gibbs_codegen.simulator.record.recording import weight_of
 from gibbs_codegen.simulator.record.series import Array
 from gibbs_codegen.viewer.machine import Machine, State
-from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, set_stage
+from gibbs_codegen.viewer.machine_scene import MachineScene, Posture, least_loads, set_stage
 
 # In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
 # by how much more between panels.
 _FLOOR, _AROUND, _BETWEEN_PANELS = 0.2, 1.25, 1.4
 # Share of postures whose largest thrusts and efforts are not too large to be shown whole.
 _USUAL = 0.8
-_NOTHING = 1e-6
 
 
 class RobotScene:
@@ -39,6 +39,7 @@ class RobotScene:
         self._thrust = 0.0
         drawn = machine.skeleton(q)
         self.size = drawn.size
+        self._least = least_loads(weight_of(vehicle), drawn.size)
         self._frames = len(vehicle.frames) if live else 0
         points = vehicle.positions(q)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -56,10 +57,11 @@ class RobotScene:
             states: The states, of which the most extreme do not count.
         """
         acting = [self._acting(state) for state in states]
-        self._thrust = max(self._thrust, _usual([thrusts for thrusts, _ in acting]))
+        found = _usual([thrusts for thrusts, _ in acting], self._least["N"])
+        self._thrust = max(self._thrust, found)
         for unit, most in self._largest.items():
-            found = _usual([efforts[self._units == unit] for _, efforts in acting])
-            self._largest[unit] = max(most, found)
+            of_unit = [efforts[self._units == unit] for _, efforts in acting]
+            self._largest[unit] = max(most, _usual(of_unit, self._least[unit]))
 
     def _acting(self, state: State) -> tuple[Array, Array]:
         """Thrusts (N), and sizes of the efforts of joints and of what holds base arms."""
@@ -94,9 +96,8 @@ class RobotScene:
         return self.machine.key(self._thrust, self._largest)
 
 
-def _usual(values: Sequence[Array]) -> float:
-    """Size of the largest of the values of each state, but for the most extreme states."""
+def _usual(values: Sequence[Array], least: float) -> float:
+    """The largest size in each state, but for the most extreme states; 0 for `least` and below."""
     largest = [float(np.max(np.abs(v), initial=0.0, where=np.isfinite(v))) for v in values]
     most = float(np.quantile(largest, _USUAL))
-    # A share of a newton that rounding leaves is none.
-    return most if most > _NOTHING else 0.0
+    return most if most > least else 0.0

@@ -23,6 +23,7 @@ from gibbs_codegen.cli.terminal import plain_table, print_table
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import RigidBody, as_rigid_body
+from gibbs_codegen.robot.plausibility import implausible
 from gibbs_codegen.runtime.load import load
 
 
@@ -216,13 +217,25 @@ def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
         assert body.inertia == pytest.approx(expected.inertia, rel=1e-5)
 
 
+def test_new_placed_writes_a_robot_that_flies_as_it_is(tmp_path: Path) -> None:
+    written = run("new", "--placed", "my_uav.toml", cwd=tmp_path)
+    assert (written.returncode, written.stderr) == (0, "")
+    robot = parse_robot((tmp_path / "my_uav.toml").read_text())
+    assert implausible(robot) == ()
+    assert (robot.rotors, [link.pose is None for link in robot.links]) == (4, [False, False])
+    assert run("generate", "my_uav.toml", cwd=tmp_path).returncode == 0
+    hovering = ("--scenario", "hover", "--set", "duration=0.2", "--no-figures")
+    flown = run("simulate", "my_uav", *hovering, "--backend", "numpy", cwd=tmp_path)
+    assert flown.returncode == 0, flown.stderr
+
+
 def test_info_is_readable(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", cwd=tmp_path)
     assert done.returncode == 0
     assert "-1 → 0 → 1 → 7 → 8 → 9" in done.stdout
     assert "rank 6 of 6" in done.stdout
     assert "17   tau_prime_6  5" in done.stdout
-    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert max(map(len, done.stdout.splitlines())) <= 100
     assert "hover thrusts: 29.43, 0, 29.43, 0, 29.43, 0 N" in done.stdout
     assert "warning" not in done.stdout
     assert "Hint" not in done.stdout
@@ -235,14 +248,16 @@ def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_p
     (tmp_path / "two.toml").write_text(text)
     done = run("info", "two.toml", cwd=tmp_path)
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    assert "1 base → upper → fore base, upper, fore - 8 -" in lines
-    assert "fore upper revolute elbow z 1 - -" in lines
+    assert "1 base → upper → fore all - 8 -" in lines
+    assert "fore revolute elbow 1 - -" in lines
+    assert "fore upper 0 0 0 0" in lines
 
 
 def test_names_in_tables_stay_whole_where_no_terminal_folds_them() -> None:
-    table, names = plain_table("", "one", "other"), [letter * 60 for letter in "ab"]
-    table.add_row(*names)
+    names = [letter * 60 for letter in "ab"]
     for is_terminal in (False, True):
+        table = plain_table("A title that is told above the table", "one", "other")
+        table.add_row(*names)
         console = Console(file=io.StringIO(), width=80, force_terminal=is_terminal)
         print_table(table, console)
         assert all((name in console.file.getvalue()) != is_terminal for name in names)
@@ -253,10 +268,10 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     file = ROOT / "tests" / "robots" / "everything.toml"
     done = run("info", str(file), cwd=tmp_path)
     assert done.returncode == 0
-    # In a pipe tables may be twice as wide as a terminal, so that names stay whole.
-    assert max(map(len, done.stdout.splitlines())) <= 160
+    assert max(map(len, done.stdout.splitlines())) <= 100
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    assert "a1 base revolute 0.6, 0, 0.8 0.4 ±2 rad 0.1" in lines
+    assert "a1 revolute 0.4 ±2 rad 0.1" in lines
+    assert "a1 base 0.1, 0, -0.02 0, 0, 0 0.6, 0, 0.8" in lines
     assert any("(kg, m, kg m² about the centre of mass)" in line for line in lines)
     assert "rotor_4 b2 0.2, 0.02, 0.03 -x 0.03 0 … 15 N" in lines
     assert "none hold it level: a moment of 0, 2.324, 0 N m is left" in " ".join(lines)
@@ -267,6 +282,30 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     assert data["machine"]["mass"] == pytest.approx(4.58)
     assert data["arrangement"]["ranks_in_motion"] == [5, 5]
     assert data["warnings"] == []
+
+
+@pytest.mark.parametrize("name", ["dual_arm", "hextilt_flying_arm_5", "octorotor_7link"])
+def test_info_fits_a_page(name: str, tmp_path: Path) -> None:
+    lines = [line.rstrip() for line in run("info", name, cwd=tmp_path).stdout.splitlines()]
+    assert max(map(len, lines)) <= 100
+
+
+def test_info_of_rotors_alone_has_no_tables_of_chains(tmp_path: Path) -> None:
+    said = run("info", "quadrotor", cwd=tmp_path).stdout
+    assert not any(title in said for title in ("Open chains", "Rows of the hybrid", "Hybrid matr"))
+    assert "\nMasses, in the base's axes (kg, m, kg m² about the centre of mass)\n" in said
+
+
+def test_info_says_where_every_joint_is(tmp_path: Path) -> None:
+    said = run("info", "dual_arm", cwd=tmp_path).stdout
+    lines = [" ".join(line.split()) for line in said.splitlines()]
+    assert "right_shoulder base 0.06, -0.13, -0.1 0, 0, 0 -y" in lines
+    said = run("info", "quadrotor_2link", cwd=tmp_path).stdout
+    lines = [" ".join(line.split()) for line in said.splitlines()]
+    assert (
+        lines[lines.index("link parent alpha, ° a, m d, m theta, °") + 2]
+        == "link 2 link 1 90 0 0 0"
+    )
 
 
 def test_info_as_json(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import unicodedata
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.closed_form import chain_closed_form
 from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
 from gibbs_codegen.equations.named_constants import FIXED
+from gibbs_codegen.equations.readable_chain import item_frames, readable_chain
 from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
@@ -38,6 +40,8 @@ from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Base, Link, Origin, Robot, Rod
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.placement import turn
+from gibbs_codegen.robot.posture import AT_ORIGIN, Frame, frames_on
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
@@ -503,3 +507,44 @@ def test_unknown_equations_are_refused() -> None:
 def test_equations_of_two_chains_are_not_laid_out_together() -> None:
     with pytest.raises(UsageError, match="one chain"):
         as_text(shown(PAPER, 1, 18), shown(PAPER, 2, 18))
+
+
+EVERYTHING = parse_robot((ROOT / "tests" / "robots" / "everything.toml").read_text())
+
+
+@pytest.mark.parametrize("robot", [PAPER, read_robot("dual_arm")[0], EVERYTHING])
+def test_the_table_of_frames_says_where_every_axis_is(robot: Robot) -> None:
+    """The axis of each joint, as the robot file places it, is the z axis of its item."""
+    drawn = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)))
+    defaults = SymbolicRobot.of(robot, InlineTape()).parameters.defaults
+    for chain in decompose(robot):
+        if chain.rod is not None:
+            continue
+        readable = readable_chain(robot, chain.number)
+        values = {symbol: defaults.get(symbol.name, 0.0) for symbol in readable.names}
+        for symbol, meant in readable.definitions:
+            values[symbol] = value(meant, values)
+        frame = AT_ORIGIN
+        if robot.base.rotors:
+            frame = Frame(drawn.rods[0].origin, drawn.rods[0].axes)
+        for i, row in zip(chain.path, item_frames(readable), strict=True):
+            gamma, x, y, z, alpha, d, theta = (float(e.xreplace(values)) for e in row[1:])
+            frame = frame.within(turn(2, np.deg2rad(gamma)), np.zeros(3))
+            frame = frame.within(turn(0, np.deg2rad(alpha)), np.array([x, y, z]))
+            frame = frame.within(turn(2, np.deg2rad(theta)), np.array([0.0, 0.0, d]))
+            link = drawn.links[i - 1]
+            axis = link.axes @ np.array(robot.links[i - 1].axis)
+            assert frame.axes[:, 2] == pytest.approx(axis)
+            aside = np.cross(frame.origin - link.origin, axis)
+            assert aside == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_a_page_begins_with_the_columns_and_the_frames() -> None:
+    equation = shown(paper_family(4, 2), 4, 15)
+    head, _, table = as_text(equation).partition("Frames of the items\n")
+    assert "R and F are columns" in " ".join(head.split())
+    assert "\n5     θ_{4,5}  0      0    0  0  90     0  0\n" in table
+    tilted = replace(paper_family(4, 2).links[1], alpha_deg=Fraction("33.3"))
+    robot = replace(paper_family(4, 2), links=(tilted,))
+    assert "0  33.3   0  0\n" in as_text(shown(robot, 4, 15))
+    assert r"5 & \theta_{4,5} & 0 & 0 & 0 & 0 & 90 & 0 & 0" in as_latex(equation)

@@ -302,6 +302,20 @@ def test_bands_between_samples_and_limits(paper: Flight) -> None:
     assert "limit" not in [line.get_label() for line in figure.axes[2].get_lines()]
 
 
+def test_limits_of_some_inputs_have_their_colours(paper: Flight) -> None:
+    limits = paper.input_limits.copy()
+    limits[:, 6:] = [[-8.0, -8.0, -5.0], [8.0, 8.0, 5.0]]
+    figure = figures.inputs(replace(paper, input_limits=limits))
+    axes = figure.axes[-1]
+    curves = [line for line in axes.get_lines() if len(line.get_ydata()) > 2]
+    flown = [line.get_color() for line in curves if line.get_linestyle() == "-"]
+    for limit, inputs in ((8.0, [0, 1]), (-8.0, [0, 1]), (5.0, [2])):
+        drawn = [line for line in axes.get_lines() if list(line.get_ydata()) == [limit] * 2]
+        assert [line.get_color() for line in drawn] == [flown[place] for place in inputs]
+    assert "limit by colour" in legend_texts(figure.axes[0])
+    assert "limit" not in legend_texts(figure.axes[0])
+
+
 def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
     """A push from sample 10 to 30; wind, which blows all the time, tells nothing."""
     wrenches = np.zeros((len(paper.time), 2, 6))

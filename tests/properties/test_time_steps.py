@@ -57,6 +57,27 @@ def flown(step: Callable[..., State], start: tuple[Array, Array, Array], parts: 
     return q, v
 
 
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_that_is_lost_warns_once_by_its_own_name(name: str, module: ModuleType) -> None:
+    step = getattr(module, name)
+    q, v, u = random_states(module, 3)
+    v[1] = 1e200
+    for where, state in (("", (q[1], v[1], u[1])), (" in 1 of 3 states, first [1],", (q, v, u))):
+        with pytest.warns(RuntimeWarning) as said:
+            step(*state, 0.01)
+        (warning,) = said
+        words = str(warning.message)
+        assert words.startswith(f"{module.NAME}.{name} is not finite{where} though"), words
+        assert words.endswith(f"largest there: v of {module.VELOCITIES[0]}, 1e+200)")
+        assert warning.filename == __file__
+    with np.errstate(invalid="raise"), pytest.raises(FloatingPointError, match=f"{name} is not"):
+        step(q, v, u, 0.01)
+    with np.errstate(invalid="ignore"):
+        step(q, v, u, 0.01)
+    v[1, 2] = np.nan  # What was given is no surprise; warnings are errors here.
+    assert np.isfinite(step(q, v, u, 0.01)[1][0]).all()
+
+
 @pytest.mark.parametrize(("method", "order"), [("euler", 1.0), ("rk4", 4.0)])
 def test_methods_have_their_order(module: ModuleType, method: str, order: float) -> None:
     start = random_states(module, 4)

@@ -6,13 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.emitted import emitted_module
 
 from gibbs_codegen.robot.balance import balance_lines, hover_lines
+from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.hover import hover
+from gibbs_codegen.robot.hover import holding_efforts, hover
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.mass_properties import whole_properties
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.text import placed_robot_text
 from gibbs_codegen.robot.thrusters import (
     arrangement,
     carried_rotors,
@@ -23,6 +27,13 @@ from gibbs_codegen.robot.thrusters import (
 QUADROTOR = read_robot("quadrotor")[0]
 DUAL_ARM = read_robot("dual_arm")[0]
 HYDRUS = read_robot("hydrus")[0]
+EVERYTHING = parse_robot((ROOT / "tests" / "robots" / "everything.toml").read_text())
+# The mass of the last link, 0.2 kg, is 0.1 m in front of both joints, which lift it by axes -y.
+FOREARM = parse_robot(
+    placed_robot_text("arm")
+    .replace("mass       = 0.16", "mass = 0.2")
+    .replace("com        = [0, 0, -0.08]", "com = [0.1, 0, -0.08]")
+)
 
 
 def test_whole_machine_is_that_of_the_emitted_functions() -> None:
@@ -61,6 +72,25 @@ def test_hover_holds_the_machine_with_joints_at_zero() -> None:
     u[: DUAL_ARM.rotors] = thrusts
     u[DUAL_ARM.rotors :] = module.inverse_dynamics(q, still, still)[layout.v.joints]
     assert np.allclose(module.forward_dynamics(q, still, u), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("robot", [HYDRUS, EVERYTHING])
+def test_efforts_that_hold_the_joints_are_those_of_the_emitted_functions(robot: Robot) -> None:
+    """Also with rotors on links, springs and joints that slide, and thrusts that do not hover."""
+    module, layout = emitted_module(robot), layout_of(robot)
+    q, still = np.array(layout.neutral), np.zeros(layout.v.size)
+    thrusts = np.random.default_rng(2).normal(size=robot.rotors)
+    force = module.inverse_dynamics(q, still, still)
+    force -= module.input_matrix(q)[:, : robot.rotors] @ thrusts
+    assert holding_efforts(robot, thrusts) == pytest.approx(force[layout.v.joints])
+    assert any(effort != 0.0 for effort in holding_efforts(robot, thrusts))
+
+
+def test_hover_thrusts_are_told_with_the_torques_of_the_joints() -> None:
+    told = hover_lines(FOREARM, hover(FOREARM))[1]
+    assert told == "joint torques with them, N m, or forces, N: shoulder 0.1962, elbow 0.1962"
+    hanging = paper_family(4, 2)
+    assert "none, if the arm hangs" in hover_lines(hanging, hover(hanging))[1]
 
 
 def test_the_margin_is_how_much_heavier_the_robot_may_be() -> None:

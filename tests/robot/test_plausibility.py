@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.model import MAX_LINKS, Rod
 from gibbs_codegen.robot.plausibility import implausible
 
 GOOD = """name = "quad"
@@ -37,6 +40,10 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
+        ("position = [0.2", "position = [200", "the robot weighs 1.6 kg at a size of 200.2 m"),
+        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, -100]", "the robot weighs 1.6 kg at a size of 100 m"),
+        ("com = [0.1", "com = [100", "the robot weighs 1.6 kg at a size of 100.2 m"),
+        ("mass = 0.1", "mass = 0.1\nlength = 300", "the robot weighs 1.6 kg at a size of 300.2 m"),
         ("mass = 1.5", "mass = 1500", "the robot weighs 1500 kg at a size of 0.4 m"),
         ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
         ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
@@ -48,3 +55,12 @@ def test_other_units_are_warned_of(good: str, bad: str, words: str) -> None:
     assert implausible(parse_robot(GOOD)) == ()
     (warning,) = implausible(parse_robot(GOOD.replace(good, bad)))
     assert warning.startswith(words)
+
+
+def test_rods_in_millimetres_are_warned_of_and_the_longest_of_arms_is_not() -> None:
+    """The inertia of rods grows with their length, so that only the weight tells."""
+    robot = paper_family(4, MAX_LINKS)
+    assert implausible(robot) == ()
+    base = replace(robot.base, arms=(Rod(500.0, 1.0),))
+    (warning,) = implausible(replace(robot, base=base, links=()))
+    assert warning.startswith("the robot weighs 2000 kg at a size of 1000 m, less than a film")

@@ -733,7 +733,7 @@ def test_comments_tell_arguments_shapes_units_and_cost(
         said, _, rest = described.details.partition("{singularity}")
         assert comment.startswith(f"@brief {described.summary} {said}".rstrip())
         assert f"{rest} @param[in] constants " in comment
-        assert f"@par Source: {described.source}." in comment
+        assert f"@par Source {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
             assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries

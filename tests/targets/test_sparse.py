@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support import on_request
 from support.compiled import Emitted, Library, build, compile_only, emit
-from support.tools import run
+from support.tools import run, tool
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.robot.family import paper_family
@@ -30,6 +30,15 @@ def emitted(
     with pytest.MonkeyPatch.context() as patch:
         on_request.add(patch)
         yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives="all")
+
+
+def test_clang_finds_nothing_amiss_in_the_comments_of_headers(emitted: Emitted) -> None:
+    """Its versions before 19 do not know that what stands beside @par is a title."""
+    header = emitted.file(".h")
+    run([tool("clang"), "-std=c99", "-Wdocumentation", "-Werror", "-fsyntax-only", header])
+    titled = re.findall(r"@par (.*)\n \* (.*)", emitted.text(".h"))
+    assert {*titled} <= {("Source", f"{row.source}.") for row in FUNCTIONS.values()}
+    assert titled
 
 
 def on_demand(emitted: Emitted) -> list[Signature]:

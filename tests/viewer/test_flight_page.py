@@ -17,6 +17,10 @@ import gibbs_codegen
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.viewer import page as viewer_page
+from gibbs_codegen.viewer.batch import rgb
+from gibbs_codegen.viewer.flight_scene import FlightScene
+from gibbs_codegen.viewer.machine_scene import RELAXED
+from gibbs_codegen.viewer.server import empty_server
 from gibbs_codegen.viewer.view import viewing
 
 Shipped = Callable[[str], ModuleType]
@@ -45,6 +49,23 @@ def test_a_page_plays_a_flight_and_asks_for_nothing(shipped: Shipped, tmp_path: 
     assert differing(*pictures) > 0.0005
     assert "synthetic" in key
     assert "path of the tip" in key
+
+
+@pytest.mark.parametrize(("torque", "shown"), [(1e-8, False), (1e-2, True)])
+def test_torques_that_rounding_leaves_are_no_load(
+    torque: float, shown: bool, shipped: Shipped
+) -> None:
+    flight = synthetic_flight(shipped("hexarotor_3link"), samples=5)
+    applied = flight.applied.copy()
+    applied[:, flight.rotors :] *= torque / 15.0
+    held = torque * flight.constraint_torques
+    flight = dataclasses.replace(flight, applied=applied, constraint_torques=held)
+    with empty_server() as server:
+        scene = FlightScene(server, flight, frames=0)
+        scene.show(3)
+        colours = scene.machine._rods.node.batched_colors
+    assert (colours != rgb(RELAXED)).any() == shown
+    assert any("at a joint" in words for _, words in scene.key()) == shown
 
 
 def test_a_long_flight_has_fewer_frames_rather_than_more_room(

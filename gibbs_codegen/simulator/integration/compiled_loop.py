@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen import emitted
+from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
@@ -189,7 +190,8 @@ def compiled_steps(compiler: Compiler, *flags: str) -> ctypes.CDLL:
     options = (*flags, "-fno-math-errno")
 
     def make(output: Path) -> None:
-        compiler.library([source], output, options)
+        with announced("compiling the closed loop; the library is kept for the next time"):
+            compiler.library([source], output, options)
 
     texts = [path.read_text(encoding="utf-8") for path in read]
     library = ctypes.CDLL(

@@ -180,13 +180,13 @@ def _surroundings(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
     walls = [[*wall.point, *wall.normal] for wall in scenario.walls]
     blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
     return {
-        "weight": _weight(vehicle),
+        "weight": weight_of(vehicle),
         "walls": np.array(walls, dtype=np.float64).reshape(-1, 6),
         "gusts": np.array(blowing, dtype=np.float64).reshape(-1, 2),
     }
 
 
-def _weight(vehicle: Vehicle) -> float:
+def weight_of(vehicle: Vehicle) -> float:
     """Weight of a robot, N: what its potential energy grows by for each metre of height."""
     lifted = vehicle.neutral
     lifted[vehicle.layout.q.position][2] += 1.0
