@@ -51,7 +51,7 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print a table, in long lines if need be where the output goes elsewhere than to a terminal."""
+    """Print a table, in long lines if need be where the output goes not to a terminal."""
     if console.is_terminal:
         console.print(table)
         return

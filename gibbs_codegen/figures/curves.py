@@ -135,16 +135,10 @@ def explain(axes: Axes, solid: str, dashed: str) -> None:
 
 
 def symbol(name: str) -> str:
-    """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
+    """A coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`, in mathematics.
 
     Other names lose what says thrust or torque, as the axis does, and the ends of their words where
     they are long.
-
-    Args:
-        name: Its name in the generated module.
-
-    Returns:
-        The symbol in Matplotlib's mathematics, or the name.
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
     if found is None:
