@@ -13,15 +13,9 @@ _LONGEST = 160
 
 
 def printable(text: object, most: int = _LONGEST) -> str:
-    """A text from outside, such as a path, in a form that is safe in a message.
+    """A text from outside, such as a path, on one line that is safe in a message.
 
-    Args:
-        text: The text, or what has it as its text.
-        most: The largest length, in characters.
-
-    Returns:
-        The text on one line, abbreviated in its middle if it is too long, with control characters
-        as escapes.
+    It is abbreviated in its middle to `most` characters; control characters are escapes.
     """
     plain = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
@@ -48,13 +42,11 @@ class GibbsCodegenError(Exception):
 
 
 class Fault(NamedTuple):
-    """One thing wrong with a file.
+    """One thing wrong with a file, and what would be right.
 
-    Attributes:
-        path: path of the key, which counts as Python does: `link[0].mass`. The text of the fault
-            counts from 1, as PARAMETERS and the comments of robot files do: `link 1: mass`.
-        message: what is wrong, and what would be right.
-        line: the line of the file, if it is known.
+    `path` is that of the key, which counts as Python does: `link[0].mass`. The text of the fault
+    counts from 1, as PARAMETERS and the comments of robot files do: `link 1: mass`. `line` is that
+    of the file, if it is known.
     """
 
     path: str
@@ -62,14 +54,7 @@ class Fault(NamedTuple):
     line: int | None = None
 
     def text(self, source: str) -> str:
-        """The fault in one line.
-
-        Args:
-            source: Name of the file.
-
-        Returns:
-            `source:line: key: message`.
-        """
+        """The fault in one line, `source:line: key: message`, of a file."""
         place = source if self.line is None else f"{source}:{self.line}"
         where = f"{place}: {_counted(self.path)}" if self.path else place
         return f"{where}: {self.message}"

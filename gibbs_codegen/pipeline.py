@@ -90,19 +90,9 @@ def generate_robot(
     force: bool = False,
     derivatives: Derivatives = False,
 ) -> tuple[Model, Path]:
-    """Generate the module of a robot that has been read.
+    """Generate the module of a robot that has been read, and keep `text`, its file, in it.
 
-    Args:
-        robot: The robot.
-        text: Its robot file, which the module keeps.
-        out, targets, keep_zeros, verify, force, derivatives: As of `generate`.
-        progress: Told in a word what is done next.
-
-    Returns:
-        The derived model, and the module's folder.
-
-    Raises:
-        SingularRobotError, UsageError, WrongModuleError, OutputError: As `generate`.
+    The rest is as of `generate`. Returns the derived model and the module's folder.
     """
     check_output_folder(out)
     folder = Path(out) / robot.name
@@ -128,20 +118,7 @@ def check_robot(
     progress: Progress = lambda _: None,
     derivatives: Derivatives = False,
 ) -> tuple[Path, list[str]]:
-    """Compare a module on disk with what would be written.
-
-    Args:
-        robot: The robot.
-        text: Its robot file.
-        out, targets, keep_zeros, derivatives: As of `generate`.
-        progress: Told in a word what is done next.
-
-    Returns:
-        The module's folder, and the names of the files that differ.
-
-    Raises:
-        SingularRobotError, UsageError: As `generate`.
-    """
+    """The folder of a module, and names of its files that `generate` would write otherwise."""
     check_output_folder(out)
     folder = Path(out) / robot.name
     _, files = module_files(robot, text, targets, keep_zeros, progress, derivatives)
@@ -156,22 +133,11 @@ def module_files(
     progress: Progress,
     derivatives: Derivatives = False,
 ) -> tuple[Model, dict[str, str]]:
-    """Derive a robot and render its module.
+    """Derive a robot, and render the files of its module by name.
 
-    Args:
-        robot: The robot.
-        text: Its robot file.
-        targets: What to emit.
-        keep_zeros: Whether parameters that are zero in the file stay parameters.
-        progress: Told in a word what is done next.
-        derivatives: Which of the functions that are generated on request are there.
-
-    Returns:
-        The derived model, and the text of each file of the module by its name.
-
-    Raises:
-        SingularRobotError: If the robot has a massless degree of freedom.
-        UsageError: If there is no such target or derivative.
+    `keep_zeros` is whether parameters that are zero in the file stay parameters. Raises
+    `SingularRobotError` if the robot has a massless degree of freedom, and `UsageError` if there is
+    no such target or derivative.
     """
     found = find_targets(targets)
     model = derive(robot, keep_zeros, progress, derivatives)

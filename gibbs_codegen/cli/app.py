@@ -56,14 +56,10 @@ def console() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command, given by the words after `gibbs-codegen`, or those of the process.
 
-    Args:
-        arguments: The words after `gibbs-codegen`; without them, those of the process.
-
-    Returns:
-        The exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a rejected
-        file.
+    Returns the exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a
+    rejected file.
     """
     parser = argument_parser()
     words = sys.argv[1:] if arguments is None else arguments

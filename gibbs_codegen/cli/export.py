@@ -10,11 +10,7 @@ from gibbs_codegen.errors import printable
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: The parsers of the commands.
-    """
+    """Add the command to the parser."""
     parser = commands.add_parser("export", help="write a robot in URDF or MJCF")
     parser.add_argument("robot", metavar="ROBOT", help=robot_argument.ROBOT_THAT_DERIVES)
     parser.add_argument(

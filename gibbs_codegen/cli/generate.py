@@ -29,11 +29,7 @@ _FLAGS = {
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     generate = commands.add_parser(
         "generate",
         help="derive a robot's equations of motion and write its module",
@@ -98,15 +94,9 @@ def _print_balance(robot: Robot) -> None:
 
 
 def _report_check(folder: Path, differing: list[str], asked: Derivatives) -> int:
-    """Print what a check found.
+    """Print what a check found; return the exit code.
 
-    Args:
-        folder: Folder of the module.
-        differing: Names of the files that differ.
-        asked: What --derivatives asks for.
-
-    Returns:
-        The exit code.
+    `differing` are the names of the files that differ, and `asked` what --derivatives asks for.
     """
     if not differing:
         print(f"{printable(folder)}: up to date")

@@ -34,11 +34,7 @@ _OPTIONS = {
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: The parsers of the commands.
-    """
+    """Add the command to the parser."""
     parser = commands.add_parser(
         "import", help="write a robot file from a robot in URDF, xacro or MJCF"
     )
@@ -103,14 +99,7 @@ def _import(options: argparse.Namespace) -> int:
 def _check(text: str, robot: Robot, told: Sequence[Told], options: argparse.Namespace) -> None:
     """Refuse what a robot file must not hold, in terms of the file that is imported.
 
-    Args:
-        text: The robot file.
-        robot: The robot in it.
-        told: What importing did.
-        options: The options, with the files that it is imported from.
-
-    Raises:
-        SourceFileError: If the text is no robot file.
+    Raises `SourceFileError` if the text is no robot file.
     """
     from gibbs_codegen.exchange.source import SourceFileError
     from gibbs_codegen.robot.file import parse_robot

@@ -9,11 +9,7 @@ from gibbs_codegen.cli.terminal import Parser
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     info = commands.add_parser(
         "info",
         help="show a robot's base, chains, coordinates, motors and operation counts",

@@ -36,14 +36,7 @@ from gibbs_codegen.robot.thrusters import (
 
 
 def report(model: Model) -> dict[str, Any]:
-    """Everything that `info` shows.
-
-    Args:
-        model: The derived robot.
-
-    Returns:
-        Values that JSON can hold.
-    """
+    """Everything that `info` shows of a derived robot, in values that JSON can hold."""
     return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
 
 
@@ -108,12 +101,7 @@ def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
 
 
 def print_report(model: Model, console: Console) -> None:
-    """Print the report in a readable layout.
-
-    Args:
-        model: The derived robot.
-        console: Where to print.
-    """
+    """Print the report of a derived robot in a readable layout."""
     data, robot = _facts(model), model.robot
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "

@@ -14,11 +14,7 @@ _ROUND_OFF = 1e-9
 def reached_limits(flight: Flight) -> str:
     """Name the inputs that were asked for their limits or more, and the one asked for the most.
 
-    Args:
-        flight: The flight.
-
-    Returns:
-        Such as "F_1, F_3 (F_1 was asked for 88 N of 14 N at t = 0.03 s)"; empty if none was.
+    Such as "F_1, F_3 (F_1 was asked for 88 N of 14 N at t = 0.03 s)"; empty if none was.
     """
     low, high = flight.input_limits
     # Infinite differences are limits that there are not; NaN, values after control was lost.

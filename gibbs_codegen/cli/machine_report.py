@@ -31,14 +31,7 @@ _MOST_LISTED = 16
 
 
 def machine_facts(robot: Robot) -> dict[str, Any]:
-    """Masses, hover, warnings, links, rotors and frames.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Values that JSON can hold.
-    """
+    """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
     base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
     offset = float(np.hypot(base.com[0], base.com[1]))
     warnings = [*filter(None, [lopsided(robot)]), *implausible(robot)]
@@ -113,12 +106,9 @@ def _rotors(robot: Robot) -> list[dict[str, Any]]:
 
 
 def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
-    """Print masses, hover thrusts, warnings, and tables of links, rotors and frames.
+    """Print what `machine_facts` says: masses, hover thrusts, warnings, and tables.
 
-    Args:
-        robot: The robot.
-        data: What `machine_facts` made of it.
-        console: Where to print.
+    The tables are of links, rotors and frames.
     """
     base, whole = base_properties(robot), whole_properties(robot)
     columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})

@@ -9,11 +9,7 @@ from gibbs_codegen.errors import printable
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: The parsers of the commands.
-    """
+    """Add the command to the parser."""
     new = commands.add_parser("new", help="write a commented robot file to start from")
     new.add_argument(
         "file", metavar="ROBOT.toml", help="robot file to write, which must not exist yet"

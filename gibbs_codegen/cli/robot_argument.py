@@ -26,11 +26,7 @@ ROBOT_THAT_DERIVES = f"{_ROBOT}the robot that ships is taken"
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT, or --rotors and --links, to a command that derives.
-
-    Args:
-        parser: The parser of the command.
-    """
+    """Add ROBOT, or --rotors and --links, to a command that derives."""
     parser.add_argument("robot", nargs="?", metavar="ROBOT", help=ROBOT_THAT_DERIVES)
     parser.add_argument(
         "--rotors",
@@ -48,12 +44,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Add --derivatives to a command.
-
-    Args:
-        parser: The parser of the command.
-        meaning: What the option does there, with {which} for the functions.
-    """
+    """Add --derivatives to a command; its meaning there has {which} for the functions."""
     parser.add_argument(
         "--derivatives",
         nargs="?",
@@ -69,11 +60,7 @@ def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
 
 
 def add_module(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT to a command that runs a module.
-
-    Args:
-        parser: The parser of the command.
-    """
+    """Add ROBOT to a command that runs a module."""
     parser.add_argument(
         "robot",
         metavar="ROBOT",
@@ -82,16 +69,10 @@ def add_module(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
-    """The robot that the options ask for; inertias that its file lets pass are warned of.
+    """The robot that the options ask for, and the text of its file.
 
-    Args:
-        options: The options of a command with `add_robot`.
-
-    Returns:
-        The robot and the text of its file.
-
-    Raises:
-        UsageError: If the options ask for no robot, or for two.
+    It warns of inertias that the file lets pass. Raises `UsageError` if the options ask for no
+    robot, or for two.
     """
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
@@ -109,11 +90,7 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 
 
 def warn_of_inertias(robot: Robot) -> None:
-    """Warn of inertias that no body has and that the robot's file lets pass.
-
-    Args:
-        robot: The robot.
-    """
+    """Warn of inertias that no body has and that the robot's file lets pass."""
     if robot.allow_impossible_inertia:
         import sys
 
@@ -124,21 +101,11 @@ def warn_of_inertias(robot: Robot) -> None:
 
 
 def find_robot(word: str) -> tuple[Robot, str]:
-    """The robot that a word names.
+    """The robot that a word names, and the text of its file.
 
     A robot that ships comes first, then a file or the folder of a module, then a module in
-    generated/.
-
-    Args:
-        word: The word.
-
-    Returns:
-        The robot and the text of its file.
-
-    Raises:
-        RobotFileError: If the file is rejected.
-        UsageError: If there is no such robot, or a module in generated/ may be older than a robot
-            file of its name.
+    generated/. Raises `RobotFileError` if the file is rejected, and `UsageError` if there is no
+    such robot, or a module in generated/ may be older than a robot file of its name.
     """
     from gibbs_codegen.robot.file import read_robot, shipped_robots
 
@@ -167,14 +134,7 @@ def find_robot(word: str) -> tuple[Robot, str]:
 
 
 def derivatives_of(word: str | None) -> tuple[str, ...]:
-    """The derivatives that a module has.
-
-    Args:
-        word: A word that names a robot, or None.
-
-    Returns:
-        Names of functions; none where the word names no module, as of `find_robot`.
-    """
+    """Names of a module's derivatives; none where the word names none, as of `find_robot`."""
     import re
 
     from gibbs_codegen.robot.file import shipped_robots
@@ -195,17 +155,11 @@ def derivatives_of(word: str | None) -> tuple[str, ...]:
 def found_module(
     word: str, progress: AbstractContextManager[Progress]
 ) -> Iterator[tuple[Path, bool]]:
-    """The module that a word names.
+    """The folder of the module that a word, as of `find_robot`, names, and whether it is kept.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
-    left of one. For any other robot a module is generated, and removed on leaving.
-
-    Args:
-        word: The word, as of `find_robot`, which raises errors for words that name nothing.
-        progress: Shows the steps while a module is generated.
-
-    Yields:
-        The folder of the module, and whether it is kept.
+    left of one. For any other robot a module is generated, with its steps shown by `progress`, and
+    removed on leaving. Errors are those of `find_robot`.
     """
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module

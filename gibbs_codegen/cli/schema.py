@@ -8,11 +8,7 @@ from gibbs_codegen.cli.terminal import Parser
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: The parsers of the commands.
-    """
+    """Add the command to the parser."""
     schema = commands.add_parser(
         "schema",
         help="print the JSON schema of robot or scenario files, with which editors complete keys",

@@ -9,11 +9,7 @@ from gibbs_codegen.cli.terminal import Parser
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     show = commands.add_parser(
         "show",
         help="print the paper's equations of one chain as text or LaTeX",

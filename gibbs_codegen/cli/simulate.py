@@ -20,11 +20,7 @@ _MOST_LIMITS = 12
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     simulate = commands.add_parser(
         "simulate",
         help="fly a scenario with a module, and write time series and figures",
@@ -105,12 +101,7 @@ def _simulate(options: argparse.Namespace) -> int:
 def _errors(flight: Flight, samples: slice) -> str:
     """The largest errors of base centre, tip and joints, with the joints that have them.
 
-    Args:
-        flight: The flight.
-        samples: Those that count.
-
-    Returns:
-        Such as "base centre 0.02 m, tip 0.01 m, joint theta_8 0.003 rad".
+    Such as "base centre 0.02 m, tip 0.01 m, joint theta_8 0.003 rad".
     """
     found = [f"base centre {max(flight.centre_error[samples]):.2g} m"]
     if flight.has_tip:
@@ -125,12 +116,7 @@ def _errors(flight: Flight, samples: slice) -> str:
 
 
 def _print_timing(flight: Flight, folder: str) -> None:
-    """Say how the desired motion was timed, and which limits it reaches.
-
-    Args:
-        flight: The flight.
-        folder: Where its results are.
-    """
+    """Say how the desired motion was timed, and which limits it reaches."""
     if flight.timing:
         print(f"timing: {printable(flight.timing)}")
     times = flight.binding_times[:_MOST_LIMITS]

@@ -28,11 +28,7 @@ _PART = re.compile(r"""(?:^|,)((?:"[^"]*"|'[^']*'|\[[^\]]*\]|[^,])*)""")
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     sweep = commands.add_parser(
         "sweep",
         help="fly scenarios in many variants, and measure every flight",
@@ -141,15 +137,7 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _flown(options: argparse.Namespace, progress: Callable[[str, float], None]) -> Study:
-    """The study that the options ask for.
-
-    Args:
-        options: The options.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
-
-    Returns:
-        The study.
-    """
+    """The study that the options ask for; `progress` is as of `sweep`."""
     fixed = _pairs(options.set, "--set", "duration=5")
     parameters = _pairs(options.vary, "--vary", "motors.time_constant=0,0.01")
     if both := fixed.keys() & parameters.keys():
@@ -172,17 +160,10 @@ def _flown(options: argparse.Namespace, progress: Callable[[str, float], None]) 
 
 
 def varied(text: str, key: str) -> Any:
-    """What a key takes on, from the words of --vary.
+    """What a key takes on, from the words of --vary: values with commas, or a function's call.
 
-    Args:
-        text: Values with commas between them, or a function with its arguments in brackets.
-        key: The key, for messages.
-
-    Returns:
-        A list of values, or what the function of `gibbs_codegen.sweeps.sampling` returns.
-
-    Raises:
-        UsageError: If the words mean nothing.
+    Returns a list, or what the function of `gibbs_codegen.sweeps.sampling` returns. Raises
+    `UsageError`, which names the key, if the words mean nothing.
     """
     found = re.fullmatch(r"\s*(\w+)\s*\((.*)\)\s*", text, re.DOTALL)
     if found is None:
@@ -226,18 +207,9 @@ def _value(text: str) -> Any:
 
 
 def _pairs(entries: Sequence[str], option: str, example: str) -> dict[str, str]:
-    """Names with what follows the equals sign, of an option that may be repeated.
+    """Texts by the names before their equals sign, of an option that may be repeated.
 
-    Args:
-        entries: The entries, of which later ones prevail.
-        option: The option.
-        example: What an entry looks like.
-
-    Returns:
-        The texts by name.
-
-    Raises:
-        UsageError: If an entry is not of this form.
+    Later entries prevail. Raises `UsageError` if one is not like `example`.
     """
     pairs = {}
     for entry in entries:

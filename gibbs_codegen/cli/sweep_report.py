@@ -22,12 +22,7 @@ _LEAST = 0.02
 
 
 def print_study(study: Study, seconds: float) -> None:
-    """Print how measures are spread, what they depend on, the worst flights, and what failed.
-
-    Args:
-        study: The study.
-        seconds: How long it took.
-    """
+    """Print how measures are spread, what they depend on, the worst flights, and what failed."""
     console = Console(width=terminal.width(), highlight=False)
     early, failed, unmeasured = map(len, (study.stopped, study.failures, study.unmeasured))
     print(
@@ -51,11 +46,7 @@ def print_study(study: Study, seconds: float) -> None:
 
 
 def _print_worst(study: Study) -> None:
-    """Print the worst flights of each measure, and what flies the worst of all again.
-
-    Args:
-        study: The study.
-    """
+    """Print the worst flights of each measure, and what flies the worst of all again."""
     commands: dict[int, str] = {}
     print("\nworst flights")
     for measure in study.measures:
@@ -73,10 +64,7 @@ def _print_worst(study: Study) -> None:
 def _print_reasons(what: str, study: Study, column: str) -> None:
     """Print the reasons of a column, the most frequent first, each with a case that has it.
 
-    Args:
-        what: What became of the flights.
-        study: The study.
-        column: The column.
+    `what` is what became of the flights.
     """
     rows = study.table[study.table[column] != ""]
     # Times and amounts are others in every flight.
@@ -92,12 +80,7 @@ def _print_reasons(what: str, study: Study, column: str) -> None:
 
 
 def _print_sensitivities(study: Study, console: Console) -> None:
-    """Print what each measure depends on most, where anything can be said of it.
-
-    Args:
-        study: The study.
-        console: Where.
-    """
+    """Print what each measure depends on most, where anything can be said of it."""
     table = plain_table("what keys explain", "", "alone", "with others", "correlation")
     for measure in study.measures:
         found = [each for each in study.sensitivity(measure) if _is_seen(each)]

@@ -26,11 +26,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage and the message, and exit with 2.
-
-        Args:
-            message: What is wrong with the command line.
-        """
+        """Print the usage and the message, and exit with 2."""
         super().error(printable(message, 400))
 
 
@@ -40,16 +36,7 @@ def width(elsewhere: int = 80) -> int:
 
 
 def plain_table(title: str, *columns: str, **style: Any) -> Table:
-    """A table without lines, its title on the left.
-
-    Args:
-        title: The title.
-        columns: Headings of its first columns.
-        **style: Rich's properties of a table.
-
-    Returns:
-        The table, without rows.
-    """
+    """A table without lines and rows, its title on the left, with headings of its first columns."""
     from rich.table import Table
 
     table = Table(
@@ -61,12 +48,7 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print a table; where the output goes elsewhere than to a terminal, words stay whole.
-
-    Args:
-        table: The table.
-        console: Where to print.
-    """
+    """Print a table; where the output goes elsewhere than to a terminal, words stay whole."""
     # Above a table, a title may be longer than its lines.
     console.print(table.title, style="table.title", highlight=False)
     table.title = None

@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     verify = commands.add_parser(
         "verify",
         help="compare a module with formulations that share no code with the derivation",
@@ -57,13 +53,7 @@ def _verify(options: argparse.Namespace) -> int:
 def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int:
     """Verify a module, print what was found, and return the exit code.
 
-    Args:
-        options: The options of the command.
-        folder: The module.
-        kept: Whether the module stays when the command has ended.
-
-    Returns:
-        The exit code.
+    `kept` is whether the module stays when the command has ended.
     """
     from gibbs_codegen.verification.modules import verify
 
@@ -97,10 +87,8 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
 def _print_found(found: Verification, passed: bool, folder: Path | None) -> None:
     """Print the tables, and a line if all is well.
 
-    Args:
-        found: The verification.
-        passed: Whether it passed, and was made of all back ends that were asked for.
-        folder: The module, or None if it was generated for this and is not kept.
+    `passed` is whether it passed, and was made of all back ends that were asked for; `folder` is
+    None if the module was generated for this and is not kept.
     """
     from rich.console import Console
 

@@ -21,14 +21,7 @@ _MOST_FAILURES = 12
 
 
 def as_data(verification: Verification) -> dict[str, Any]:
-    """Everything that `verify` found.
-
-    Args:
-        verification: What was found.
-
-    Returns:
-        Values that JSON can hold; what is not a number is null.
-    """
+    """Everything that `verify` found in values that JSON can hold; what is not a number is null."""
     return {
         "robot": verification.robot,
         "seed": verification.seed,
@@ -48,12 +41,7 @@ def as_data(verification: Verification) -> dict[str, Any]:
 
 
 def print_verification(verification: Verification, console: Console) -> None:
-    """Print the largest errors: for each back end functions by formulations, then the rest.
-
-    Args:
-        verification: What was found.
-        console: Where to print.
-    """
+    """Print the largest errors: for each back end functions by formulations, then the rest."""
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
         title = f"{backend}: largest relative error of each function against …"
@@ -69,14 +57,7 @@ def print_verification(verification: Verification, console: Console) -> None:
 
 
 def failure_lines(verification: Verification) -> list[str]:
-    """The comparisons that failed.
-
-    Args:
-        verification: What was found.
-
-    Returns:
-        A line for each, the worst first, and one that counts those that are left out.
-    """
+    """A line for each comparison that failed, the worst first; the last counts those left out."""
     failures = sorted(verification.failures, key=lambda f: -f[1].error)
     lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
     if len(failures) > _MOST_FAILURES:

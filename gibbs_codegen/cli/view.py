@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser.
-
-    Args:
-        commands: Where the parser keeps its commands.
-    """
+    """Add the command to the parser."""
     view = commands.add_parser(
         "view",
         help="show a robot or a flight in the browser, live or as one file",

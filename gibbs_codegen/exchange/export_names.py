@@ -20,13 +20,9 @@ class Names:
         self._taken = set(taken)
 
     def free(self, name: str) -> str:
-        """A name that no other thing of the kind has, and takes it.
+        """A name as near as can be that no other thing of the kind has, which takes it.
 
-        Args:
-            name: The name as near as can be.
-
-        Returns:
-            The name, in printable characters, which XML can hold.
+        Its characters are printable, and XML can hold them.
         """
         plain = "".join(c if c.isprintable() else "_" for c in name).strip() or "_"
         free, number = plain, 2
@@ -37,14 +33,9 @@ class Names:
 
 
 def with_free_names(source: Source, is_urdf: bool) -> tuple[Source, list[str]]:
-    """The same robot with names that a file can hold.
+    """The same robot with names that a file can hold, and a line for each that is changed.
 
-    Args:
-        source: The robot.
-        is_urdf: Whether frames are links and rotors are joints in the file, as in URDF.
-
-    Returns:
-        The robot, and a line for each name that it changed.
+    `is_urdf` is whether frames are links and rotors are joints in the file, as in URDF.
     """
     # MuJoCo has a body of that name already.
     joints, links = Names(), Names(() if is_urdf else ("world",))

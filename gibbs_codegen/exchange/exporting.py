@@ -19,16 +19,7 @@ ENDINGS: dict[Format, str] = {"urdf": ".urdf", "mjcf": ".xml"}
 
 
 def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
-    """Write a robot in another format.
-
-    Args:
-        robot: The robot.
-        form: The format.
-
-    Returns:
-        The text of the file, and what the format has no place for and which names it cannot hold,
-        a line each.
-    """
+    """Text of a robot in another format, and lines on what this has no place for or cannot name."""
     is_urdf = form == "urdf"
     source = source_of(robot)
     lines = [f"left out: {line}" for line in _left_out(robot, source, is_urdf)]
@@ -38,16 +29,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
 
 
 def _left_out(robot: Robot, source: Source, is_urdf: bool) -> Iterator[str]:
-    """What a format has no place for.
-
-    Args:
-        robot: The robot.
-        source: Its links and joints.
-        is_urdf: Whether the format is URDF, and not MJCF.
-
-    Yields:
-        A line for each thing.
-    """
+    """Lines on what a format, URDF or else MJCF, has no place for."""
     for joint in source.joints:
         if joint.kind != "fixed" and (lost := _lost(joint, is_urdf)):
             yield f"joint {joint.name}: {' and '.join(lost)}"

@@ -38,12 +38,9 @@ from gibbs_codegen.robot.plausibility import LARGEST_DRAG
 class ImportOptions:
     """What a user may ask for.
 
-    Attributes:
-        attitude: what describes the attitude of the base.
-        rotors: file of rotors that replace those found.
-        lock: where joints are locked, rad or m, by their names.
-        base: link that is the base; None for the root.
-        snap: whether angles are made exact and noise is set to zero.
+    `lock` has where joints are locked, rad or m, by their names; `base` is the link that is the
+    base, None for the root; `rotors` a file of rotors that replace those found; `snap` whether
+    angles are made exact and noise is set to zero.
     """
 
     attitude: Attitude
@@ -54,18 +51,10 @@ class ImportOptions:
 
 
 def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Told]]:
-    """Read a robot from a file in another format.
+    """Read a robot from a file (.urdf, .xacro, or .xml for MJCF or URDF), and tell what was done.
 
-    Args:
-        path: The file: .urdf, .xacro, or .xml for MJCF or URDF.
-        options: What is asked for.
-
-    Returns:
-        The robot, and what was done, line by line.
-
-    Raises:
-        SourceFileError: If the file is refused.
-        UsageError: If there is no such file, joint or link.
+    Raises `SourceFileError` if the file is refused, and `UsageError` if there is no such file,
+    joint or link.
     """
     tree = without_anchor(tree_of(_read(path, options)))
     if options.rotors is not None:

@@ -36,15 +36,9 @@ _UNNAMED = "MuJoCo Model"
 
 
 def read_mjcf(path: Path, data: bytes, base: str | None) -> Source:
-    """Read a robot in MJCF.
+    """Read a robot in MJCF, `data`; meshes and included files are found in the folder of `path`.
 
-    Args:
-        path: The file, in whose folder meshes and included files are found.
-        data: Its text.
-        base: Link that is to be the base, which tells which of several robots is meant.
-
-    Returns:
-        What the file says.
+    `base`, a link that is to be the base, tells which of several robots is meant.
     """
     text, told = reduced_mjcf(path, data)
     model = _compiled(text, path)
@@ -52,18 +46,9 @@ def read_mjcf(path: Path, data: bytes, base: str | None) -> Source:
 
 
 def _compiled(text: str, path: Path) -> Any:
-    """The compiled model.
+    """The model that MuJoCo compiles from reduced MJCF.
 
-    Args:
-        text: The reduced MJCF.
-        path: The file that it is from.
-
-    Returns:
-        The model.
-
-    Raises:
-        UsageError: If MuJoCo is not installed.
-        SourceFileError: If MuJoCo refuses the model.
+    Raises `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
     try:
         import mujoco
@@ -95,14 +80,7 @@ class _Reader:
         self.efforts = efforts(model)
 
     def source(self, base: str | None) -> Source:
-        """What the file says of one robot.
-
-        Args:
-            base: A link of that robot; None where there is one robot only.
-
-        Returns:
-            The links in the order of the tree.
-        """
+        """What the file says of the robot with link `base` (None: the only one), by the tree."""
         model = self.model
         root = self._root(base)
         bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
@@ -270,15 +248,9 @@ class _Reader:
 
 
 def _names(model: Any, addresses: Any, what: str) -> list[str]:
-    """Names of bodies or joints; of those without one what they are, with their number.
+    """Names of bodies or joints by number; of those without one what they are, with the number.
 
-    Args:
-        model: The model.
-        addresses: Where the names of their kind begin.
-        what: What they are, in a word.
-
-    Returns:
-        The names, by number.
+    `addresses` tell where the names of their kind begin, and `what` is what they are, in a word.
     """
     given = [_text(model, address) for address in addresses]
     names = Names(given)
@@ -286,15 +258,10 @@ def _names(model: Any, addresses: Any, what: str) -> list[str]:
 
 
 def _higher(model: Any, key: str, place: int) -> Any:
-    """Coefficients after the first of a stiffness or damping, which new versions of MuJoCo know.
+    """Coefficients after the first of a stiffness or damping, or 0.
 
-    Args:
-        model: The model.
-        key: Name of the array of first coefficients.
-        place: Number of the joint or degree of freedom.
-
-    Returns:
-        The coefficients, or 0.
+    New versions of MuJoCo know them. `key` is the name of the array of first coefficients, and
+    `place` the number of the joint or degree of freedom.
     """
     found = getattr(model, f"{key}poly", None)
     return 0.0 if found is None else found[place]

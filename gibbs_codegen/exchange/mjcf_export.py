@@ -19,15 +19,7 @@ from gibbs_codegen.robot.rigid_body import inertia_fault
 
 
 def mjcf_text(source: Source, root: str) -> str:
-    """The text of an MJCF file.
-
-    Args:
-        source: The robot, with names that a file can hold.
-        root: Name of its root.
-
-    Returns:
-        The text.
-    """
+    """The text of an MJCF file of a robot with names that a file can hold."""
     writer = _Writer(source)
     top = ET.Element("mujoco", model=source.name)
     ET.SubElement(top, "compiler", angle="radian", autolimits="true", fusestatic="false")
@@ -68,13 +60,8 @@ class _Writer:
     def body(self, parent: ET.Element, name: str, group: _Group) -> None:
         """Write a body and what hangs on it.
 
-        Args:
-            parent: The element of what carries it.
-            name: Name of its link.
-            group: Joints that move it, its own last, each with its frame in the carrying body's.
-
-        Raises:
-            UsageError: If it moves and has no mass, and not one link follows it.
+        `group` are the joints that move it, its own last, each with its frame in the carrying
+        body's. Raises `UsageError` if the body moves and has no mass, and not one link follows it.
         """
         inertial, below = self._source.links[name].inertial, self._below.get(name, [])
         (joint, frame) = group[-1]
@@ -100,12 +87,7 @@ class _Writer:
             self.body(element, found.child, [(found, found.pose)])
 
     def rotor(self, actuator: ET.Element, rotor: SourceRotor) -> None:
-        """Write a rotor as a site and a motor.
-
-        Args:
-            actuator: The element that holds motors.
-            rotor: The rotor.
-        """
+        """Write a rotor as a site and a motor, this into the element that holds motors."""
         site = self._sites.free(rotor.name)
         element = self.place_of(rotor.on, rotor.name)
         ET.SubElement(element, "site", name=site, pos=numbers(rotor.position))
@@ -122,29 +104,16 @@ class _Writer:
         ET.SubElement(actuator, "general" if rotor.time_constant else "motor", given)
 
     def motor(self, actuator: ET.Element, joint: SourceJoint) -> None:
-        """Write the motor of a joint.
-
-        Args:
-            actuator: The element that holds motors.
-            joint: The joint.
-        """
+        """Write the motor of a joint into the element that holds motors."""
         given = {"name": self._actuators.free(f"tau_{joint.name}"), "joint": joint.name}
         if (effort := joint.limits.effort) is not None:
             given["ctrlrange"] = numbers((-effort, effort))
         ET.SubElement(actuator, "motor", given)
 
     def place_of(self, link: str, what: str) -> ET.Element:
-        """The body of a link.
+        """The body of a link that `what` is to be placed on.
 
-        Args:
-            link: Name of the link.
-            what: What is to be placed on it.
-
-        Returns:
-            Its element.
-
-        Raises:
-            UsageError: If the link has no body of its own.
+        Raises `UsageError` if the link has no body of its own.
         """
         if link not in self._bodies:
             raise UsageError(
@@ -159,16 +128,7 @@ def _weighs(inertial: Inertial) -> bool:
 
 
 def _inertial(element: ET.Element, name: str, inertial: Inertial) -> None:
-    """Write the inertia of a link.
-
-    Args:
-        element: Its body.
-        name: Its name.
-        inertial: What it weighs.
-
-    Raises:
-        UsageError: If MuJoCo would refuse it.
-    """
+    """Write the inertia of a link into its body; raises `UsageError` if MuJoCo would refuse it."""
     if not _weighs(inertial):
         return
     i = inertial.inertia
@@ -189,12 +149,9 @@ def _inertial(element: ET.Element, name: str, inertial: Inertial) -> None:
 
 
 def _joint(element: ET.Element, joint: SourceJoint, frame: Placement) -> None:
-    """Write a joint.
+    """Write a joint into the body that it moves.
 
-    Args:
-        element: The body that it moves.
-        joint: The joint.
-        frame: Its frame in the body's, its coordinate and those after it at zero.
+    `frame` is its frame in the body's, its coordinate and those after it at zero.
     """
     passive, limits = joint.passive, joint.limits
     given = {

@@ -18,16 +18,7 @@ _NO_BIAS = 0
 def mjcf_rotors(
     model: Any, names: Sequence[str], bodies: Sequence[int]
 ) -> tuple[tuple[SourceRotor, ...], list[Told]]:
-    """The rotors of a compiled model.
-
-    Args:
-        model: The model.
-        names: Names of its bodies.
-        bodies: Numbers of the robot's bodies.
-
-    Returns:
-        The rotors in the order of the actuators, and what was left out.
-    """
+    """The rotors on such bodies of a compiled model, by actuators, and what was left out."""
     rotors, told = [], []
     for k in range(model.nu):
         if model.actuator_trntype[k] != _SITE:
@@ -68,14 +59,7 @@ def mjcf_rotors(
 
 
 def efforts(model: Any) -> dict[int, float]:
-    """The largest torque or force of motors at joints.
-
-    Args:
-        model: The compiled model.
-
-    Returns:
-        The effort in N m or N by the number of the joint.
-    """
+    """The largest torque or force, N m or N, of motors at joints, by the number of the joint."""
     found = {
         j: float(np.abs(model.jnt_actfrcrange[j]).max())
         for j in range(model.njnt)
@@ -92,15 +76,9 @@ def efforts(model: Any) -> dict[int, float]:
 
 
 def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
-    """Least and largest force of an actuator. With a bias, a servo's control is no force.
+    """Least and largest force of an actuator, or None where there is no bound.
 
-    Args:
-        model: The compiled model.
-        k: Number of the actuator.
-        gear: Force per unit of actuation.
-
-    Returns:
-        The bounds, or None where there are none.
+    With a bias, a servo's control is no force. `gear` is the force per unit of actuation.
     """
     bounds: list[Array] = []
     if model.actuator_ctrllimited[k] and model.actuator_biastype[k] == _NO_BIAS:

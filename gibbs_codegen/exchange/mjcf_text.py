@@ -43,15 +43,7 @@ _TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", 
 
 
 def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
-    """Read a file with what it includes, and keep what has mass, moves or drives.
-
-    Args:
-        path: The file, in whose folder others are found.
-        data: Its text.
-
-    Returns:
-        The MJCF to be compiled, and what was left out.
-    """
+    """What a file and its includes have of mass, motion and drives, and what was left out."""
     root = parse_xml(data, str(path))
     _include(root, path)
     _check(root, str(path))
@@ -84,12 +76,7 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
 def _include(root: Element, path: Path) -> None:
     """Put the contents of included files in place of `<include>`.
 
-    Args:
-        root: The document, which is changed.
-        path: Its file.
-
-    Raises:
-        SourceFileError: If files include too many others.
+    Raises `SourceFileError` if files include too many others.
     """
     for _ in range(_MOST_INCLUDES):
         found = next(((p, e) for p in root.iter() for e in p if e.tag == "include"), (None, None))
@@ -106,15 +93,7 @@ def _include(root: Element, path: Path) -> None:
 
 
 def _check(root: Element, file: str) -> None:
-    """Refuse what would keep the compiler busy without end, or is no number.
-
-    Args:
-        root: The document.
-        file: Its name for messages.
-
-    Raises:
-        SourceFileError: If there is such a thing.
-    """
+    """Refuse what would keep the compiler busy without end, or is no number."""
     faults, copies = [], 1
     for element in root.iter():
         line = element.line if isinstance(element, Element) else None
@@ -157,12 +136,10 @@ class _Shapes:
                 self._read(inner, mass)
 
     def strip(self, element: Element, kind: str, weighed: bool) -> None:
-        """Remove the shapes of an element and of the bodies in it.
+        """Remove the shapes of an element, a body or what holds some, and of the bodies in it.
 
-        Args:
-            element: A body, or what holds bodies.
-            kind: The class that its shapes have unless they name another.
-            weighed: Whether its mass is given, so that no shape counts.
+        `kind` is the class of shapes that name no other; `weighed` whether the mass is given, so
+        that no shape counts.
         """
         for found in children(element):
             inner = found.get("childclass", kind)
@@ -187,14 +164,7 @@ def _is_zero(text: str | None) -> bool:
 
 
 def _only_motors(root: Element) -> Iterator[Told]:
-    """Remove actuators that are no motors at a site or joint.
-
-    Args:
-        root: The document, which is changed.
-
-    Yields:
-        What was left out.
-    """
+    """Remove actuators that are no motors at a site or joint, and tell of them."""
     for section in root.iter("actuator"):
         for actuator in [found for found in section if isinstance(found, Element)]:
             acts = "site" in actuator.attrib or "joint" in actuator.attrib
@@ -207,12 +177,7 @@ def _only_motors(root: Element) -> Iterator[Told]:
 def _settle(root: Element, path: Path) -> Iterator[Told]:
     """Leave the compiler no choice: no welding, and folders by their full paths.
 
-    Args:
-        root: The document, which is changed.
-        path: Its file.
-
-    Yields:
-        Settings with which MuJoCo changes masses or inertias.
+    Tells of settings with which MuJoCo changes masses or inertias.
     """
     meshes = any("mesh" in found.attrib for found in root.iter("geom"))
     for section in children(root):

@@ -19,37 +19,15 @@ class Namer:
         self._made: dict[tuple[str, str], int] = {}
 
     def body(self, name: str, what: NamedKind) -> str:
-        """A name for a link or rotor.
-
-        Args:
-            name: Its name in the source.
-            what: What it is, in a word.
-
-        Returns:
-            The name.
-        """
+        """A name for a link or rotor, by its name in the source."""
         return self._free(name, what)
 
     def coordinate(self, name: str) -> str:
-        """A name for a joint's coordinate.
-
-        Args:
-            name: The joint's name in the source.
-
-        Returns:
-            The name.
-        """
+        """A name for a joint's coordinate, by the joint's name in the source."""
         return self._free(name, "joint")
 
     def frame(self, name: str) -> str:
-        """A name for a frame.
-
-        Args:
-            name: Its name in the source.
-
-        Returns:
-            The name.
-        """
+        """A name for a frame, by its name in the source."""
         return self._free(name, "frame")
 
     def _free(self, name: str, what: NamedKind) -> str:

@@ -34,15 +34,7 @@ class Placement:
 
     @staticmethod
     def of_matrix(xyz: Sequence[float] | Array, matrix: Array) -> Placement:
-        """The placement of a rotation matrix.
-
-        Args:
-            xyz: Origin, m.
-            matrix: Axes of the frame in columns (3, 3).
-
-        Returns:
-            The placement.
-        """
+        """The placement with an origin, in m, and axes in the columns of a matrix (3, 3)."""
         return Placement(vector(xyz), angles_of(matrix))
 
     @cached_property
@@ -63,14 +55,7 @@ class Placement:
         return Pose(self.xyz, self.rpy_deg)
 
     def point(self, place: Sequence[float] | Array) -> Array:
-        """A point of the frame in the other one.
-
-        Args:
-            place: The point (3), m.
-
-        Returns:
-            The point (3) in the axes and from the origin of the other frame, m.
-        """
+        """A point (3) of the frame, in m, in the axes and from the origin of the other one."""
         inner = np.asarray(place, float)
         turned: Array = inner if self.rpy_deg == LEVEL else self.matrix @ inner
         there: Array = turned + np.array(self.xyz)
@@ -98,41 +83,22 @@ HERE = Placement()
 
 
 def vector(values: Sequence[float] | Array) -> Vector3:
-    """Three numbers as a tuple of floats, without negative zeros.
-
-    Args:
-        values: The numbers (3).
-
-    Returns:
-        The tuple.
-    """
+    """Three numbers as a tuple of floats, without negative zeros."""
     x, y, z = (float(value) + 0.0 for value in values)
     return x, y, z
 
 
 def degrees(radians: float) -> Fraction:
-    """An angle as the shortest decimal of its degrees, which loses nothing that matters.
+    """A finite angle as the shortest decimal of its degrees, −360 to 360.
 
-    Args:
-        radians: The angle, finite.
-
-    Returns:
-        The angle in degrees, from −360 to 360.
+    This loses nothing that matters.
     """
     angle = Fraction(repr(math.degrees(math.remainder(radians, 4 * math.pi))))
     return angle - 360 if angle > 360 else angle + 360 if angle < -360 else angle
 
 
 def about(letter: str, angle: Fraction) -> Array:
-    """Rotation about a coordinate axis, exact for multiples of 90°.
-
-    Args:
-        letter: The axis, x, y or z.
-        angle: The angle in degrees.
-
-    Returns:
-        The matrix (3, 3).
-    """
+    """Rotation (3, 3) about axis x, y or z by degrees, exact for multiples of 90°."""
     turns = round(angle / 90)
     rest = angle - 90 * turns
     c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
@@ -148,14 +114,7 @@ def about(letter: str, angle: Fraction) -> Array:
 
 
 def of_quaternion(x: float, y: float, z: float, w: float) -> Array:
-    """The rotation of a quaternion, which need not be of unit length.
-
-    Args:
-        x, y, z, w: The quaternion, not zero.
-
-    Returns:
-        The matrix (3, 3).
-    """
+    """The rotation (3, 3) of a quaternion, which is not zero but need not be of unit length."""
     v, n = np.array([x, y, z]), x * x + y * y + z * z + w * w
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turned: Array = ((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross) / n
@@ -163,14 +122,7 @@ def of_quaternion(x: float, y: float, z: float, w: float) -> Array:
 
 
 def angles_of(matrix: Array) -> Angles3:
-    """Roll, pitch and yaw of a rotation, accurate at and near a pitch of ±90° too.
-
-    Args:
-        matrix: The rotation (3, 3).
-
-    Returns:
-        The angles in degrees.
-    """
+    """Roll, pitch and yaw of a rotation (3, 3) in degrees, accurate at a pitch near ±90° too."""
     level = math.hypot(matrix[0, 0], matrix[1, 0])
     pitch = math.atan2(-matrix[2, 0], level if level > _ROUNDING else 0.0)
     # At ±90° roll and yaw turn about one axis, and yaw may be anything: 0.

@@ -22,28 +22,13 @@ _WIDTH = 99
 
 
 def in_order(told: Sequence[Told]) -> list[Told]:
-    """Lines of a report, by what was done.
-
-    Args:
-        told: The lines, as they came.
-
-    Returns:
-        The lines in the order of a report.
-    """
+    """Lines of a report, by what was done."""
     order = list(KINDS)
     return sorted(told, key=lambda line: order.index(line.kind))
 
 
 def opening_comment(source: str, told: Sequence[Told]) -> str:
-    """The comment with which an imported robot file begins.
-
-    Args:
-        source: Name of the file that it is imported from.
-        told: What was done.
-
-    Returns:
-        The comment, with an empty line after it.
-    """
+    """The comment with which an imported robot file begins, with an empty line after it."""
     lines = [f"Imported from {printable(source, 80)} by gibbs-codegen import."]
     for kind in KINDS:
         found = [line for line in told if line.kind == kind]

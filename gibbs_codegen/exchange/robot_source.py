@@ -22,15 +22,9 @@ ROOT = "base"
 
 
 def source_of(robot: Robot) -> Source:
-    """The links and joints of a robot.
+    """The links and joints of a robot, as of a file.
 
     The root is a link "base", whose frame is at the point whose position is x, y, z.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Its links and joints, as of a file.
     """
     centre = Placement(vector(base_centre(robot.base)))
     names, body = [ROOT], robot.base.body
@@ -65,16 +59,7 @@ def source_of(robot: Robot) -> Source:
 
 
 def _motor(robot: Robot, k: int, rod: str) -> SourceRotor:
-    """The motor of a rod.
-
-    Args:
-        robot: The robot.
-        k: Number of the rod, from 1.
-        rod: What the link of the rod is called.
-
-    Returns:
-        The motor, as a rotor on that link.
-    """
+    """The motor of rod `k`, from 1, as a rotor on the link that is called `rod`."""
     base = robot.base
     seen_from_motor = k == 1 and base.azimuth_deg is None
     place = (0.0 if seen_from_motor else base.arm(k).length, 0.0, 0.0)
@@ -82,16 +67,9 @@ def _motor(robot: Robot, k: int, rod: str) -> SourceRotor:
 
 
 def _placed(rotor: Rotor, k: int, names: list[str], centre: Placement) -> SourceRotor:
-    """A rotor that is placed on a body.
+    """Rotor `k`, from 1, that is placed on a body.
 
-    Args:
-        rotor: The rotor.
-        k: Its number, from 1.
-        names: Names of base and links.
-        centre: The frame of the base in that of the root.
-
-    Returns:
-        The rotor.
+    `names` are those of base and links; `centre` is the frame of the base in that of the root.
     """
     return SourceRotor(
         rotor.name or default_prefix("rotor", k),
@@ -118,16 +96,9 @@ def _inertial(body: Body, frame: Placement) -> Inertial:
 
 
 def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> SourceJoint:
-    """The joint of a link.
+    """The joint of link `i`, from 1, its pose in the frame of the carrying link.
 
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-        names: Names of base and links.
-        centre: The frame of the base in that of the root.
-
-    Returns:
-        The joint, its pose in the frame of the carrying link.
+    `names` are those of base and links; `centre` is the frame of the base in that of the root.
     """
     link = robot.links[i - 1]
     name = link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
@@ -146,16 +117,7 @@ def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> SourceJ
 
 
 def _pose(robot: Robot, i: int, link: Link) -> Placement:
-    """Where a joint is, its coordinate at zero.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-        link: The link.
-
-    Returns:
-        The pose in the frame of the carrying body.
-    """
+    """Pose, at coordinate zero, of the joint of link `i`, from 1, in the carrying body's frame."""
     if link.pose is not None:
         return Placement(link.pose.xyz, link.pose.rpy_deg)
     parent = robot.parents[i - 1]

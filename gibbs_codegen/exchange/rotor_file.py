@@ -36,17 +36,9 @@ class RotorFileTable(Table):
 
 
 def read_rotors(path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
-    """Read a file of rotors.
+    """Read a file of rotors on the links of a tree: in TOML, or in YAML if its name ends so.
 
-    Args:
-        path: The file, in TOML, or in YAML if its name ends so.
-        tree: The robot, on whose links the rotors are.
-
-    Returns:
-        The rotors, in order.
-
-    Raises:
-        SourceFileError: If the file is refused, or a link is unknown.
+    Raises `SourceFileError` if the file is refused, or a link is unknown.
     """
     try:
         text = read_bytes(path).decode("utf-8-sig")
@@ -67,16 +59,7 @@ def read_rotors(path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
 
 
 def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
-    """Rotors as a robot file has them.
-
-    Args:
-        text: The file.
-        path: Its path.
-        tree: The robot.
-
-    Returns:
-        The rotors.
-    """
+    """Rotors as a robot file has them."""
     found = checked(text, str(path), RotorFileTable, SourceFileError)
     return tuple(
         SourceRotor(
@@ -99,19 +82,9 @@ def _link(name: str, tree: SourceTree) -> str:
 
 
 def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
-    """Rotors of a platform of eagle_mpc.
+    """Rotors of a platform of eagle_mpc; thrust is along z of their frames.
 
-    Args:
-        text: The file.
-        path: Its path.
-        tree: The robot.
-
-    Returns:
-        The rotors; thrust is along z of their frames.
-
-    Raises:
-        UsageError: If PyYAML is not installed.
-        SourceFileError: If the file is refused; ValueError and the like stay inside.
+    Raises `UsageError` if PyYAML is not installed, and `SourceFileError` if the file is refused.
     """
     try:
         import yaml
@@ -143,20 +116,10 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
 def _eagle(
     platform: Mapping[str, Any], name: str, entry: Mapping[str, Any], tree: SourceTree, path: Path
 ) -> SourceRotor:
-    """One rotor of a platform.
+    """One rotor of a platform, which has the coefficients of all.
 
-    Args:
-        platform: The platform, with the coefficients of all rotors.
-        name: What the rotor is called.
-        entry: What it says of the rotor.
-        tree: The robot.
-        path: The file.
-
-    Returns:
-        The rotor.
-
-    Raises:
-        ValueError: If a number is not finite, or the orientation has no length.
+    `entry` is what it says of this one. Raises `ValueError` if a number is not finite, or the
+    orientation has no length.
     """
     spin = entry["spin_direction"]
     turn = [float(value) for value in entry["orientation"]]

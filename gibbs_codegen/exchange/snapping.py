@@ -23,14 +23,7 @@ _NOISE = 1e-12
 
 
 def snapped_source(source: Source) -> Source:
-    """Snap every angle and axis of a file, and tell of each that changes.
-
-    Args:
-        source: The file.
-
-    Returns:
-        The file, with exact angles.
-    """
+    """A file with every angle and axis exact; it tells of each that changes."""
     told = list(source.told)
 
     def tell(name: str, before: Placement | Vector3, after: Placement | Vector3) -> None:
@@ -69,14 +62,7 @@ def _snapped_joint(joint: SourceJoint) -> SourceJoint:
 
 
 def snapped(pose: Placement) -> Placement:
-    """The pose with angles that are all but multiples of 15° made exact.
-
-    Args:
-        pose: The pose.
-
-    Returns:
-        The pose, the same one if nothing is to be done.
-    """
+    """The pose, its angles that are all but multiples of 15° made exact; itself if none is."""
     roll, pitch, yaw = map(_snapped_angle, pose.rpy_deg)
     exact = (roll, pitch, yaw)
     if abs(pitch) == 90 and not all(angle % 15 == 0 for angle in exact):
@@ -102,26 +88,12 @@ def _snapped_axis(axis: Vector3) -> Vector3:
 
 
 def quiet(values: Vector3) -> Vector3:
-    """Lengths, or components of a unit vector, without noise.
-
-    Args:
-        values: Lengths in m or components (3).
-
-    Returns:
-        The values, what is below 1e-12 set to 0.
-    """
+    """Lengths in m, or components of a unit vector, (3): what is below 1e-12 is set to 0."""
     return vector([0.0 if abs(value) < _NOISE else value for value in values])
 
 
 def quiet_inertia(matrix: Array) -> Array:
-    """An inertia without noise in its products.
-
-    Args:
-        matrix: The inertia (3, 3).
-
-    Returns:
-        The inertia, products below 1e-12 of its trace set to 0.
-    """
+    """An inertia (3, 3) whose products below 1e-12 of its trace are set to 0."""
     noise = np.abs(matrix) < _NOISE * abs(np.trace(matrix))
     found: Array = np.where(noise & ~np.eye(3, dtype=bool), 0.0, matrix)
     return found

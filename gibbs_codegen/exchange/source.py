@@ -127,14 +127,5 @@ class Source:
     told: tuple[Told, ...] = ()
 
     def refused(self, message: str, line: int | None = None, where: str = "") -> SourceFileError:
-        """The error for a fault of the file.
-
-        Args:
-            message: What is wrong, and what would be right.
-            line: The line, if it is known.
-            where: The element.
-
-        Returns:
-            The error, to be raised.
-        """
+        """The error, to be raised, for a fault: what is wrong, and what would be right."""
         return SourceFileError(self.file, [Fault(where, message, line)])

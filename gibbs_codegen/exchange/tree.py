@@ -27,29 +27,15 @@ class SourceTree:
     root: str
 
     def joints_below(self, link: str) -> list[SourceJoint]:
-        """The joints that a link carries.
-
-        Args:
-            link: Name of the link.
-
-        Returns:
-            The joints, in the order of the file.
-        """
+        """The joints that a link carries, in the order of the file."""
         return [joint for joint in self.source.joints if joint.parent == link]
 
 
 def tree_of(source: Source) -> SourceTree:
-    """Check that the links are one tree.
+    """The tree of a file's links.
 
-    Args:
-        source: The file.
-
-    Returns:
-        The tree.
-
-    Raises:
-        SourceFileError: If a link is unknown, has two parents or is its own ancestor, or there is
-            more than one root.
+    Raises `SourceFileError` if a link is unknown, has two parents or is its own ancestor, or there
+    is more than one root.
     """
     carried: dict[str, SourceJoint] = {}
     for joint in source.joints:
@@ -96,15 +82,8 @@ def _reached(tree: SourceTree) -> set[str]:
 def locked(tree: SourceTree, values: Mapping[str, float]) -> SourceTree:
     """Lock joints: those asked for, those of rotors, and those that have no range to move in.
 
-    Args:
-        tree: The tree.
-        values: Where the joints asked for are locked, rad or m, by name.
-
-    Returns:
-        The tree, with fixed joints in their place.
-
-    Raises:
-        UsageError: If there is no joint of a name.
+    `values` has where the joints asked for are locked, rad or m, by name; raises `UsageError` if
+    there is no joint of a name. Fixed joints are in their place.
     """
     source = tree.source
     known = {joint.name for joint in source.joints} | source.anchors
@@ -155,12 +134,8 @@ def _spins(joint: SourceJoint, rotor: SourceRotor) -> bool:
 def without_anchor(tree: SourceTree) -> SourceTree:
     """Leave out massless roots by which the file hangs the robot up in the world.
 
-    Args:
-        tree: The tree.
-
-    Returns:
-        The tree without them: without a root that a floating joint leads from, and without a link
-        "world" that a fixed joint leads from.
+    These are a root that a floating joint leads from, and a link "world" that a fixed joint leads
+    from.
     """
     for _ in range(_MOST_ANCHORS):
         source, root = tree.source, tree.root
@@ -187,13 +162,9 @@ def without_anchor(tree: SourceTree) -> SourceTree:
 
 
 def check_kinds(tree: SourceTree) -> None:
-    """Refuse joints that only a root may have.
+    """Refuse floating and planar joints, which only a root may have.
 
-    Args:
-        tree: The tree, its joints locked and its anchors left out.
-
-    Raises:
-        SourceFileError: If a joint is floating or planar.
+    Joints are locked and anchors left out before.
     """
     for joint in tree.source.joints:
         if joint.kind in ("floating", "planar"):
@@ -206,17 +177,8 @@ def rerooted(tree: SourceTree, link: str) -> SourceTree:
     """Hang the tree up by another link; the joints on the way to it are reversed.
 
     A reversed joint keeps its coordinate: the same value means the same configuration. The link it
-    now carries gets its frame at the joint, and keeps its own frame as a frame.
-
-    Args:
-        tree: The tree.
-        link: The new root.
-
-    Returns:
-        The tree.
-
-    Raises:
-        UsageError: If there is no such link.
+    now carries gets its frame at the joint, and keeps its own frame as a frame. Raises `UsageError`
+    if there is no such link.
     """
     source = tree.source
     if link not in source.links:
@@ -251,14 +213,6 @@ def _reversed(joint: SourceJoint) -> SourceJoint:
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """A hint at the name that may have been meant.
-
-    Args:
-        name: The name that is unknown.
-        known: Names that are known.
-
-    Returns:
-        The hint, empty if no name is near.
-    """
+    """A hint at the known name that may have been meant, empty if none is near."""
     found = difflib.get_close_matches(name[:80], list(known)[:2000], n=1)
     return f"; did you mean {printable(found[0], 60)}?" if found else ""

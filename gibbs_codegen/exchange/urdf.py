@@ -49,18 +49,7 @@ _LEFT_OUT = {
 
 
 def read_urdf(data: bytes, file: str) -> Source:
-    """Read a robot in URDF.
-
-    Args:
-        data: The text of the file.
-        file: Its name for messages.
-
-    Returns:
-        What the file says, unchecked as a tree.
-
-    Raises:
-        SourceFileError: With every fault, if the file is refused.
-    """
+    """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault."""
     root, values = parse_xml(data, file), Values()
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
@@ -152,15 +141,9 @@ def _axis(element: Element, values: Values) -> Vector3:
 
 
 def _limits(element: Element, kind: str, values: Values) -> JointLimits:
-    """Limits of a joint; in URDF a bound that `<limit>` leaves out is 0.
+    """Limits of a joint, of effort and rate only if it is continuous.
 
-    Args:
-        element: The joint.
-        kind: Its type in the file.
-        values: Reads the numbers.
-
-    Returns:
-        The limits; those of a continuous joint are of its effort and rate only.
+    In URDF a bound that `<limit>` leaves out is 0.
     """
     limit = child(element, "limit")
     if limit is None or kind not in ("revolute", "prismatic", "continuous"):

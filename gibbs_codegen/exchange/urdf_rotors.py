@@ -18,15 +18,7 @@ _THRUST = "thrust"
 
 
 def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
-    """The rotors that a file describes.
-
-    Args:
-        root: The element `<robot>`.
-        values: Reads numbers, and collects faults.
-
-    Returns:
-        The rotors, in the order of their numbers or of the file.
-    """
+    """The rotors under `<robot>`, in the order of their numbers or of the file."""
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
     numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
     gazebo = _by_number(numbered)
@@ -38,13 +30,7 @@ def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
     """Whether a joint is a rotor by the convention of JSK, in a file without a common rate.
 
-    Args:
-        joint: Its name.
-        link: Name of the link that it carries.
-        prefix: How the links of rotors begin.
-
-    Returns:
-        Whether it is.
+    `link` is what it carries, and `prefix` how the links of rotors begin.
     """
     return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
 
@@ -54,14 +40,7 @@ def _by_number(numbered: Sequence[tuple[float, SourceRotor]]) -> list[SourceRoto
 
 
 def is_motor(plugin: Element) -> bool:
-    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too.
-
-    Args:
-        plugin: The element.
-
-    Returns:
-        Whether it is.
-    """
+    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False

@@ -22,16 +22,10 @@ _ENDLESS = 1e16
 
 
 def urdf_text(source: Source) -> str:
-    """The text of a URDF file.
+    """The text of a URDF file of a robot with names that a file can hold.
 
     A rotor is a massless link on a fixed joint that has an `<m_f_rate>`, its drag, and whose limits
     are those of the thrust. A frame is a massless link on a fixed joint.
-
-    Args:
-        source: The robot, with names that a file can hold.
-
-    Returns:
-        The text.
     """
     root = ET.Element("robot", name=source.name)
     links = Names([*source.links, *(frame.name for frame in source.frames)])
@@ -91,13 +85,7 @@ def _joint(root: ET.Element, joint: SourceJoint) -> None:
 
 
 def _rotor(root: ET.Element, rotor: SourceRotor, link: str) -> None:
-    """A rotor as a link and a fixed joint.
-
-    Args:
-        root: The element `<robot>`.
-        rotor: The rotor.
-        link: Name of its link.
-    """
+    """Write a rotor under `<robot>` as a link of such a name and a fixed joint."""
     ET.SubElement(root, "link", name=link)
     element = ET.SubElement(root, "joint", name=rotor.name, type="fixed")
     _origin(element, Placement(rotor.position, _along(rotor.direction)))
@@ -117,13 +105,7 @@ def _along(direction: Vector3) -> Angles3:
 
 
 def _frame(root: ET.Element, frame: SourceFrame, mount: str) -> None:
-    """A frame as a link and a fixed joint.
-
-    Args:
-        root: The element `<robot>`.
-        frame: The frame.
-        mount: Name of its joint.
-    """
+    """Write a frame under `<robot>` as a link and a fixed joint, `mount`."""
     ET.SubElement(root, "link", name=frame.name)
     element = ET.SubElement(root, "joint", name=mount, type="fixed")
     _origin(element, frame.pose)
@@ -132,12 +114,5 @@ def _frame(root: ET.Element, frame: SourceFrame, mount: str) -> None:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers in full, with spaces between them.
-
-    Args:
-        values: The numbers.
-
-    Returns:
-        The text.
-    """
+    """Numbers in full, with spaces between them."""
     return " ".join(repr(float(value) + 0.0) for value in values)

@@ -21,24 +21,11 @@ class Values:
         self.faults: list[Fault] = []
 
     def fault(self, element: Element, message: str) -> None:
-        """Note a fault.
-
-        Args:
-            element: Where it is.
-            message: What is wrong, and what would be right.
-        """
+        """Note a fault of an element: what is wrong, and what would be right."""
         self.faults.append(Fault(described(element), message, element.line))
 
     def name(self, element: Element, attribute: str = "name") -> str:
-        """A name.
-
-        Args:
-            element: The element.
-            attribute: The attribute that holds it.
-
-        Returns:
-            The name, or an empty text if there is none, which is a fault.
-        """
+        """A name, or an empty text if there is none, which is a fault."""
         text = element.get(attribute, "").strip()
         if not text:
             self.fault(element, f"has no {attribute}")
@@ -49,16 +36,7 @@ class Values:
     def number(
         self, element: Element | None, attribute: str, default: float | None = None
     ) -> float:
-        """A finite number.
-
-        Args:
-            element: The element, or None where it is left out.
-            attribute: The attribute that holds it.
-            default: Its value if it is left out; None if it must not be.
-
-        Returns:
-            The number.
-        """
+        """A finite number, which must be there unless it has a default."""
         if element is None:
             return default or 0.0
         if (text := element.get(attribute)) is None:
@@ -68,16 +46,7 @@ class Values:
         return self.of_text(element, attribute, text)
 
     def of_text(self, element: Element, what: str, text: str) -> float:
-        """The number that a text holds.
-
-        Args:
-            element: Where it stands.
-            what: What it is called.
-            text: The text.
-
-        Returns:
-            The number, 0 if it is faulty.
-        """
+        """The number that a text holds, 0 if it is faulty; `what` is what it is called."""
         try:
             value = float(text) if "_" not in text else math.nan
         except ValueError:
@@ -91,30 +60,14 @@ class Values:
         return value if abs(value) >= LEAST else 0.0
 
     def positive(self, element: Element | None, attribute: str) -> float:
-        """A number that is at least 0, and 0 by default.
-
-        Args:
-            element: The element, or None where it is left out.
-            attribute: The attribute that holds it.
-
-        Returns:
-            The number.
-        """
+        """A number that is at least 0, and 0 by default."""
         value = self.number(element, attribute, 0.0)
         if value < 0.0 and element is not None:
             self.fault(element, f"{attribute} must be at least 0, not {value:g}")
         return max(value, 0.0)
 
     def bound(self, element: Element | None, attribute: str) -> float | None:
-        """A limit; what is left out or endless is None.
-
-        Args:
-            element: The element, or None where it is left out.
-            attribute: The attribute that holds it.
-
-        Returns:
-            The limit.
-        """
+        """A limit; what is left out or endless is None."""
         text = None if element is None else element.get(attribute)
         if element is None or text is None:
             return None
@@ -124,16 +77,7 @@ class Values:
         return value if abs(value) < _ENDLESS else None
 
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
-        """Three numbers.
-
-        Args:
-            element: The element, or None where it is left out.
-            attribute: The attribute that holds them.
-            default: Their values if they are left out.
-
-        Returns:
-            The numbers.
-        """
+        """Three numbers."""
         text = None if element is None else element.get(attribute)
         if element is None or text is None:
             return default
@@ -144,53 +88,24 @@ class Values:
         return vector([self.of_text(element, attribute, word) for word in words])
 
     def placement(self, element: Element | None) -> Placement:
-        """The pose that an `<origin>` gives.
-
-        Args:
-            element: The origin, or None where it is left out.
-
-        Returns:
-            The pose.
-        """
+        """The pose that an `<origin>` gives, or that of one left out."""
         xyz = self.vector(element, "xyz", (0.0, 0.0, 0.0))
         roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
         return Placement(xyz, (roll, pitch, yaw))
 
 
 def child(element: Element, tag: str) -> Element | None:
-    """The first child of a tag.
-
-    Args:
-        element: The element.
-        tag: The tag.
-
-    Returns:
-        The child, or None.
-    """
+    """The first child of a tag, or None."""
     return next((found for found in children(element) if found.tag == tag), None)
 
 
 def children(element: Element) -> list[Element]:
-    """The children of an element.
-
-    Args:
-        element: The element.
-
-    Returns:
-        The children, in order.
-    """
+    """The children of an element, in order."""
     return [found for found in element if isinstance(found, Element)]
 
 
 def described(element: Element) -> str:
-    """An element in words for messages.
-
-    Args:
-        element: The element.
-
-    Returns:
-        Such as `<joint "rotor1">`.
-    """
+    """An element in words for messages, such as `<joint "rotor1">`."""
     name = element.get("name")
     tag = printable(element.tag, 40)
     return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'

@@ -53,19 +53,10 @@ class _Place:
 
 
 def welded(tree: SourceTree, name: str, attitude: Attitude, snap: bool) -> tuple[Robot, list[Told]]:
-    """The robot that a tree describes.
+    """The robot of a tree whose joints are revolute, prismatic or fixed, and what was done.
 
-    Args:
-        tree: The tree, whose joints are revolute, prismatic or fixed.
-        name: Name of the robot.
-        attitude: What describes the attitude of its base.
-        snap: Whether to set noise to zero.
-
-    Returns:
-        The robot, and what was done.
-
-    Raises:
-        SourceFileError: If it has more links or rotors than a robot may have.
+    `snap` is whether to set noise to zero. Raises `SourceFileError` if there are more links or
+    rotors than a robot may have.
     """
     bodies, places, told = _bodies(tree)
     source = tree.source
@@ -162,16 +153,7 @@ def _weighs(part: Inertial) -> bool:
 
 
 def _link(body: _Body, snap: bool, namer: Namer) -> Link:
-    """The link that a body becomes.
-
-    Args:
-        body: The body, which is not the base.
-        snap: Whether to set noise to zero.
-        namer: Gives names that are free.
-
-    Returns:
-        The link.
-    """
+    """The link that a body becomes, which is not the base; `snap` as of `welded`."""
     joint = body.joint
     assert joint is not None  # noqa: S101 - only the base has none
     return Link(
@@ -190,19 +172,9 @@ def _link(body: _Body, snap: bool, namer: Namer) -> Link:
 def _rotors(
     tree: SourceTree, places: dict[str, _Place], snap: bool, namer: Namer
 ) -> tuple[Rotor, ...]:
-    """The rotors, on bodies.
+    """The rotors on bodies, in the order of the source; `places` are those of the tree's links.
 
-    Args:
-        tree: The tree.
-        places: Where its links are.
-        snap: Whether to set noise to zero.
-        namer: Gives names that are free.
-
-    Returns:
-        The rotors, in the order of the source.
-
-    Raises:
-        SourceFileError: If a rotor is on no link of the tree.
+    Raises `SourceFileError` if a rotor is on no link of the tree.
     """
     rotors = []
     for rotor in tree.source.rotors:
@@ -227,16 +199,7 @@ def _rotors(
 def _frames(
     tree: SourceTree, places: dict[str, _Place], bodies: list[_Body]
 ) -> list[tuple[str, _Place]]:
-    """Frames of links that were welded or are not where their joint is, and those of the source.
-
-    Args:
-        tree: The tree.
-        places: Where its links are.
-        bodies: The bodies.
-
-    Returns:
-        Name and place of each frame.
-    """
+    """Frames of links that were welded or are not where their joint is, and those of the source."""
     own = {body.name for body in bodies}
     found = [
         (name, place)

@@ -10,19 +10,11 @@ from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
 
 
 def expanded(path: Path) -> bytes:
-    """Expand a file.
+    """The URDF that a file expands to.
 
     xacro evaluates expressions and reads other files: what it is given is trusted as a program is.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The URDF.
-
-    Raises:
-        UsageError: If xacrodoc is not installed.
-        SourceFileError: If the file cannot be expanded.
+    Raises `UsageError` if xacrodoc is not installed, and `SourceFileError` if it cannot expand the
+    file.
     """
     parse_xml(read_bytes(path), str(path))
     try:

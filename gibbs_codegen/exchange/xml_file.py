@@ -33,15 +33,8 @@ class _Refused(Exception):  # noqa: N818 - it never leaves this module
 def read_bytes(path: Path) -> bytes:
     """The bytes of a file.
 
-    Args:
-        path: The file.
-
-    Returns:
-        Its bytes.
-
-    Raises:
-        UsageError: If there is no such file, or it cannot be read.
-        SourceFileError: If it is too large.
+    Raises `UsageError` if there is no such file, or it cannot be read, and `SourceFileError` if it
+    is too large.
     """
     try:
         if not path.is_file():
@@ -61,17 +54,10 @@ def read_bytes(path: Path) -> bytes:
 
 
 def parse_xml(data: bytes, file: str) -> Element:
-    """The root element of a document.
+    """The root element of a document; every element has its line.
 
-    Args:
-        data: The document.
-        file: Name of the file for messages.
-
-    Returns:
-        The root element; every element has its line.
-
-    Raises:
-        SourceFileError: If it is not well-formed XML, declares a document type, or is too large.
+    Raises `SourceFileError` if it is not well-formed XML, declares a document type, or is too
+    large.
     """
     builder = ET.TreeBuilder(element_factory=Element)
     parser = expat.ParserCreate()

@@ -35,17 +35,10 @@ def write_animation(
 ) -> None:
     """Write the flight in real time to a `.gif` or `.mp4` file, whole or not at all.
 
-    GIF counts in 1/100 s: unless 100 is a multiple of `fps`, it runs a little fast.
-
-    Args:
-        flight: The flight.
-        path: The file; its suffix chooses the format.
-        fps: Frames per second, at least 1.
-        progress: Is called after each frame with the number of frames done and of all frames.
-
-    Raises:
-        UsageError: The suffix is another one, or there are no frames.
-        OutputError: The file cannot be written, or ffmpeg, which `.mp4` needs, is missing or fails.
+    GIF counts in 1/100 s: unless 100 is a multiple of `fps`, it runs a little fast. `progress` is
+    called after each frame with the number of frames done and of all. Raises `UsageError` for
+    another suffix and no frames, and `OutputError` if the file cannot be written, or ffmpeg, which
+    `.mp4` needs, is missing or fails.
     """
     writer = _writer(path, fps)
     # Beside it, so that only what is whole takes its place; the suffix tells the format.
@@ -86,13 +79,7 @@ class _GifWriter(AbstractMovieWriter):
     """Writes frames of one palette and without dithering, which makes files far smaller."""
 
     def setup(self, fig: Figure, outfile: Any, dpi: float | None = None) -> None:
-        """Begin a film.
-
-        Args:
-            fig: The figure that shows its frames.
-            outfile: The file to write.
-            dpi: Dots of a frame per inch of the figure.
-        """
+        """Begin a film."""
         super().setup(fig, outfile, dpi)
         self._pictures: list[Image.Image] = []
         inks = np.array([to_rgb(colour) for colour in (*COLOURS, GOLD, DARK)])
@@ -102,11 +89,7 @@ class _GifWriter(AbstractMovieWriter):
         self._palette.putpalette(shades.tobytes())
 
     def grab_frame(self, **savefig_kwargs: Any) -> None:
-        """Add the figure as it is as a frame.
-
-        Args:
-            **savefig_kwargs: As for Matplotlib's writers.
-        """
+        """Add the figure as it is as a frame."""
         drawn = io.BytesIO()
         self.fig.savefig(drawn, **{**savefig_kwargs, "format": "rgba", "dpi": self.dpi})
         picture = Image.frombytes("RGBA", self.frame_size, drawn.getvalue()).convert("RGB")
@@ -127,15 +110,7 @@ def _film(
     samples: list[int],
     progress: Callable[[int, int], None],
 ) -> None:
-    """Draw frame after frame.
-
-    Args:
-        flight: The flight.
-        writer: What takes the frames.
-        path: The file that it writes.
-        samples: Numbers of the samples to draw, a frame each.
-        progress: As for `write_animation`.
-    """
+    """Draw frame after frame, one for each of some samples."""
     film = Film(flight)
     writer.setup(film.figure, str(path), _FRAME_DPI)
     try:

@@ -27,11 +27,7 @@ _STAGES = (
 
 
 def architecture_sketch() -> Figure:
-    """Draw the stages from a robot file to a flight, with the folders of the package between them.
-
-    Returns:
-        The figure.
-    """
+    """Draw the stages from a robot file to a flight, and the package's folders between them."""
     rows = 2 * len(_STAGES) - 1
     with style():
         figure = Figure(figsize=(_WIDTH, _UNIT * (rows + 0.6)))
@@ -44,13 +40,7 @@ def architecture_sketch() -> Figure:
 
 
 def _draw_stage(axes: Axes, top: float, stage: tuple[str, str, str, str]) -> None:
-    """Draw a box, and below it the arrow to the next.
-
-    Args:
-        axes: The axes, in units of a row.
-        top: Upper edge of the box.
-        stage: What there is, what it is made of, its colour, and the folders that go on.
-    """
+    """Draw a box from `top`, in rows, and below it the arrow to the next."""
     name, words, colour, folders = stage
     right = _WIDTH / _UNIT
     shape = "round,pad=0,rounding_size=0.15"

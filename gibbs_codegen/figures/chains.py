@@ -88,13 +88,7 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
 
 
 def _draw_chain(axes: Axes, robot: Robot, chain: Chain) -> None:
-    """Draw one chain from its virtual links to its end.
-
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: Its chain.
-    """
+    """Draw one chain from its virtual links to its end."""
     j = chain.number
     axes.set_axis_off()
     axes.set(xlim=(-1.38, 2.42), ylim=(-1.3, 1.3), aspect="equal")
@@ -107,15 +101,9 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain) -> None:
 
 
 def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
-    """Draw the base as the chain begins: virtual links where angles turn it, and arm 1 or its body.
+    """Draw the base as the chain begins; return where its centre is drawn (2).
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: The chain.
-
-    Returns:
-        Where the base centre is drawn (2).
+    There are virtual links where angles turn it, and arm 1 or its body.
     """
     j, rods = chain.number, robot.base.rotors
     joints = np.array([[-1.12, 0.0], [-0.56, 0.0], [0.0, 0.0], [1.0, 0.0]])
@@ -148,12 +136,7 @@ def _draw_placed(
 ) -> None:
     """Draw the thrusts of the placed rotors of a body, which may point anywhere, as one arrow.
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: The chain, in which they may act.
-        body: Number of the body.
-        where: A place (2) on its drawing, and the step (2) to the tip of the arrow.
+    `where` is a place (2) on its drawing, and the step (2) to the tip of the arrow.
     """
     acting = [
         k
@@ -171,11 +154,7 @@ def _draw_placed(
 def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
     """Draw the base arm of a constrained chain, with its motor and its constraint torque.
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: Its chain.
-        centre: Where O₂ is drawn (2).
+    `centre` (2) is where O₂ is drawn.
     """
     j, arm = chain.number, chain.links[-1]
     true = float(robot.base.arm_angle_deg(arm))
@@ -202,11 +181,7 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
 def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
     """Draw the links of an arm, laid flat in steps, with what acts at their joints.
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: The chain that ends in the arm.
-        centre: Where the base centre is drawn (2).
+    `centre` (2) is where the base centre is drawn.
     """
     path, n = chain.path, len(chain.path)
     shown = list(range(n)) if n <= _MOST_LINKS else [*range(_MOST_LINKS - 1), n - 1]
@@ -240,12 +215,7 @@ def _draw_link_joint(
 ) -> None:
     """Draw the joint of a link, and what acts there; a link that is welded has neither.
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: The chain.
-        i: Number of the link.
-        where: The joint (2), half of the link's step (2), and the side (2) that is free.
+    `where` is the joint (2), half of the link's step (2), and the side (2) that is free.
     """
     link, (place, step, aside) = robot.links[i - 1], where
     jointed = [k for k in chain.path if k in robot.moving or k in robot.constrained]
@@ -266,13 +236,7 @@ def _draw_link_joint(
 def _arm_steps(robot: Robot, shown: list[int], gap: bool) -> Array:
     """Steps (k, 2) from joint to joint of the links that are shown, steep and flat by turns.
 
-    Args:
-        robot: The robot.
-        shown: Numbers of the links.
-        gap: Whether others are left out.
-
-    Returns:
-        The steps, scaled so that they fit.
+    They are scaled so that they fit; `gap` is whether links are left out.
     """
     long = [robot.links[i - 1].body.length or robot.links[i - 1].pose for i in shown]
     sizes = np.array([0.7 if drawn else 0.5 for drawn in long])

@@ -34,11 +34,7 @@ _LINKS = {"3  Links: Denavit–Hartenberg": 2.5}
 
 
 def conventions_sketch() -> Figure:
-    """Draw the conventions of robot files: frames, signs and angles.
-
-    Returns:
-        The figure, of three drawings, one below the other.
-    """
+    """Draw the conventions of robot files, one below the other: frames, signs and angles."""
     heights = _HEIGHTS | _LINKS
     with style():
         figure = Figure(figsize=(_WIDTH, sum(heights.values())))
@@ -90,15 +86,9 @@ def _draw_triad(
     names: tuple[str, str, str],
     quiet: bool = False,
 ) -> None:
-    """Draw a frame with the names of its axes.
+    """Draw a frame, with its axes in columns (3, 3) and their names, in grey if `quiet`.
 
-    Args:
-        axes: The axes of the drawing.
-        flat: Unit vectors (2, 3) of the page.
-        origin: Its origin (3).
-        turned: Its axes (3, 3), a column each.
-        names: Of its axes.
-        quiet: Whether it is drawn in grey.
+    `flat` (2, 3) are unit vectors of the page.
     """
     colours = (QUIET,) * 3 if quiet else (X_AXIS, Y_AXIS, Z_AXIS)
     at = flat @ origin

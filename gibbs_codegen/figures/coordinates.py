@@ -35,12 +35,6 @@ def coordinates(flight: Flight) -> Figure:
     deg, have a panel only if they drift, which takes a system that was integrated with them; in
     flights of the simulator they cannot. Attitudes and joints that vary far less than others, such
     as roll and pitch beside a yaw of many turns, have axes of their own.
-
-    Args:
-        flight: The flight.
-
-    Returns:
-        The figure.
     """
     panels = _panels(flight)
     pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
@@ -93,15 +87,9 @@ def _panels(flight: Flight) -> list[_Panel]:
 
 
 def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curves:
-    """Take coordinates that are all angles, all lengths or a quaternion.
+    """Curves, in deg or m, of coordinates that are all angles, all lengths or a quaternion.
 
-    Args:
-        flight: The flight.
-        what: What they are, for the label.
-        places: Their places (k) in q.
-
-    Returns:
-        Their curves, in deg or m, or as they are of a quaternion.
+    `what` is what they are, for the label, and `places` (k) are in q.
     """
     unit, factor = flight.layout.q.units[places[0]], 1.0
     if unit == "rad":

@@ -45,14 +45,7 @@ _SMALL, _GIVEN = 10.0, 8.0
 
 
 def chain_colour(number: int) -> str:
-    """Choose the colour of a chain in every drawing; colours repeat after ten chains.
-
-    Args:
-        number: The number of the chain, 1 … N.
-
-    Returns:
-        The colour, as #rrggbb.
-    """
+    """Colour, #rrggbb, of chain 1 … N in every drawing; colours repeat after ten chains."""
     return COLOURS[(number - 1) % len(COLOURS)]
 
 
@@ -93,16 +86,7 @@ def _lines(robot: Robot, names: Sequence[str]) -> list[list[int]]:
 
 
 def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
-    """Draw the column of the hybrid unknowns with their rows.
-
-    Args:
-        axes: The axes.
-        robot: The robot.
-        height: Height of the column, rows.
-
-    Returns:
-        The distance between their lines, rows.
-    """
+    """Draw the column of hybrid unknowns with their rows; return the distance of lines, rows."""
     left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
     names, given = hybrid_names(robot), _given_names(robot)
     lines = _lines(robot, [unknown.name for unknown in unknowns])
@@ -132,14 +116,9 @@ def _given_names(robot: Robot) -> dict[str, str]:
 def _draw_chain(
     axes: Axes, robot: Robot, chain: Chain, top: float, hybrid: tuple[float, int]
 ) -> None:
-    """Draw the unknowns of a chain, and arrows to the hybrid unknowns.
+    """Draw the unknowns of a chain from row `top`, and arrows to the hybrid unknowns.
 
-    Args:
-        axes: The axes.
-        robot: The robot.
-        chain: Its chain.
-        top: Where the unknowns begin, rows from above.
-        hybrid: The distance between lines of hybrid unknowns, rows, and the number of all chains.
+    `hybrid` is the distance between lines of hybrid unknowns, rows, and the number of all chains.
     """
     step, chains = hybrid
     lines = _lines(robot, chain.unknowns)
@@ -213,11 +192,7 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
 def _draw_blocks(axes: Axes, blocks: Sequence[tuple[str, int]], left: float, height: float) -> None:
     """Frame the blocks of an array, and name each above the heads of its columns.
 
-    Args:
-        axes: The axes.
-        blocks: The symbol and the columns of each, from the left; one of no columns is not drawn.
-        left: x of the array's left edge.
-        height: Rows of all of them.
+    `blocks` are the symbol and the columns of each, from the left; one of no columns is not drawn.
     """
     for symbol, columns in blocks:
         if columns:
@@ -244,16 +219,7 @@ def _title(chain: Chain) -> str:
 
 
 def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tuple[Figure, Axes]:
-    """Make axes that fill a figure, y downwards.
-
-    Args:
-        x: Lowest and highest x.
-        y: Lowest and highest y.
-        unit: Inches to one unit of the axes.
-
-    Returns:
-        The figure and its axes.
-    """
+    """Axes between such x and y, downwards, that fill a figure, with `unit` inches to a unit."""
     figure = Figure(figsize=((x[1] - x[0]) * unit, (y[1] - y[0]) * unit))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=x, ylim=y[::-1])
@@ -264,15 +230,7 @@ def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tupl
 def _symbol(
     axes: Axes, x: float, y: float, text: str, colour: str = DARK, size: float = 9.5
 ) -> None:
-    """Write a text with its middle at a place.
-
-    Args:
-        axes: The axes.
-        x, y: The place.
-        text: The text.
-        colour: Its colour.
-        size: Its size, points.
-    """
+    """Write a text, its size in points, with its middle at a place."""
     axes.text(x, y, text, ha="center", va="center", color=colour, fontsize=size)
 
 
@@ -285,27 +243,14 @@ def _box(
     edge: str,
     face: str | tuple[str, float],
 ) -> None:
-    """Draw a box with round corners.
-
-    Args:
-        axes: The axes.
-        left, top: Its upper left corner.
-        width, height: Its size.
-        edge, face: Colours of its edge and of its inside, which may have an opacity.
-    """
+    """Draw a box with round corners."""
     box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
     box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
     axes.add_patch(box)
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    """Draw an arrow that leaves and arrives level.
-
-    Args:
-        axes: The axes.
-        start, end: Its ends, x and y.
-        colour: Its colour.
-    """
+    """Draw an arrow that leaves and arrives level."""
     bend = 0.5 * (end[0] - start[0])
     points = [start, (start[0] + bend, start[1]), (end[0] - bend, end[1]), end]
     path = Path(points, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
@@ -315,13 +260,7 @@ def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], col
 
 
 def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
-    """Draw the cells of one array on a grid, split into tiles, one for each chain.
-
-    Args:
-        axes: The axes.
-        entries: The chains that add to each entry.
-        left: x of its left edge.
-    """
+    """Draw the cells of one array on a grid, split into tiles, one for each chain that adds."""
     cells, colours = [], []
     for y, row in enumerate(entries):
         for x, chains in enumerate(row):
@@ -340,13 +279,9 @@ def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
 
 
 def _tiles(count: int) -> list[tuple[float, float, float, float]]:
-    """Parts of a cell, side by side or, where they would be too thin, in rows.
+    """Left, right, upper and lower edge of parts of a cell, as shares of it.
 
-    Args:
-        count: How many.
-
-    Returns:
-        Left, right, upper and lower edge of each, as shares of the cell.
+    They are side by side or, where they would be too thin, in rows.
     """
     in_row = count if count <= _MOST_STRIPES else ceil(sqrt(count))
     rows = [range(first, min(first + in_row, count)) for first in range(0, count, in_row or 1)]
@@ -358,14 +293,7 @@ def _tiles(count: int) -> list[tuple[float, float, float, float]]:
 
 
 def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
-    """Draw a coloured cell and a name for each chain, in rows.
-
-    Args:
-        axes: The axes.
-        chains: The chains.
-        top: y of the first row.
-        width: Width of the rows.
-    """
+    """Draw a coloured cell and a name for each chain, in rows of such a width from `top`."""
     in_row = max(int(width // 4.5), 1)
     for place, chain in enumerate(chains):
         x, y = 4.5 * (place % in_row), top + 1.2 * (place // in_row)

@@ -43,13 +43,7 @@ class Curves(NamedTuple):
 
 
 def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
-    """Draw values as coloured lines with their names at the end, the reference dashed over them.
-
-    Args:
-        axes: The axes.
-        flight: The flight, for its times.
-        curves: What to draw.
-    """
+    """Draw values as coloured lines with their names at the end, the reference dashed over them."""
     for column, name in enumerate(curves.names):
         values, colour = curves.values[:, column], curves.colours[column % len(curves.colours)]
         plot_line(axes, flight, values, color=colour, **SOLID)
@@ -79,14 +73,7 @@ def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
 
 
 def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str, Array]) -> None:
-    """Draw series on a logarithmic axis, with a legend of their names.
-
-    Args:
-        axes: The axes.
-        flight: The flight, for its times.
-        label: Label of the vertical axis, with its unit.
-        series: Values (s) by name; the name of a single series may be empty.
-    """
+    """Draw series (s) on a logarithmic axis, with a legend of their names, none for ""."""
     axes.set_yscale("log")
     for (name, values), colour in zip(series.items(), COLOURS, strict=False):
         raised = np.maximum(values, LOG_FLOOR)
@@ -101,14 +88,7 @@ def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str,
 
 
 def plot_line(axes: Axes, flight: Flight, values: Array, **line: Any) -> None:
-    """Draw values over time.
-
-    Args:
-        axes: The axes.
-        flight: The flight, for its times.
-        values: The values (s).
-        **line: Matplotlib's properties of the line.
-    """
+    """Draw values (s) over time; `line` are Matplotlib's properties of the line."""
     # A single sample makes no line.
     marker = ("+" if "dashes" in line else "o") if len(values) == 1 else ""
     axes.plot(flight.time, values, marker=marker, markersize=4, **line)
@@ -117,9 +97,7 @@ def plot_line(axes: Axes, flight: Flight, values: Array, **line: Any) -> None:
 def label_axes(axes: Axes, label: str) -> None:
     """Label the vertical axis, and the time below the lowest axes of a figure.
 
-    Args:
-        axes: The axes, with all their lines.
-        label: Label of the vertical axis, with its unit.
+    The axes have all their lines already.
     """
     axes.set_ylabel(label)
     low, high = axes.get_ylim()
@@ -135,24 +113,12 @@ def label_axes(axes: Axes, label: str) -> None:
 
 
 def round_off(label: str) -> float:
-    """What varies by less is drawn as constant.
-
-    Args:
-        label: Label of an axis, with its unit.
-
-    Returns:
-        The least range, in that unit.
-    """
+    """The range, in the unit of an axis' label, below which what varies is drawn as constant."""
     return _ROUND_OFF_DEGREES if label.endswith("(deg)") else ROUND_OFF
 
 
 def add_key(axes: Axes, **key: Any) -> None:
-    """Put a legend above axes, on the right, in as few rows as there is width for.
-
-    Args:
-        axes: The axes.
-        **key: Matplotlib's properties of the legend.
-    """
+    """Put a legend above axes, on the right, in as few rows as there is width for."""
     for columns in range(_MOST_COLUMNS, 0, -1):
         legend = axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **key)
         if legend.get_window_extent().width < _KEY_WIDTH * axes.figure.bbox.width:
@@ -160,12 +126,7 @@ def add_key(axes: Axes, **key: Any) -> None:
 
 
 def explain(axes: Axes, solid: str, dashed: str) -> None:
-    """Say above axes what solid and dashed lines are.
-
-    Args:
-        axes: The axes.
-        solid, dashed: What the lines are.
-    """
+    """Say above axes what solid and dashed lines are."""
     lines = [
         Line2D([], [], color=COLOURS[0], label=solid, **SOLID),
         Line2D([], [], label=dashed, **DASHED),
@@ -174,16 +135,10 @@ def explain(axes: Axes, solid: str, dashed: str) -> None:
 
 
 def symbol(name: str) -> str:
-    """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
+    """A coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`, in mathematics.
 
     Other names lose what says thrust or torque, as the axis does, and the ends of their words where
     they are long.
-
-    Args:
-        name: Its name in the generated module.
-
-    Returns:
-        The symbol in Matplotlib's mathematics, or the name.
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
     if found is None:
@@ -204,16 +159,7 @@ def _short(words: Sequence[str]) -> str:
 
 
 def stack(flight: Flight, panels: Sequence[Curves], width: float) -> Figure:
-    """Draw panels one above the other.
-
-    Args:
-        flight: The flight, for its times.
-        panels: What each panel shows.
-        width: Of the figure, in.
-
-    Returns:
-        The figure, not yet finished.
-    """
+    """Draw panels one above the other in a figure, not yet finished, whose width is in inches."""
     figure = Figure(figsize=(width, 0.4 + 1.7 * len(panels)), layout="constrained")
     column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, curves in zip(column, panels, strict=True):
@@ -222,15 +168,7 @@ def stack(flight: Flight, panels: Sequence[Curves], width: float) -> Figure:
 
 
 def finished(figure: Figure, flight: Flight) -> Figure:
-    """Give a figure its heading, and move names beside curves so that none covers another.
-
-    Args:
-        figure: The figure, with all its curves.
-        flight: The flight.
-
-    Returns:
-        The same figure.
-    """
+    """The figure with its heading, and names moved beside curves so that none covers another."""
     add_heading(figure, flight)
     figure.align_ylabels()
     # Lays the figure out, so that heights are known, and makes the ticks while the style is ours.

@@ -56,11 +56,7 @@ class Film:
             self._add_near_view(left / width, bottom, 0.99 - left / width, top)
 
     def show(self, sample: int) -> None:
-        """Move everything to where it is at a sample.
-
-        Args:
-            sample: Number of the sample of the flight.
-        """
+        """Move everything to where it is at a sample."""
         for artists in self._moving:
             artists.show(sample)
         if self._near_axes is not None and np.all(np.isfinite(self._middles[sample])):
@@ -70,11 +66,7 @@ class Film:
         self._clock.set_text(f"{self._flight.time[sample]:.2f} s")
 
     def _add_near_view(self, left: float, bottom: float, width: float, height: float) -> None:
-        """Put the near view into a frame that cuts off what reaches beyond it.
-
-        Args:
-            left, bottom, width, height: The frame, in shares of the figure (0 to 1).
-        """
+        """Put the near view into a frame, in shares of the figure, that cuts off the rest."""
         axes = self._near_axes
         set_scene(axes, self._near_box(0))
         axes.set_axis_off()
@@ -101,16 +93,7 @@ class Film:
 
 
 def _artists(axes: Any, flight: Flight, scale: float = 1.0) -> list[Any]:
-    """What moves in 3-D axes.
-
-    Args:
-        axes: The axes.
-        flight: The flight.
-        scale: What the widths of lines are multiplied by.
-
-    Returns:
-        Drawings that `show` a sample.
-    """
+    """Drawings in 3-D axes that `show` a sample; `scale` multiplies the widths of lines."""
     return [
         PathDrawing(axes, flight, desired="0.65"),
         RobotDrawing(axes, flight, scale=scale),
@@ -119,15 +102,9 @@ def _artists(axes: Any, flight: Flight, scale: float = 1.0) -> list[Any]:
 
 
 def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> float:
-    """How far the near view reaches from the rotors' middle.
+    """How far, m, the near view reaches from the rotors' middles (s, 3).
 
-    Args:
-        flight: The flight.
-        middles: Middles (s, 3) of the rotors, m.
-        whole: Lowest and highest coordinates (3) each of the flight, m.
-
-    Returns:
-        The distance, m; 0 if the whole flight shows the rotors about as large.
+    It is 0 if `whole`, the lowest and highest coordinates of the flight, shows them about as large.
     """
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     distances = np.linalg.norm(flight.positions - middles[:, np.newaxis], axis=2)

@@ -34,15 +34,7 @@ from gibbs_codegen.simulator.record.flight import Flight
 
 
 def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
-    """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links.
-
-    Args:
-        flight: The flight.
-        width: Of the figure, in; a column of a paper unless given.
-
-    Returns:
-        The figure.
-    """
+    """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links."""
     names = [symbol(name) for name in flight.constraint_names]
     with style():
         panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
@@ -55,13 +47,6 @@ def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
     Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
     tangent to the path, its angle to the tangent. What is below `LOG_FLOOR` is drawn there.
-
-    Args:
-        flight: The flight.
-        width: Of the figure, in; a column of a paper unless given.
-
-    Returns:
-        The figure.
     """
     error, places = np.abs(flight.errors), flight.layout.v
     sliding = [place for place in places.joint_places if places.units[place] == "m/s"]
@@ -86,13 +71,6 @@ def energy(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw changes of energy since the start and the work done, J; below the error |ΔE − W|, J.
 
     Errors below `LOG_FLOOR`, which are roundoff, are drawn there.
-
-    Args:
-        flight: The flight.
-        width: Of the figure, in; a column of a paper unless given.
-
-    Returns:
-        The figure.
     """
     kinetic, potential = (e - e[0] for e in (flight.kinetic_energy, flight.potential_energy))
     changes = {"kinetic": kinetic, "potential": potential, r"total $\Delta E$": kinetic + potential}
@@ -123,17 +101,9 @@ FIGURES: tuple[Callable[[Flight], Figure], ...] = (
 def write_figures(
     flight: Flight, folder: Path, formats: Sequence[str] = ("png", "pdf")
 ) -> list[Path]:
-    """Write every figure in every format; two calls write the same bytes.
+    """Write every figure in every format, and return the files; two calls write the same bytes.
 
     Constraint torques are left out where there are none.
-
-    Args:
-        flight: The flight.
-        folder: Where the figures go; made if need be.
-        formats: Suffixes of Matplotlib's formats.
-
-    Returns:
-        Paths of the files, in order.
     """
     drawn = (
         (draw.__name__, draw(flight))

@@ -27,11 +27,7 @@ from gibbs_codegen.robot.placement import Array, turn
 
 
 def frames_sketch() -> Figure:
-    """Draw the frames of two links that follow each other, with α, a, θ and d between them.
-
-    Returns:
-        The figure.
-    """
+    """Draw the frames of two links that follow each other, with α, a, θ and d between them."""
     with style():
         figure = Figure(figsize=(FULL, 3.7))
         axes = sheet(figure, (1, 1, 1), (-1.3, 5.5), (-0.75, 2.75))
@@ -40,11 +36,7 @@ def frames_sketch() -> Figure:
 
 
 def draw_frames(axes: Axes) -> None:
-    """Draw the frames of two links on axes from (-1, -0.7) to (5.3, 2.7).
-
-    Args:
-        axes: The axes.
-    """
+    """Draw the frames of two links on axes from (-1, -0.7) to (5.3, 2.7)."""
     flat = seen_from((20.0, -68.0))[:2]
     twist, angle, step, slide = 34.0, 65.0, 2.6, 1.9
     tilted = turn(0, np.deg2rad(twist))
@@ -70,14 +62,9 @@ def draw_frames(axes: Axes) -> None:
 
 
 def draw_frame(axes: Axes, flat: Array, origin: Array, turned: Array, index: str) -> None:
-    """Draw three axes of a frame with their names.
+    """Draw three axes of a frame, in columns (3, 3), with their names, all of one index.
 
-    Args:
-        axes: The axes of the drawing.
-        flat: Unit vectors (2, 3) of the page.
-        origin: Origin (3) of the frame.
-        turned: Its axes (3, 3), a column each.
-        index: Of its names.
+    `flat` (2, 3) are unit vectors of the page.
     """
     at = flat @ origin
     for letter, along, colour in zip("xyz", turned.T, (X_AXIS, Y_AXIS, Z_AXIS), strict=True):
@@ -93,14 +80,10 @@ def draw_frame(axes: Axes, flat: Array, origin: Array, turned: Array, index: str
 def _angle(
     axes: Axes, flat: Array, turning: tuple[Array, Array, Array, Array], size: float, name: str
 ) -> None:
-    """Draw an angle between two directions in space as an arc with its name.
+    """Draw an angle between two directions in space as an arc of radius `size` with its name.
 
-    Args:
-        axes: The axes of the drawing.
-        flat: Unit vectors (2, 3) of the page.
-        turning: The apex, the two unit vectors, and the axis about which one becomes the other.
-        size: Radius of the arc.
-        name: The name.
+    `flat` (2, 3) are unit vectors of the page; `turning` is the apex, the two unit vectors, and the
+    axis about which one becomes the other.
     """
     apex, before, after, normal = turning
     whole = np.arctan2(normal @ np.cross(before, after), before @ after)
@@ -114,11 +97,7 @@ def _angle(
 
 
 def chain_sketch() -> Figure:
-    """Draw chain 2 of the paper's robot, seen from above, with the letters of its derivation.
-
-    Returns:
-        The figure.
-    """
+    """Draw chain 2 of the paper's robot, seen from above, with the letters of its derivation."""
     with style():
         figure = Figure(figsize=(FULL, 3.6))
         axes = sheet(figure, (1, 1, 1), (-0.5, 7.0), (-0.5, 3.25))
@@ -158,12 +137,9 @@ def chain_sketch() -> Figure:
 
 
 def _angles_of_chain(axes: Axes, joints: tuple[Array, Array], heading: float, fixed: float) -> None:
-    """Draw the two angles of the chain that are seen from above.
+    """Draw the two angles, in degrees, of the chain that are seen from above.
 
-    Args:
-        axes: The axes of the drawing.
-        joints: Places (2) of joints 3 and 4.
-        heading, fixed: The angles, degrees.
+    `joints` are the places (2) of joints 3 and 4.
     """
     first, centre = joints
     draw_curved_arrow(axes, arc(first, 1.3, 0.0, heading), X_AXIS)

@@ -44,13 +44,6 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
     are limits: red if all inputs of a panel have it, else in the colours of those that do. The
     background is grey while a force or torque acts on a frame for a time.
-
-    Args:
-        flight: The flight.
-        width: Of the figure, in; a column of a paper unless given.
-
-    Returns:
-        The figure.
     """
     places, units = np.arange(len(flight.input_names)), np.array(flight.input_units)
     lifts = places < 0
@@ -92,16 +85,7 @@ def _lift(flight: Flight) -> Array:
 
 
 def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:
-    """Take inputs of one kind.
-
-    Args:
-        flight: The flight.
-        label: Label of their axis, with its unit.
-        places: Their places in `flight.input_names`.
-
-    Returns:
-        Their curves, with the commanded ones as reference where the applied ones differ.
-    """
+    """Curves of inputs of one kind, with the commanded ones as reference where they differ."""
     differing = np.where(_followed(flight), np.nan, flight.commanded)
     names = [symbol(flight.input_names[place]) for place in places]
     colours = [COLOURS[place % len(COLOURS)] for place in places]
@@ -109,13 +93,7 @@ def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:
 
 
 def _draw_bands(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> None:
-    """Draw what applied inputs did between samples, where the samples do not show it.
-
-    Args:
-        axes: The axes.
-        flight: The flight.
-        places: Places of the inputs that the axes show.
-    """
+    """Draw what applied inputs did between samples, where the samples do not show it."""
     applied = flight.applied
     seen = _SEEN * np.ptp(applied[np.isfinite(applied[:, places]).all(axis=1)][:, places])
     before = np.vstack([applied[:1], applied[:-1]])
@@ -130,16 +108,7 @@ def _draw_bands(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> None:
 
 
 def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[str, Any]:
-    """Draw limits, and the share of the weight that each of these rotors bears.
-
-    Args:
-        axes: The axes.
-        flight: The flight.
-        places: Places of the inputs that the axes show.
-
-    Returns:
-        What was drawn, by its name in the legend.
-    """
+    """Draw limits, and what each of these rotors bears of the weight; return the legend."""
     keys: dict[str, Any] = {}
     bearing = [place for place in places if place < flight.rotors]
     lift = _lift(flight)[bearing]
@@ -160,15 +129,7 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
 
 
 def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
-    """Shade the times at which a frame is acted on, if it is not all the time, or a gust blows.
-
-    Args:
-        axes: The axes.
-        flight: The flight.
-
-    Returns:
-        What was drawn, by its name in the legend.
-    """
+    """Shade times at which a gust blows, or a frame is acted on for a time; return the legend."""
     acts = np.any(flight.frame_wrenches != 0.0, axis=2)
     now = np.any(acts & ~np.all(acts, axis=0), axis=1)
     for begin, end in flight.gusts:

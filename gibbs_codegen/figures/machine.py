@@ -169,13 +169,7 @@ def _without_base(robot: Robot, shapes: Shapes) -> Shapes:
 
 
 def _name_links(names: Names, subject: Subject, shortest: float) -> None:
-    """Write names or numbers on the links, and names at frames.
-
-    Args:
-        names: The names of the scene.
-        subject: What is drawn.
-        shortest: Length (m) that a link must exceed.
-    """
+    """Write names or numbers on the links longer than `shortest`, m, and names at frames."""
     robot, frames = subject.robot, subject.frames
     wanted: list[tuple[str, Array]] = []
     for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
@@ -259,11 +253,7 @@ def _start_base(
 def _draw_frames_of_base(names: Names, subject: Subject, motors: Array, reach: float) -> None:
     """Draw the frames of the base's arms, or that of the base.
 
-    Args:
-        names: The names of the scene.
-        subject: What is drawn.
-        motors: Places (N, 3) of the motors on the base, m.
-        reach: How far the motors are from the centre, m.
+    `motors` (N, 3) are those on the base, m, at most `reach` from the centre.
     """
     frames = subject.frames
     for frame in frames.rods or (frames.base,):

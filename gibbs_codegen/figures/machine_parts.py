@@ -78,28 +78,14 @@ class Subject:
         return axes
 
     def virtual_ends(self, length: float) -> list[Array]:
-        """Ends (3) of lines along these axes, away from the base and from its thrusts.
-
-        Args:
-            length: Length of the lines, m.
-
-        Returns:
-            The ends, one of each axis.
-        """
+        """Ends (3) of lines along these axes, away from the base and from its thrusts."""
         aside = self.frames.centre - self.origin + 1e-3 * self.frames.base.axes[:, 2]
         turns = self.attitude_axes()
         return [self.origin - length * np.copysign(1.0, axis @ aside) * axis for axis in turns]
 
 
 def posture_away(robot: Robot) -> Array:
-    """Choose a posture that shows the parts of a robot, away from the origin of the world.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The coordinates q (nq), rad and m.
-    """
+    """A posture q (nq) that shows the parts of a robot, away from the origin of the world."""
     q = default_posture(robot)
     subject = Subject(robot, q, robot_frames(robot, q))
     q[layout_of(robot).q.position] += subject.size * _AWAY
@@ -107,13 +93,7 @@ def posture_away(robot: Robot) -> Array:
 
 
 def draw_world(names: Names, subject: Subject, length: float) -> None:
-    """Draw the world's axes, and from their origin the place that the coordinates are.
-
-    Args:
-        names: The names of the scene.
-        subject: What is drawn.
-        length: Length of the axes, m.
-    """
+    """Draw the world's axes, and from their origin the place that the coordinates are."""
     start = np.zeros(3)
     for axis, letter in zip(np.eye(3), "XYZ", strict=True):
         draw_axis(names, start, length * axis, QUIET, 1.1)
@@ -123,13 +103,7 @@ def draw_world(names: Names, subject: Subject, length: float) -> None:
 
 
 def draw_virtual_joints(names: Names, ends: list[Array], subject: Subject) -> None:
-    """Draw the axes about which virtual links turn the base.
-
-    Args:
-        names: The names of the scene.
-        ends: Where (3) the lines of the axes end, m.
-        subject: What is drawn.
-    """
+    """Draw the axes about which virtual links turn the base, up to their ends (3), m."""
     for index, end in zip(("-1", "0", "1"), ends, strict=False):
         flat = project(names.axes, np.array([subject.origin, end]))
         draw_line(names.axes, flat, QUIET, DASHES)
@@ -138,13 +112,7 @@ def draw_virtual_joints(names: Names, ends: list[Array], subject: Subject) -> No
 
 
 def draw_joints(names: Names, subject: Subject, length: float) -> None:
-    """Draw the x axis of each link with a joint, and the joint's axis.
-
-    Args:
-        names: The names of the scene.
-        subject: What is drawn.
-        length: Length of the axes, m.
-    """
+    """Draw the x axis of each link with a joint, and the joint's axis."""
     robot = subject.robot
     for i, (link, frame) in enumerate(zip(robot.links, subject.frames.links, strict=True), start=1):
         if not (link.moves or link.constrained):
@@ -163,15 +131,7 @@ def draw_joints(names: Names, subject: Subject, length: float) -> None:
 def draw_rotor_thrust(
     names: Names, subject: Subject, k: int, end: Array, width: float = 1.4
 ) -> None:
-    """Draw a thrust with its name.
-
-    Args:
-        names: The names of the scene.
-        subject: What is drawn.
-        k: Number of the rotor, from 1.
-        end: Where (3) the arrow ends, m.
-        width: Width of its line, points.
-    """
+    """Draw the thrust of rotor `k`, from 1, with its name, up to an end (3), m."""
     motor = subject.frames.motors[k - 1]
     draw_axis(names, motor, end, THRUST, width)
     label = rotor_label(subject.robot, k)
@@ -179,38 +139,18 @@ def draw_rotor_thrust(
 
 
 def draw_link_number(names: Names, text: str, place: Array) -> None:
-    """Write the number of a link on it.
-
-    Args:
-        names: The names of the scene.
-        text: The number.
-        place: Where (3), m.
-    """
+    """Write the number of a link on it, at a place (3), m."""
     draw_number(names.axes, text, project(names.axes, place))
     names.mark(place, _NUMBER_SIZE)
 
 
 def shortened(name: str) -> str:
-    """A name of the robot file as there is room for it.
-
-    Args:
-        name: The name.
-
-    Returns:
-        What is written.
-    """
+    """A name of the robot file as there is room for it."""
     return short_name(name, _LONGEST_NAME)
 
 
 def draw_axis(names: Names, start: Array, end: Array, colour: str, width: float) -> None:
-    """Draw an arrow between two points of a scene.
-
-    Args:
-        names: The names of the scene, which must not lie on it.
-        start, end: Positions (3) of its ends, m.
-        colour: Its colour.
-        width: Width of its line, points.
-    """
+    """Draw an arrow between two points (3) of a scene, m, on which names must not lie."""
     ends = project(names.axes, np.array([start, end]))
     draw_arrow(names.axes, ends[0], ends[1], colour, width=width)
     names.line(start, end)

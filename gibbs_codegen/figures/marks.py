@@ -36,17 +36,9 @@ def draw_name(
     colour: str = DARK,
     offset: Array | tuple[float, float] = (0.0, 0.0),
 ) -> Annotation:
-    """Write a name with its middle at a place.
+    """Write a name, or a symbol in Matplotlib's mathematics, with its middle at a place (2).
 
-    Args:
-        axes: The axes.
-        text: The name, in Matplotlib's mathematics where it is a symbol.
-        place: The place (2) in data units.
-        colour: Colour of the name.
-        offset: How far (2) the name is from the place, points.
-
-    Returns:
-        The name.
+    The place is in data units, and `offset` (2), how far the name is from it, in points.
     """
     return axes.annotate(
         text,
@@ -65,12 +57,7 @@ def draw_name(
 def short_name(name: str, longest: int) -> str:
     """A name of the robot file as Matplotlib should write it.
 
-    Args:
-        name: The name.
-        longest: Letters that there is room for.
-
-    Returns:
-        The name, its middle left out where it is longer: names often begin or end alike.
+    Its middle is left out where it has more than `longest` letters: names often begin or end alike.
     """
     if len(name) > longest:
         tail = longest // 2
@@ -79,13 +66,7 @@ def short_name(name: str, longest: int) -> str:
 
 
 def draw_number(axes: Axes, text: str, place: Array) -> None:
-    """Write the number of a link on it, in a circle, or its name.
-
-    Args:
-        axes: The axes.
-        text: The number or name.
-        place: The place (2) in data units.
-    """
+    """Write the number of a link on it, in a circle, or its name."""
     shape = "circle,pad=0.18" if text.isdigit() else "round,pad=0.15,rounding_size=0.3"
     axes.annotate(
         text,
@@ -101,11 +82,7 @@ def draw_number(axes: Axes, text: str, place: Array) -> None:
 def draw_link(axes: Axes, start: Array, end: Array, number: str, has_mass: bool) -> None:
     """Draw a link as a bar with its number; arm 2 in gold.
 
-    Args:
-        axes: The axes.
-        start, end: Ends (2) of the link in data units.
-        number: The number of the link.
-        has_mass: Whether the chain counts mass of the link, for which the bar is solid.
+    The bar is solid if the chain counts mass of the link.
     """
     solid = GOLD if number == "2" else DARK
     draw_bar(axes, start, end, solid if has_mass else "white", 3.6)
@@ -113,25 +90,12 @@ def draw_link(axes: Axes, start: Array, end: Array, number: str, has_mass: bool)
 
 
 def draw_joint(axes: Axes, place: Array, marker: str = "o") -> None:
-    """Draw a joint.
-
-    Args:
-        axes: The axes.
-        place: The place (2) in data units.
-        marker: Matplotlib's marker: a circle if the joint is revolute, a square if prismatic.
-    """
+    """Draw a joint: a circle if it is revolute, and with marker "s", a square, if prismatic."""
     axes.plot(*place, marker, ms=4.5, mfc="white", mec=DARK, mew=0.8, zorder=5)
 
 
 def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:
-    """Draw a torque about a joint as an arc, counter-clockwise.
-
-    Args:
-        axes: The axes.
-        place: The joint (2) in data units.
-        side: Unit vector (2) to the side of the joint where the arc is.
-        colour: Colour of the arc.
-    """
+    """Draw a torque about a joint as an arc, counter-clockwise, on the joint's `side` (2)."""
     across = 0.17 * np.array([side[1], -side[0]])
     start, end = place + across + 0.08 * side, place - across + 0.08 * side
     arrow = FancyArrowPatch(
@@ -149,14 +113,7 @@ def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:
 
 
 def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
-    """Draw a force as a straight arrow.
-
-    Args:
-        axes: The axes.
-        place: Where (2) the arrow starts, in data units.
-        step: From its start to its tip (2), in data units.
-        colour: Colour of the arrow.
-    """
+    """Draw a force as a straight arrow."""
     axes.annotate(
         "",
         xy=(float(place[0] + step[0]), float(place[1] + step[1])),
@@ -169,15 +126,7 @@ def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
 def draw_arrow(
     axes: Axes, start: Array, end: Array, colour: str, dashes: Any = "solid", width: float = 1.3
 ) -> None:
-    """Draw a vector as an arrow with a slender head.
-
-    Args:
-        axes: The axes.
-        start, end: Its ends (2) in data units.
-        colour: Its colour.
-        dashes: Matplotlib's style of its line.
-        width: Width of its line, points.
-    """
+    """Draw a vector as an arrow with a slender head; its width is in points."""
     axes.annotate(
         "",
         xy=(float(end[0]), float(end[1])),
@@ -195,53 +144,27 @@ def draw_arrow(
 
 
 def draw_line(axes: Axes, ends: Array, colour: str, dashes: Any) -> None:
-    """Draw a line above all but names.
-
-    Args:
-        axes: The axes; in 3-D those of the page.
-        ends: Its ends (2, 2) in data units of the page.
-        colour: Its colour.
-        dashes: Matplotlib's style of its line.
-    """
+    """Draw a line (2, 2) above all but names; in 3-D axes it is in data units of the page."""
     line = Line2D(*ends.T, color=colour, lw=1.2, ls=dashes, zorder=ABOVE_ALL - 2)
     line.set_transform(axes.transData)
     Axes.add_line(axes, line)
 
 
 def draw_curved_arrow(axes: Axes, points: Array, colour: str) -> None:
-    """Draw an arrow along a curve.
-
-    Args:
-        axes: The axes.
-        points: The curve (k, 2) in data units.
-        colour: Its colour.
-    """
+    """Draw an arrow along a curve (k, 2)."""
     axes.plot(*points[:-3].T, color=colour, lw=1.3, zorder=6)
     draw_arrow(axes, points[-4], points[-1], colour)
 
 
 def draw_bar(axes: Axes, start: Array, end: Array, filling: str, width: float) -> None:
-    """Draw a link as a bar with an outline.
-
-    Args:
-        axes: The axes.
-        start, end: Ends (2) of the link in data units.
-        filling: Colour of its inside.
-        width: Its width, points.
-    """
+    """Draw a link as a bar with an outline; its width is in points."""
     ends = np.array([start, end]).T
     axes.plot(*ends, color=DARK, lw=width + 1.4, solid_capstyle="round", zorder=3)
     axes.plot(*ends, color=filling, lw=width, solid_capstyle="round", zorder=3)
 
 
 def draw_out_of_page(axes: Axes, place: Array, colour: str) -> None:
-    """Draw an axis that points at the reader.
-
-    Args:
-        axes: The axes.
-        place: Where (2) it starts, in data units.
-        colour: Its colour.
-    """
+    """Draw an axis that points at the reader."""
     axes.plot(*place, "o", ms=9, mfc="white", mec=colour, mew=1.3, zorder=8)
     axes.plot(*place, ".", ms=5, color=colour, zorder=9)
 
@@ -251,13 +174,9 @@ def draw_thrust(
 ) -> None:
     """Draw the thrust of a motor: out of the plane, into it, in the plane, or both.
 
-    Args:
-        axes: The axes.
-        place: The motor (2) in data units.
-        angle: The angle of the motor's arm in the plane, rad.
-        direction: Unit vector (3) of the thrust in the frame of the arm.
-        text: The name of the thrust.
-        aside: Where (2) its name is from the motor, if no arrow lies in the plane.
+    `angle`, rad, is that of the motor's arm in the plane, and `direction` (3) the thrust's unit
+    vector in the frame of the arm. `aside` (2) is where the name is from the motor, if no arrow
+    lies in the plane.
     """
     c, s = np.cos(angle), np.sin(angle)
     flat = np.array([[c, -s], [s, c]]) @ np.array(direction[:2])
@@ -274,13 +193,5 @@ def draw_thrust(
 
 
 def arrow_key(colour: str, label: str) -> Line2D:
-    """Make an entry of a legend for an arrow.
-
-    Args:
-        colour: Colour of the arrow.
-        label: What it means.
-
-    Returns:
-        The entry.
-    """
+    """An entry of a legend for an arrow."""
     return Line2D([], [], color=colour, lw=1.4, marker=">", markevery=[1], ms=3.5, label=label)

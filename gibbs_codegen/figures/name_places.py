@@ -33,34 +33,18 @@ class Names:
     _boxes: list[Array] = field(default_factory=list)
 
     def add(self, text: str, place: Array, away: Array, colour: str = DARK) -> None:
-        """Ask for a name.
-
-        Args:
-            text: The name.
-            place: What it names: a point (3) of the scene.
-            away: The direction (3) of the scene in which it should be off.
-            colour: Its colour.
-        """
+        """Ask for a name at a point (3) of the scene, off in the direction `away` (3)."""
         mark = draw_name(self.axes, text, project(self.axes, place), colour)
         at, there = self._on_page(np.array([place, place + away]))
         self._wanted.append((mark, at, there - at))
 
     def line(self, start: Array, end: Array) -> None:
-        """Say that a line is drawn, which names should not lie on.
-
-        Args:
-            start, end: Its ends (3) in the scene.
-        """
+        """Say that a line is drawn between points (3), which names should not lie on."""
         shares = np.linspace(0.0, 1.0, _POINTS_OF_A_LINE)[:, np.newaxis]
         self._points.append(self._on_page(start + shares * (end - start)))
 
     def mark(self, place: Array, size: float) -> None:
-        """Say that a mark is drawn, which names must not lie on.
-
-        Args:
-            place: Its middle (3) in the scene.
-            size: Its width and height, points.
-        """
+        """Say that a mark of a size in points is drawn, which names must not lie on."""
         (at,) = self._on_page(place[np.newaxis])
         self._boxes.append(np.array([at - size / 2.0, at + size / 2.0]))
 
@@ -85,12 +69,7 @@ class Names:
             self._boxes.append(np.array([at + best - extent / 2.0, at + best + extent / 2.0]))
 
     def _lead(self, mark: Annotation, step: Array) -> None:
-        """Draw a thin line from a place to its name, which is not beside it.
-
-        Args:
-            mark: The name.
-            step: From the place to the middle of the name (2), points.
-        """
+        """Draw a thin line from a place to its name, a step (2), in points, off."""
         line = {"arrowstyle": "-", "color": QUIET, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
         self.axes.annotate(
             "",
@@ -102,16 +81,10 @@ class Names:
         )
 
     def _cost(self, at: Array, step: Array, extent: Array, points: Array) -> float:
-        """What a name would hide.
+        """What a name would hide, in points that it could be farther away for it.
 
-        Args:
-            at: What it names (2), points on the page.
-            step: To its middle (2), points.
-            extent: Its width and height, points.
-            points: Points (k, 2) of lines.
-
-        Returns:
-            The cost, in points that the name could be farther away for it.
+        All is in points: the place on the page that it names, the step (2) to its middle, its width
+        and height, and points (k, 2) of lines.
         """
         low, high = at + step - extent / 2.0 - _ROOM, at + step + extent / 2.0 + _ROOM
         names = sum(np.all((low < box[1]) & (box[0] < high)) for box in self._boxes)
@@ -128,15 +101,9 @@ class Names:
 
 
 def _step(angle: float, distance: float, extent: Array) -> Array:
-    """From a place to the middle of a name, whose box is at a distance from it.
+    """Step (2), points, from a place to the middle of a name, whose box is at a distance from it.
 
-    Args:
-        angle: The direction, rad.
-        distance: The distance, points.
-        extent: Width and height of the name, points.
-
-    Returns:
-        The step (2), points.
+    `angle`, rad, is the direction; `extent` the name's width and height, points.
     """
     direction = np.array([np.cos(angle), np.sin(angle)])
     step: Array = direction * (distance + np.abs(direction) @ extent / 2.0)

@@ -65,13 +65,9 @@ def reachable_wrenches_figure(found: ReachableWrenches) -> Figure:
 
 
 def _draw(axes: Any, shape: Polytope, hover: Array, margins: Array) -> None:
-    """Draw a set with hovering in it.
+    """Draw a set of 3 dimensions with hovering (3) in it.
 
-    Args:
-        axes: The 3-D axes.
-        shape: The set, in 3 dimensions.
-        hover: Hovering (3).
-        margins: How far each component reaches down and up from it (3, 2).
+    `margins` (3, 2) are how far each component reaches down and up from that.
     """
     faces = Poly3DCollection(_faces(shape), facecolors=(_INSIDE, 0.12), edgecolors=(_INSIDE, 0.7))
     faces.set(linewidth=0.8, label="within the thrusts' limits")

@@ -83,13 +83,9 @@ def write_results(
 def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
     """Check that results can be written, before the work of a flight.
 
-    Args:
-        folder: Where the files are to go.
-        animation: "gif", "mp4", or empty for none.
-
-    Raises:
-        UsageError: The path cannot become a folder of results, or the animation is unknown.
-        OutputError: Nothing can be written there, or the animation's program is missing.
+    `animation` is "gif", "mp4", or empty for none. Raises `UsageError` if the path cannot become a
+    folder of results, or the animation is unknown, and `OutputError` if nothing can be written
+    there, or the animation's program is missing.
     """
     check_output_folder(folder)
     if animation and animation not in ANIMATIONS:

@@ -40,11 +40,7 @@ class Shapes:
     joints: list[int] | None = None
 
     def outline(self) -> Array:
-        """Points that are spread over all that is drawn.
-
-        Returns:
-            Positions (p, 3) in the world, m.
-        """
+        """Positions (p, 3) in the world, m, that are spread over all that is drawn."""
         shares = np.linspace(0.0, 1.0, 12)[:, np.newaxis, np.newaxis]
         drawn = (*self.spokes, self.gold, *self.arms)
         lines = [line[:-1] + shares * np.diff(line, axis=0) for line in drawn]
@@ -92,22 +88,13 @@ class RobotArtists:
         self.show(shapes)
 
     def name(self, gold: str, links: str) -> None:
-        """Give parts names for a legend.
-
-        Args:
-            gold: Name of the gold base arm, "" for none.
-            links: Name of the links, "" for none.
-        """
+        """Give the gold base arm and the links names for a legend, "" for none."""
         for artist, label in ((self._gold_arm, gold), (self._links, links)):
             if label:
                 artist.set_label(label)
 
     def show(self, shapes: Shapes) -> None:
-        """Put the artists where the robot is.
-
-        Args:
-            shapes: Where its parts are.
-        """
+        """Put the artists where the robot is."""
         self._spokes.set_data_3d(*_one_line(shapes.spokes).T)
         self._gold_arm.set_data_3d(*shapes.gold.T)
         self._links.set_data_3d(*_one_line(shapes.arms).T)
@@ -123,15 +110,7 @@ def _one_line(lines: Sequence[Array]) -> Array:
 
 
 def disc_corners(normals: Array, radius: float) -> Array:
-    """Corners of discs about the origin.
-
-    Args:
-        normals: Unit vectors (N, 3) normal to them.
-        radius: Their radius, m.
-
-    Returns:
-        The corners (N, c, 3), in the axes of the normals.
-    """
+    """Corners (N, c, 3) of discs about the origin, normal to unit vectors (N, 3); radius in m."""
     # Any direction that is not along the normal gives the first of two that span the disc.
     axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, axes)
@@ -144,15 +123,10 @@ def disc_corners(normals: Array, radius: float) -> Array:
 
 
 def disc_radius(motors: Array, normals: Array, arms: Array) -> float:
-    """Choose the radius of discs, so that no two touch unless one is above the other.
+    """Radius, m, of discs, so that no two touch unless one is above the other.
 
-    Args:
-        motors: Their centres (N, 3), m.
-        normals: Unit vectors (N, 3) normal to them.
-        arms: Lengths of the spokes to them, m.
-
-    Returns:
-        The radius, m.
+    `motors` (N, 3), m, are their centres, `normals` (N, 3) unit vectors, and `arms` the lengths of
+    the spokes to them, m.
     """
     apart = motors[:, np.newaxis] - motors
     distance = np.linalg.norm(apart, axis=2)

@@ -39,22 +39,11 @@ class RobotDrawing:
             self._artists.name(gold, ("arm" if len(self._arms) == 1 else "arms") * bool(self._arms))
 
     def show(self, sample: int) -> None:
-        """Put the artists where the robot is.
-
-        Args:
-            sample: Number of the sample of the flight.
-        """
+        """Put the artists where the robot is at a sample."""
         self._artists.show(self._shapes(sample))
 
     def outline(self, sample: int) -> Array:
-        """Points that are spread over all that is drawn of the robot.
-
-        Args:
-            sample: Number of the sample of the flight.
-
-        Returns:
-            Positions (p, 3) in the world, m.
-        """
+        """Positions (p, 3) in the world, m, that are spread over all that is drawn of the robot."""
         return self._shapes(sample).outline()
 
     def _shapes(self, sample: int) -> Shapes:
@@ -89,24 +78,16 @@ class PathDrawing:
         dashes.set_label("desired")
 
     def show(self, sample: int) -> None:
-        """Draw the actual paths from the start to a sample.
-
-        Args:
-            sample: Number of the sample of the flight.
-        """
+        """Draw the actual paths from the start to a sample."""
         for line, path in self._actual:
             _move(line, path[: sample + 1])
 
 
 def arm_lines(flight: Flight) -> list[list[int]]:
-    """Lines along the arms.
+    """Numbers of the points of each line along the arms.
 
-    Args:
-        flight: The flight.
-
-    Returns:
-        Numbers of the points of each line: from the base centre, or where one arm leaves another,
-        along joints to a frame on the last link.
+    They lead from the base centre, or where one arm leaves another, along joints to a frame on the
+    last link.
     """
     first = flight.points.index(flight.rotor_points[-1]) + 1 if flight.rotors else 1
     lines: list[list[int]] = []
@@ -122,42 +103,21 @@ def arm_lines(flight: Flight) -> list[list[int]]:
 
 
 def thrust_directions(flight: Flight, sample: int) -> Array:
-    """Directions of the thrusts.
-
-    Args:
-        flight: The flight.
-        sample: Number of the sample of the flight.
-
-    Returns:
-        Unit vectors (N, 3) in the base's frame.
-    """
+    """Unit vectors (N, 3) of the thrusts in the base's frame."""
     directions = flight.thrust_directions
     return directions if directions.ndim == 2 else directions[sample]
 
 
 def samples_at(flight: Flight, times: Array) -> list[int]:
-    """Find the samples of a flight that are nearest to given times.
-
-    Args:
-        flight: The flight.
-        times: Times (k), s.
-
-    Returns:
-        Numbers (k) of the samples.
-    """
+    """Numbers (k) of the samples of a flight that are nearest to times (k), s."""
     between = (flight.time[1:] + flight.time[:-1]) / 2.0
     return [int(sample) for sample in np.searchsorted(between, times)]
 
 
 def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
-    """Bound robot and paths, with room for the rotors.
+    """Lowest and highest coordinates (3), m, of robot and paths, with room for the rotors.
 
-    Args:
-        flight: The flight.
-        samples: The samples at which the robot is drawn; None for all of them.
-
-    Returns:
-        Lowest and highest coordinates (3) each in the world, m.
+    The robot counts at such samples, or at all if None.
     """
     drawn = flight.positions if samples is None else flight.positions[samples]
     paths = [flight.point(flight.centre), flight.centre_desired]
@@ -174,14 +134,7 @@ def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Arr
 
 
 def rotor_radius(flight: Flight) -> float:
-    """Choose the radius of the discs by the distance between motors.
-
-    Args:
-        flight: The flight.
-
-    Returns:
-        The radius, m.
-    """
+    """Radius of the discs, m, by the distance between motors."""
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
     normals = thrust_directions(flight, 0) @ flight.base_rotation[0].T

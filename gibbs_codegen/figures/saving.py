@@ -18,18 +18,9 @@ _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {
 def save_figures(
     figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = ("png", "pdf")
 ) -> list[Path]:
-    """Write figures in every format.
+    """Write figures, given with their names, in every format, and return the files in order.
 
-    Args:
-        figures: The figures with their names.
-        folder: Where they go; made if need be.
-        formats: Suffixes of Matplotlib's formats.
-
-    Returns:
-        Paths of the files, in order.
-
-    Raises:
-        OutputError: The folder cannot hold them.
+    Raises `OutputError` if the folder, which is made if need be, cannot hold them.
     """
     paths = []
     try:

@@ -26,17 +26,10 @@ def set_scene(
     ticks: int = 8,
     labels: Sequence[str] = _METRES,
 ) -> float:
-    """Give 3-D axes equal units, limits, a view and a grid of equal steps.
+    """Give 3-D axes equal units, limits, a view and a grid of equal steps; return the step.
 
-    Args:
-        axes: The 3-D axes.
-        bounds: Lowest and highest coordinates (3) each.
-        view: Elevation above the horizon and azimuth, degrees.
-        ticks: About how many ticks the longest axis has at most.
-        labels: Of the three axes; of positions in m unless given.
-
-    Returns:
-        The step of the grid, in the unit of the axes.
+    `bounds` are the lowest and highest coordinates (3) each; `view` elevation above the horizon and
+    azimuth, degrees; the longest axis has about `ticks` ticks at most.
     """
     low, high = bounds
     extent = high - low
@@ -58,23 +51,14 @@ def set_scene(
 
 
 def hide_numbers(axes: Any) -> None:
-    """Leave of the axes of a scene only its grid.
-
-    Args:
-        axes: The 3-D axes.
-    """
+    """Leave of the axes of a scene only its grid."""
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_formatter(NullFormatter())
         axis.set_label_text("")
 
 
 def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> None:
-    """Make a scene, with its labels, as large as a rectangle of its figure allows.
-
-    Args:
-        axes: The 3-D axes.
-        left, bottom, width, height: The rectangle, in shares of the figure (0 to 1).
-    """
+    """Make a scene, with its labels, as large as a rectangle, in shares of its figure, allows."""
     corners = np.array(list(itertools.product(*(getattr(axes, f"get_{n}lim")() for n in "xyz"))))
     room = np.array([width, height])
     middle = np.array([left, bottom]) + room / 2.0
@@ -100,12 +84,7 @@ def draw_plane(
 ) -> None:
     """Draw as much of a plane as is in a box, behind all else.
 
-    Args:
-        axes: The 3-D axes.
-        box: Lowest and highest coordinates (3) each.
-        point: A point (3) of the plane.
-        normal: Its normal (3), of any length.
-        label: Its name in the legend, or empty.
+    `box` has the lowest and highest coordinates (3); the plane's normal (3) may have any length.
     """
     corners = np.array(list(itertools.product(*np.transpose(box))))
     across = np.array(plane(normal))
@@ -126,43 +105,23 @@ def draw_plane(
 
 
 def project(axes: Any, points: Array) -> Array:
-    """Project points of a scene onto the plane of its axes.
-
-    Args:
-        axes: The 3-D axes.
-        points: Positions (…, 3) in the world, m.
-
-    Returns:
-        Positions (…, 2) in data units of the axes.
-    """
+    """Positions (…, 2), in data units of the axes, of points (…, 3) of a scene on their plane."""
     matrix = axes.get_proj()
     flat: Array = (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
     return flat
 
 
 def extent(box: tuple[Array, Array], view: tuple[float, float]) -> Array:
-    """Width and height of a box as it is seen.
-
-    Args:
-        box: Lowest and highest coordinates (3) each.
-        view: Elevation above the horizon and azimuth, degrees.
-
-    Returns:
-        Width and height (2), in the unit of the coordinates.
-    """
+    """Width and height (2) of a box as it is seen at elevation and azimuth, degrees."""
     corners = np.array(list(itertools.product(*np.transpose(box))))
     found: Array = np.ptp(corners @ seen_from(view)[:2].T, axis=0)
     return found
 
 
 def seen_from(view: tuple[float, float]) -> Array:
-    """Axes of a view.
+    """Axes of a view at elevation and azimuth, degrees.
 
-    Args:
-        view: Elevation above the horizon and azimuth, degrees.
-
-    Returns:
-        Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye.
+    Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye.
     """
     (sin_e, sin_a), (cos_e, cos_a) = np.sin(np.radians(view)), np.cos(np.radians(view))
     return np.array(

@@ -21,18 +21,12 @@ _LARGEST_DISC = 0.15
 
 
 def default_posture(robot: Robot) -> Array:
-    """Choose a configuration in which a robot shows its parts.
+    """Coordinates q (nq) in which a robot shows its parts.
 
     The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
     by 40° or 140°, those of links with rotors by 40° only, within their limits, each so that the
     ends of the arms move down and away. Prismatic ones stand in the middle of their limits, or at
     half of the longest link.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The coordinates q (nq), rad and m.
     """
     layout = layout_of(robot)
     q = np.array(layout.neutral)
@@ -67,16 +61,7 @@ def _leaves(robot: Robot) -> list[int]:
 
 
 def link_end(robot: Robot, frames: RobotFrames, i: int) -> Array:
-    """Where the drawing of a link ends.
-
-    Args:
-        robot: The robot.
-        frames: Where its frames are.
-        i: Number of the link, from 1.
-
-    Returns:
-        The place (3) in the world, m.
-    """
+    """Where (3) the drawing of link `i`, from 1, ends in the world, m."""
     link, frame = robot.links[i - 1], frames.links[i - 1]
     children = [k for k in range(1, len(robot.links) + 1) if robot.parents[k - 1] == i]
     if children:
@@ -91,15 +76,7 @@ def link_end(robot: Robot, frames: RobotFrames, i: int) -> Array:
 
 
 def whole_shapes(robot: Robot, frames: RobotFrames) -> Shapes:
-    """Lines and discs of the whole robot.
-
-    Args:
-        robot: The robot.
-        frames: Where its frames are.
-
-    Returns:
-        The shapes; of rods the second is gold.
-    """
+    """Lines and discs of the whole robot; of rods the second is gold."""
     arms: list[Array] = []
     marked: list[int] = []
     drawn: set[int] = set()
@@ -119,27 +96,12 @@ def whole_shapes(robot: Robot, frames: RobotFrames) -> Shapes:
 
 
 def base_shapes(robot: Robot, frames: RobotFrames) -> Shapes:
-    """Lines and discs of the base.
-
-    Args:
-        robot: The robot.
-        frames: Where its frames are.
-
-    Returns:
-        The shapes, with the base centre marked.
-    """
+    """Lines and discs of the base, with its centre marked."""
     return _shapes(robot, frames, base_rotors(robot), [frames.centre[np.newaxis]], [0])
 
 
 def base_rotors(robot: Robot) -> list[int]:
-    """Numbers of the rotors on the base.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The numbers, from 1.
-    """
+    """Numbers, from 1, of the rotors on the base."""
     return [k for k, rotor in enumerate(mounted_rotors(robot), start=1) if rotor.on == BASE]
 
 
@@ -154,16 +116,7 @@ def _shapes(
     arms: list[Array],
     marked: list[int],
 ) -> Shapes:
-    """Some rotors, with their spokes, and lines along links.
-
-    Args:
-        robot, frames: The robot, and where its frames are.
-        rotors: Numbers of the rotors.
-        arms, marked: As of `Shapes`.
-
-    Returns:
-        The shapes.
-    """
+    """Some rotors with their spokes, and lines along links; `arms`, `marked` as of `Shapes`."""
     bodies = [frames.base, *frames.links]
     mounted = mounted_rotors(robot)
     spokes, gold = [], np.empty((0, 3))
@@ -179,15 +132,7 @@ def _shapes(
 
 
 def rotor_radius(robot: Robot, frames: RobotFrames) -> float:
-    """Radius of the rotors' discs.
-
-    Args:
-        robot: The robot.
-        frames: Where its frames are.
-
-    Returns:
-        The radius, m.
-    """
+    """Radius of the rotors' discs, m."""
     if not robot.rotors:
         return 0.0
     size = float(np.ptp(frames.points, axis=0).max()) or 1.0

@@ -30,11 +30,7 @@ PLACE, _MOTION = COLOURS[1], COLOURS[6]
 
 
 def link_sketch() -> Figure:
-    """Draw one link with its joint, its frame and one of its particles: r, ρ and p = r + ρ.
-
-    Returns:
-        The figure.
-    """
+    """Draw one link with its joint, its frame and one of its particles: r, ρ and p = r + ρ."""
     with style():
         figure = Figure(figsize=(FULL, 2.9))
         axes = sheet(figure, (1, 1, 1), (-0.45, 6.75), (-0.4, 2.5))
@@ -65,11 +61,7 @@ def link_sketch() -> Figure:
 
 
 def tangent_sketch() -> Figure:
-    """Draw why ∂p̈/∂θ̈ = ∂p/∂θ: a particle on a rod that turns, and its accelerations.
-
-    Returns:
-        The figure: left the particle and its path, right its accelerations for three values of θ̈.
-    """
+    """Draw why ∂p̈/∂θ̈ = ∂p/∂θ: left a particle on a rod that turns and its path, right its p̈."""
     with style():
         figure = Figure(figsize=(FULL, 3.0))
         left = sheet(figure, (1, 2, 1), (-0.5, 3.0), (-0.55, 2.45))
@@ -96,11 +88,9 @@ def tangent_sketch() -> Figure:
 
 
 def _accelerations(axes: Axes, along: Array, across: Array) -> None:
-    """Draw p̈ of one particle for three values of θ̈.
+    """Draw p̈ of one particle, at the origin of the axes, for three values of θ̈.
 
-    Args:
-        axes: The axes, with the particle at their origin.
-        along, across: Unit vectors (2) of the rod and of the tangent.
+    `along` and `across` are unit vectors (2) of the rod and of the tangent.
     """
     at, inward = np.zeros(2), -1.1 * along
     ends = [inward + 0.8 * k * across for k in (0, 1, 2)]
@@ -123,11 +113,7 @@ def _accelerations(axes: Axes, along: Array, across: Array) -> None:
 
 
 def pendulum_sketch() -> Figure:
-    """Draw one rod with the accelerations of its particle, and a double pendulum with its angles.
-
-    Returns:
-        The figure.
-    """
+    """Draw a rod with the accelerations of its particle, and a double pendulum's angles."""
     with style():
         figure = Figure(figsize=(FULL, 2.75))
         _draw_rod(sheet(figure, (1, 2, 1), (-0.8, 3.3), (-2.4, 0.62)))
@@ -199,13 +185,8 @@ def sheet(
 ) -> Axes:
     """Add axes without any frame, in which one unit is as long upwards as to the side.
 
-    Args:
-        figure: The figure.
-        place: Rows and columns of its axes, and the number of these.
-        across, up: Lowest and highest coordinate each way.
-
-    Returns:
-        The axes.
+    `place` are rows and columns of the figure's axes, and the number of these; `across` and `up`
+    have the lowest and highest coordinate each way.
     """
     rows, columns, number = place
     row, column = divmod(number - 1, columns)
@@ -217,55 +198,25 @@ def sheet(
 
 
 def spot(x: float, y: float) -> Array:
-    """A place or a step in the plane of a drawing.
-
-    Args:
-        x, y: Its coordinates.
-
-    Returns:
-        The two as an array (2).
-    """
+    """A place or a step (2) in the plane of a drawing."""
     return np.array([x, y])
 
 
 def directions(angle: float) -> tuple[Array, Array]:
-    """Unit vectors along a link in the plane and across it, to the left.
-
-    Args:
-        angle: The angle of the link from the horizontal, degrees.
-
-    Returns:
-        The two vectors (2).
-    """
+    """Unit vectors (2) along and across a link at an angle, degrees, the latter to the left."""
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     return np.array([c, s]), np.array([-s, c])
 
 
 def arc(centre: Array, radius: float, start: float, stop: float) -> Array:
-    """Points of an arc.
-
-    Args:
-        centre: Its centre (2).
-        radius: Its radius.
-        start, stop: The angles of its ends from the horizontal, degrees.
-
-    Returns:
-        The points (k, 2).
-    """
+    """Points (k, 2) of an arc, whose ends are at angles from the horizontal in degrees."""
     angles = np.deg2rad(np.linspace(start, stop, 40))
     points: Array = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return points
 
 
 def world(axes: Axes, origin: Array, size: float, names: tuple[str, str]) -> None:
-    """Draw two axes of the world.
-
-    Args:
-        axes: The axes of the drawing.
-        origin: Where (2) they start.
-        size: Their length.
-        names: Of the one to the right and of the one upwards.
-    """
+    """Draw two axes of the world, named to the right and upwards."""
     for step, name in zip(np.eye(2), names, strict=True):
         draw_arrow(axes, origin, origin + size * step, QUIET)
         draw_name(axes, name, origin + (size + 0.2) * step, QUIET)

@@ -56,12 +56,6 @@ def snapshots(flight: Flight) -> Figure:
 
     Base arm `tangent_arm` (2 if no arm is tangent to the path) is gold, rotors are discs normal to
     their thrusts, arms go from dark to light with time. Labels are times in s.
-
-    Args:
-        flight: The flight.
-
-    Returns:
-        The figure.
     """
     instants = _instants(flight, INSTANTS)
     labels = _labels(flight, instants)
@@ -91,12 +85,6 @@ def snapshots_panels(flight: Flight) -> Figure:
     """Draw six instants of Fig. 11 one by one, m, as one picture may be too crowded.
 
     The panels have the same axes, whose numbers stand at one of them.
-
-    Args:
-        flight: The flight.
-
-    Returns:
-        The figure.
     """
     samples = _instants(flight, _PANELS)
     box = bounds(flight, samples)
@@ -129,14 +117,9 @@ def snapshots_panels(flight: Flight) -> Figure:
 
 
 def _division(panels: int, scene: Array) -> tuple[int, Array]:
-    """Divide a page into as many panels as are wanted, so that the scene in them is largest.
+    """Columns for so many panels on a page, with the scene largest, and a panel's size (2), in.
 
-    Args:
-        panels: Their number.
-        scene: Width and height (2) of the scene, m.
-
-    Returns:
-        The number of columns, and width and height (2) of a panel with its time, in.
+    `scene` is width and height (2) of the scene, m; a panel has its time, too.
     """
     rooms = {}
     for columns in _COLUMNS:
@@ -159,16 +142,9 @@ def _panel(
     scene: tuple[tuple[Array, Array], tuple[float, float]],
     sample: int,
 ) -> Any:
-    """Draw the robot at a sample, and its paths so far, in small axes.
+    """Draw the robot at a sample, and its paths so far, in small 3-D axes.
 
-    Args:
-        figure: The figure.
-        flight: The flight.
-        scene: Lowest and highest coordinates (3) each, m, and the view.
-        sample: Number of the sample.
-
-    Returns:
-        The 3-D axes.
+    `scene` has the lowest and highest coordinates (3) each, m, and the view.
     """
     axes: Any = figure.add_subplot(projection="3d")
     set_scene(axes, *scene, ticks=4)
@@ -182,13 +158,7 @@ def _panel(
 
 
 def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
-    """Draw the walls.
-
-    Args:
-        axes: The 3-D axes.
-        flight: The flight.
-        box: Lowest and highest coordinates (3) that are shown, m.
-    """
+    """Draw the walls within a box, m."""
     for rank, wall in enumerate(flight.walls):
         draw_plane(axes, box, wall[:3], wall[3:], "" if rank else "wall")
 
@@ -242,12 +212,8 @@ def _write_times(
 ) -> None:
     """Write the time beside each robot, where it covers least of all of them.
 
-    Args:
-        axes: The 3-D axes.
-        centres: Base centres (s, 3), m.
-        labels: Labels (s) of the robots.
-        colours: Colours (s, 4) of the labels.
-        outline: Points (p, 3) of robots and their path, which labels had better not cover, m.
+    `centres` (s, 3), m, are those of the bases, and labels had better not cover `outline` (p, 3),
+    m, points of robots and their path.
     """
 
     def on_paper(points: Array) -> Array:
@@ -290,15 +256,9 @@ def _write_times(
 
 
 def _cover(places: Array, points: Array, reach: Array) -> Array:
-    """Measure how much labels at different places would cover.
+    """Measure (k) of how much labels at places (k, 2) would cover, 0 for none.
 
-    Args:
-        places: Places (k, 2) of the labels.
-        points: Points (p, 2) that they might cover.
-        reach: How far (2) or (p, 2) a label covers points.
-
-    Returns:
-        A measure (k), 0 for labels that cover no point.
+    `points` (p, 2) might be covered by a label within `reach`, (2) or (p, 2).
     """
     near = (np.abs(places[:, np.newaxis] - points) / reach).max(axis=2)
     cover: Array = np.maximum(0.0, 1.0 - near).sum(axis=1)

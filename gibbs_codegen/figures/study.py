@@ -39,13 +39,9 @@ _NUMBER: dict[str, Any] = {"color": DARK, "path_effects": [withStroke(linewidth=
 
 
 def distributions(study: Study) -> Figure:
-    """Draw how each measure is spread over the flights that went on to their end.
+    """Draw histograms of each measure over the flights that went on to their end.
 
-    Args:
-        study: The study.
-
-    Returns:
-        The figure: histograms, with the median and the range of nine tenths of the flights.
+    They have the median and the range of nine tenths of the flights.
     """
     with style():
         figure, panels = _panels(study, 1.5)
@@ -80,12 +76,8 @@ def distributions(study: Study) -> Figure:
 def worst_cases(study: Study) -> Figure:
     """Draw each measure over the key that explains most of it, and number the worst flights.
 
-    Args:
-        study: The study.
-
-    Returns:
-        The figure: points, those of flights that ended early as crosses; over the number of the
-        case where no key is a number.
+    Flights that ended early are crosses. Where no key is a number, the number of the case stands
+    for it.
     """
     with style():
         figure, panels = _panels(study, 2.1)
@@ -100,12 +92,8 @@ def worst_cases(study: Study) -> Figure:
 def sensitivities(study: Study) -> Figure:
     """Draw what each key explains of each measure: alone, and in products with other keys.
 
-    Args:
-        study: The study.
-
-    Returns:
-        The figure: bars with their intervals of 95 %, and beside each key its rank correlation;
-        keys that explain most come first.
+    Bars have intervals of 95 %, and each key its rank correlation; those that explain most come
+    first.
     """
     with style():
         figure, panels = _panels(study, 0.7 + 0.2 * min(len(study.keys) + 2, _MOST_KEYS))
@@ -123,27 +111,12 @@ FIGURES: tuple[Callable[[Study], Figure], ...] = (distributions, worst_cases, se
 def write_study_figures(
     study: Study, folder: Path, formats: Sequence[str] = ("png", "pdf")
 ) -> list[Path]:
-    """Write every figure of a study in every format; two calls write the same bytes.
-
-    Args:
-        study: The study.
-        folder: Where the figures go; made if need be.
-        formats: Suffixes of Matplotlib's formats.
-
-    Returns:
-        Paths of the files, in order.
-    """
+    """Write every figure of a study in every format; two calls write the same bytes."""
     return save_figures(((draw.__name__, draw(study)) for draw in FIGURES), folder, formats)
 
 
 def _draw_worst(axes: Axes, study: Study, measure: str) -> None:
-    """Points of all flights of a measure, the worst of them with their numbers.
-
-    Args:
-        axes: The axes.
-        study: The study.
-        measure: The measure.
-    """
+    """Points of all flights of a measure, the worst of them with their numbers."""
     worst, table = study.worst(measure, _WORST), study.table
     # A key that some robot does not have would leave its flights out.
     numbers = [k for k in study.keys if table[k].dtype.kind in "fi" and np.isfinite(table[k]).all()]
@@ -187,13 +160,7 @@ def _neighbours(axes: Axes, places: Sequence[tuple[float, float]]) -> list[list[
 
 
 def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) -> None:
-    """Bars of what keys explain of a measure.
-
-    Args:
-        axes: The axes.
-        measure: The measure.
-        found: What each key explains.
-    """
+    """Bars of what keys explain of a measure."""
     # On the left half: the right one is the heading of the correlations.
     name = textwrap.fill(measure, _LONGEST_LINE)
     axes.set_title(name, loc="left", weight="normal", parse_math=False)

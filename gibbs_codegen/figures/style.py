@@ -77,15 +77,7 @@ def style() -> Iterator[None]:
 
 
 def add_heading(figure: Figure, flight: Flight) -> Text:
-    """Name robot and scenario above a figure, and why the flight stopped if it did so early.
-
-    Args:
-        figure: The figure.
-        flight: The flight.
-
-    Returns:
-        The heading.
-    """
+    """Name robot and scenario above a figure, and why the flight stopped if it did so early."""
     lines = [f"{flight.robot}, {flight.scenario}"]
     if flight.stopped:
         lines += textwrap.wrap(f"stopped {flight.stopped}", int(20 * figure.get_size_inches()[0]))
@@ -94,14 +86,9 @@ def add_heading(figure: Figure, flight: Flight) -> Text:
 
 
 def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
-    """Head the figure of 3-D axes, and explain below what they show.
+    """Head the figure of 3-D axes, and explain below what their lines, which have labels, show.
 
-    Args:
-        axes: The axes, whose lines have labels.
-        flight: The flight.
-
-    Returns:
-        Left, bottom, width and height of the rest of the figure, in shares of it (0 to 1).
+    Returns left, bottom, width and height of the rest of the figure, in shares of it.
     """
     figure: Any = axes.figure
     heading = add_heading(figure, flight)
@@ -127,8 +114,7 @@ def _bottom(figure: Figure, artist: Artist) -> float:
 def spread(axes: Axes) -> None:
     """Move the names at the ends of curves apart, as little as can be; leave some of too many out.
 
-    Args:
-        axes: The axes, laid out; the names are their annotations, in offset points.
+    The axes are laid out; the names are their annotations, in offset points.
     """
     names = [text for text in axes.texts if isinstance(text, Annotation)]
     if not names:

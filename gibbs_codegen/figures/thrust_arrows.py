@@ -20,12 +20,9 @@ LONGEST, _HEAD = 4.0, np.array([0.15, 0.06])
 
 
 class ThrustArrows:
-    """Arrows along the thrusts, as long as these are large, but for peaks.
+    """Arrows in 3-D axes of the usual view along the thrusts, as long as these are large.
 
-    Args:
-        axes: 3-D axes in the usual view.
-        flight: the flight.
-        scale: what the widths of lines are multiplied by.
+    Peaks do not count; `scale` multiplies the widths of lines.
     """
 
     def __init__(self, axes: Any, flight: Flight, scale: float = 1.0) -> None:
@@ -41,11 +38,7 @@ class ThrustArrows:
         )
 
     def show(self, sample: int) -> None:
-        """Put the arrows where the rotors are.
-
-        Args:
-            sample: Number of the sample of the flight.
-        """
+        """Put the arrows where the rotors are at a sample."""
         flight = self._flight
         along = thrust_directions(flight, sample) @ flight.base_rotation[sample].T
         arrows = self._lengths[sample][:, np.newaxis] * along

@@ -37,8 +37,7 @@ def casadi_module(module: ModuleType) -> ModuleType:
 class CasadiFunction(casadi.Function):
     """A function of a module with the default parameters; `constants` selects others.
 
-    Attributes:
-        with_constants: The same function with one more input, `constants`, the last.
+    `with_constants` is the same function with one more input, `constants`, the last.
     """
 
     def __init__(
@@ -50,18 +49,12 @@ class CasadiFunction(casadi.Function):
         self.__doc__ = doc
 
     def __call__(self, *arguments: Any, constants: Any = None, **named: Any) -> Any:
-        """Call it as CasADi's functions are called.
+        """Call it as CasADi's functions are called, by position or by name.
 
-        Args:
-            arguments: Numbers, DM, SX or MX, in the order of the inputs; constants may come last.
-            constants: What the module's `prepare` returned, or None for the default parameters.
-            named: The same as `arguments` by their names, in place of them.
-
-        Returns:
-            One output or a tuple of them, or where arguments have names, a dictionary.
-
-        Raises:
-            TypeError: The constants are not this module's, or are given twice.
+        Arguments are numbers, DM, SX or MX. `constants` are what the module's `prepare` returned,
+        or None for the default parameters; they may be given by position, after the arguments.
+        Returns one output or a tuple of them, or where arguments have names, a dictionary. Raises
+        `TypeError` if the constants are not this module's, or are given twice.
         """
         function = casadi.Function(self)
         if len(arguments) == self.n_in() + 1:
@@ -124,18 +117,12 @@ class _CasadiModule(LoadedModule):
         return sorted({*super().__dir__(), *self._signatures, "prepare"})
 
     def prepare(self, parameters: Mapping[str, Any]) -> Any:
-        """Constants of the functions for given parameters.
+        """Constants of the functions for parameters that differ from the defaults, by name.
 
-        Args:
-            parameters: Values that differ from the defaults by name: numbers, or SX or MX symbols.
-                Where one is a symbol, the numbers are not checked.
-
-        Returns:
-            A column, of the type of the symbols, or a DM where all are numbers.
-
-        Raises:
-            ValueError, TypeError: As of the NumPy module's `prepare`.
-            TypeError: A value is a vector or a matrix, or both SX and MX are among them.
+        These are numbers, or SX or MX symbols, beside which the numbers are not checked. Returns a
+        column of the type of the symbols, or a DM where all are numbers. Raises what the NumPy
+        module's `prepare` does, and `TypeError` if a value is a vector or a matrix, or both SX and
+        MX are among them.
         """
         given = {**parameters}
         for name, value in given.items():

@@ -32,28 +32,14 @@ class Axis:
     varied: Varied
 
     def shown(self, value: Any) -> Any:
-        """What the column says of a value.
-
-        Args:
-            value: One of the levels, or a number that was drawn.
-
-        Returns:
-            What is set, or the factor of several entries.
-        """
+        """What the column says of a level or a draw: what is set, or the factor of several."""
         if isinstance(value, list | tuple | Mapping):  # A cell holds a number or a text.
             return json.dumps(value)
         relative = self.varied.relative and len(self.targets) == 1
         return value * self.bases[0] if relative else value
 
     def entries(self, value: Any) -> dict[str, Any]:
-        """What a value sets.
-
-        Args:
-            value: One of the levels, or a number that was drawn.
-
-        Returns:
-            Values of entries by key.
-        """
+        """Values of entries by key that a level, or a number that was drawn, sets."""
         if not self.varied.relative:
             return dict.fromkeys(self.targets, value)
         return {key: value * base for key, base in zip(self.targets, self.bases, strict=True)}
@@ -62,20 +48,11 @@ class Axis:
 def axes_of(
     parameters: Mapping[str, Varied], robot: RobotSource, scenario: ScenarioSource
 ) -> list[Axis]:
-    """What the keys of a sweep vary of one robot and scenario.
+    """What the keys of a sweep vary of one robot and scenario, by keys and the robot's parameters.
 
-    Args:
-        parameters: What each key takes on. A bare name, or pattern, of parameters of the module
-            stands for those of the table [parameters].
-        robot: The robot.
-        scenario: The scenario.
-
-    Returns:
-        The axes, in the order of the keys and of the robot's parameters.
-
-    Raises:
-        UsageError: If a key names no parameter of the robot, or nothing is known that a factor
-            could be one of, or two keys are for one entry.
+    A bare name, or pattern, of parameters of the module stands for those of the table [parameters].
+    Raises `UsageError` if a key names no parameter of the robot, or nothing is known that a factor
+    could be one of, or two keys are for one entry.
     """
     found: list[Axis] = []
     of_target: dict[str, str] = {}
@@ -94,13 +71,7 @@ def axes_of(
 def _refuse_twice(of_target: Mapping[str, str], targets: Sequence[str], key: str) -> None:
     """Refuse a key for an entry that another key is for, or that is in one, or that one is in.
 
-    Args:
-        of_target: The keys so far, by those of their entries in full.
-        targets: Entries of the key.
-        key: The key.
-
-    Raises:
-        UsageError: If there is such an entry.
+    `of_target` has the keys so far, by those of their entries in full.
     """
     for new, (old, other) in itertools.product(targets, of_target.items()):
         short, long = sorted((new, old), key=len)
@@ -124,17 +95,10 @@ def _entries_of(key: str, robot: RobotSource) -> dict[str, list[str]]:
 
 
 def _base(key: str, robot: RobotSource, scenario: ScenarioSource) -> float:
-    """What a factor of an entry is a factor of.
+    """What a factor of an entry, by its key in full, is a factor of.
 
-    Args:
-        key: The key of the entry in full.
-        robot, scenario: Whose entry it is.
-
-    Returns:
-        What the scenario says; of a parameter else what the controller has, or the robot.
-
-    Raises:
-        UsageError: If nothing is known.
+    It is what the scenario says; of a parameter else what the controller has, or the robot. Raises
+    `UsageError` if nothing is known.
     """
     table, _, name = key.partition(".")
     found = scenario.says(key)
@@ -152,15 +116,7 @@ def _base(key: str, robot: RobotSource, scenario: ScenarioSource) -> float:
 def _matching(name: str, robot: RobotSource) -> list[str]:
     """Parameters of a robot that match a name, in which * stands for anything.
 
-    Args:
-        name: The name.
-        robot: The robot.
-
-    Returns:
-        The parameters.
-
-    Raises:
-        UsageError: If there is none.
+    Raises `UsageError` if there is none.
     """
     known = list(robot.parameters)
     if found := fnmatch.filter(known, name) if "*" in name else [n for n in known if n == name]:

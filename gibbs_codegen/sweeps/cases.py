@@ -9,15 +9,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Case:
-    """One flight of a sweep.
+    """One flight of a sweep, by its number from 0; robot and scenario are as `sweep` got them.
 
-    Attributes:
-        index: its number, from 0.
-        robot: the robot, as `sweep` was given it.
-        scenario: name or file of the scenario, as `sweep` was given it.
-        values: what varies, by the keys that `sweep` was given: the columns of the table.
-        changes: what replaces entries of the scenario file in this flight, by their keys in full
-            (`plant.link1_mass_per_length`), as `simulate --set` takes them.
+    `values` are what varies, by the keys that `sweep` was given: the columns of the table.
+    `changes` replace entries of the scenario file, by their keys in full
+    (`plant.link1_mass_per_length`), as `simulate --set` takes them.
     """
 
     index: int

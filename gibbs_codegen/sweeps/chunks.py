@@ -52,14 +52,7 @@ class Chunk:
 
 
 def chunks_of(cases: Cases) -> list[Chunk]:
-    """The chunks of a sweep, in the order of the cases.
-
-    Args:
-        cases: The cases.
-
-    Returns:
-        The chunks, none of which has cases of two blocks.
-    """
+    """The chunks of a sweep, in the order of the cases, none with cases of two blocks."""
     found = []
     for block, first in zip(cases.blocks, cases.begins, strict=False):
         size, samples = _flights(block), block.samples
@@ -109,16 +102,7 @@ def _flights(block: Block) -> int:
 
 
 def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
-    """How many flights of a block with some entries fit; if refused, more than may be.
-
-    Args:
-        block: The block.
-        entries: Values of entries by key.
-        together: As of `_seconds`.
-
-    Returns:
-        The number.
-    """
+    """How many flights of a block with some entries fit; if refused, more than may be."""
     try:
         scenario = block.scenario.changed(entries)
     except GibbsCodegenError:
@@ -131,12 +115,7 @@ def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
 def _seconds(scenario: Scenario, together: bool) -> float:
     """What a flight will take on one core, s, roughly.
 
-    Args:
-        scenario: What is flown.
-        together: Whether flights differ in nothing that keeps them from being side by side.
-
-    Returns:
-        The time.
+    `together` is whether flights differ in nothing that keeps them from being side by side.
     """
     settings, samples = scenario.integration, scenario.duration * scenario.integration.rate
     steps = scenario.duration / settings.step if settings.method == "rk4" else 0.0

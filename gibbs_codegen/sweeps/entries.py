@@ -17,14 +17,7 @@ _KEY = re.compile(r"[^.\[\]\s]+(\.[^.\[\]\s]+|\[\d+\])*")
 def steps_of(key: str) -> tuple[Step, ...]:
     """The way to an entry: names of tables, and places in lists, from 0.
 
-    Args:
-        key: Its key.
-
-    Returns:
-        Names and places: `start.offset[2]` is ("start", "offset", 2).
-
-    Raises:
-        UsageError: If it is no key.
+    `start.offset[2]` is ("start", "offset", 2). Raises `UsageError` for what is no key.
     """
     if not _KEY.fullmatch(key):
         raise UsageError(f"{printable(key)}: not a key, such as motors.time_constant")
@@ -33,14 +26,9 @@ def steps_of(key: str) -> tuple[Step, ...]:
 
 
 def entry(whole: Any, key: str) -> Any:
-    """What stands at a key.
+    """What stands at a key of tables, lists and numbers, or None.
 
-    Args:
-        whole: Tables, lists and numbers, be they plain, of pydantic or dataclasses.
-        key: The key.
-
-    Returns:
-        What stands there; None if nothing does.
+    They may be plain, of pydantic or dataclasses.
     """
     found = whole
     for step in steps_of(key):
@@ -55,17 +43,9 @@ def entry(whole: Any, key: str) -> Any:
 
 
 def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by keys without places in lists: of a list, all of it, with the values in it.
+    """Values by keys as `simulate --set` takes them: of a list, all of it, with the values in it.
 
-    Args:
-        says: What the scenario says, by its key.
-        values: Values by keys.
-
-    Returns:
-        Values by keys as `simulate --set` takes them.
-
-    Raises:
-        UsageError: If a list has no such place.
+    `says` tells what the scenario has at a key. Raises `UsageError` if a list has no such place.
     """
     found: dict[str, Any] = {}
     for key, value in values.items():
@@ -96,14 +76,7 @@ def _plain(value: Any) -> Any:
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by keys in the form of the scenario file, a table in a table.
-
-    Args:
-        values: Values by keys without places in lists.
-
-    Returns:
-        The tables.
-    """
+    """Values by keys, without places in lists, as in a scenario file: a table in a table."""
     whole: dict[str, Any] = {}
     for key, value in values.items():
         *outer, last = steps_of(key)
@@ -115,18 +88,9 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def replaced(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
-    """A dataclass, or a mapping, with other values of some of its fields.
+    """A dataclass, or a mapping, with other values, in tables, of some of its fields.
 
-    Args:
-        value: The dataclass.
-        changes: The values, in tables.
-        key: Where it stands, for messages.
-
-    Returns:
-        The same with the changes.
-
-    Raises:
-        UsageError: If there is no such field.
+    `key` is where it stands, for messages. Raises `UsageError` if there is no such field.
     """
     if isinstance(value, Mapping):
         return {**value, **changes}

@@ -14,11 +14,7 @@ from gibbs_codegen.version import __version__
 
 
 class Job:
-    """Flights and measures.
-
-    Args:
-        measures: the measures by their names.
-    """
+    """Flights and measures."""
 
     def __init__(self, measures: Mapping[str, Measure]) -> None:
         self.measures = dict(measures)
@@ -27,26 +23,12 @@ class Job:
         self._of_measures = fingerprint(list(self.measures.values()))
 
     def task(self, chunk: Chunk) -> Task:
-        """What a worker is told.
-
-        Args:
-            chunk: The chunk.
-
-        Returns:
-            Its flights.
-        """
+        """What a worker is told: the flights of a chunk."""
         robot, scenario = chunk.block.robot, chunk.block.scenario
         return Task(str(robot.folder), robot.digest, scenario, _changes(chunk), self._packed)
 
     def digest(self, chunk: Chunk) -> str:
-        """What tells a chunk from any that may have other results.
-
-        Args:
-            chunk: The chunk.
-
-        Returns:
-            The SHA-256 of all that determines them, in hexadecimal digits.
-        """
+        """The SHA-256, in hexadecimal digits, of all that determines the results of a chunk."""
         place = (chunk.first + chunk.begin, len(chunk))
         if place not in self._digests:
             robot, scenario = chunk.block.robot, chunk.block.scenario

@@ -34,14 +34,7 @@ _NO_SERIES = {"base_arm_angles_desired", "binding_times", "gusts", "input_limits
 
 
 def default(tip: bool) -> dict[str, Measure]:
-    """Measures where none are given.
-
-    Args:
-        tip: Whether all robots have a tip.
-
-    Returns:
-        The measures by their names.
-    """
+    """Measures where none are given; `tip` is whether all robots have one."""
     points = ("centre", "tip") if tip else ("centre",)
     kinds = {"worst": "max", "last": "last"}
     return {f"{k} {p} error [m]": f"{p}_error.{s}" for p in points for k, s in kinds.items()}
@@ -50,13 +43,8 @@ def default(tip: bool) -> dict[str, Measure]:
 def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:
     """Refuse measures that mean nothing.
 
-    Args:
-        measures: The measures by their names.
-        columns: Names that columns of the table have already.
-
-    Raises:
-        UsageError: If one is neither a function nor the name of a series and a statistic, or has
-            the name of another column.
+    That is one that is neither a function nor the name of a series and a statistic, or that has the
+    name of another column.
     """
     if not measures:
         raise UsageError('measure: give at least one, such as {"worst": "tip_error.max"}')
@@ -98,15 +86,7 @@ def _series() -> list[str]:
 
 
 def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[float], str]:
-    """The measures of a flight.
-
-    Args:
-        measures: The measures by their names.
-        flight: The flight.
-
-    Returns:
-        Their values, NaN of those that fail, and why the first fails; "" if none does.
-    """
+    """Measures of a flight, NaN of those that fail, and why the first fails; "" if none does."""
     values, why = [], ""
     for name, measure in measures.items():
         try:
@@ -136,14 +116,7 @@ def _number(measure: Measure, flight: Flight) -> float:
 def packed(measures: Mapping[str, Measure]) -> bytes:
     """Measures in a form that another process unpacks.
 
-    Args:
-        measures: The measures by their names.
-
-    Returns:
-        The bytes.
-
-    Raises:
-        UsageError: If a function cannot be taken to another process, with what it takes.
+    Raises `UsageError` if a function cannot be taken there with what it takes.
     """
     try:
         found: bytes = cloudpickle.dumps(dict(measures))
@@ -155,13 +128,6 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
 
 
 def unpacked(data: bytes) -> dict[str, Measure]:
-    """Measures that `packed` packed.
-
-    Args:
-        data: The bytes.
-
-    Returns:
-        The measures by their names.
-    """
+    """Measures that `packed` packed."""
     found: dict[str, Measure] = pickle.loads(data)  # noqa: S301  # Our own.
     return found

@@ -57,14 +57,7 @@ class Block:
         return found
 
     def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What one of its cases has of its own.
-
-        Args:
-            place: Which case of the block.
-
-        Returns:
-            Values by column, and values of entries by key.
-        """
+        """What the case at such a place has of its own: values by column, and entries by key."""
         combination, sample = divmod(place, self.samples)
         columns: dict[str, Any] = {}
         entries: dict[str, Any] = {}
@@ -82,11 +75,7 @@ class Block:
 
 
 class Cases(Sequence[Case]):
-    """The cases of all blocks, one after the other.
-
-    Args:
-        blocks: The blocks.
-    """
+    """The cases of all blocks, one after the other."""
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self.blocks = tuple(blocks)
@@ -124,19 +113,9 @@ def cases_of(
     samples: int,
     seed: int,
 ) -> Cases:
-    """The cases of a sweep.
+    """The cases of a sweep: robots and scenarios cross with what each key takes on.
 
-    Args:
-        robots, scenarios: What crosses.
-        parameters: What each key takes on.
-        samples: How many times numbers are drawn.
-        seed: Of what is drawn.
-
-    Returns:
-        The cases.
-
-    Raises:
-        UsageError: If a key means nothing.
+    Numbers are drawn `samples` times. Raises `UsageError` if a key means nothing.
     """
     pairs = list(itertools.product(robots, scenarios))
     axes = [axes_of(parameters, robot, scenario) for robot, scenario in pairs]

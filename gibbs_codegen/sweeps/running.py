@@ -44,13 +44,9 @@ _log = logging.getLogger("gibbs_codegen")
 class Running:
     """The run of a sweep.
 
-    Args:
-        job: what is flown and measured.
-        store: where chunks are kept.
-        executor: what computes; processes of this machine if None.
-        workers: how many of them.
-        tell: is told how many cases more are done.
-        kept: how many cases of each chunk are in the store already, by the chunk's first case.
+    `executor` computes, or if None so many processes of this machine; `tell` is told how many cases
+    more are done; `kept` says how many cases of each chunk are in the store already, by the chunk's
+    first case.
     """
 
     def __init__(
@@ -70,14 +66,7 @@ class Running:
         self._in_a_row = 0
 
     def run(self, chunks: Sequence[Chunk]) -> None:
-        """Fly chunks, and keep them.
-
-        Args:
-            chunks: The chunks.
-
-        Raises:
-            GibbsCodegenError: If nothing can be computed, or kept.
-        """
+        """Fly chunks, and keep them; `GibbsCodegenError` if nothing can be computed, or kept."""
         try:
             suspects = self._side_by_side(deque(chunks))
             self._own.end()
@@ -87,14 +76,7 @@ class Running:
             self._own.end()
 
     def _side_by_side(self, waiting: deque[Chunk]) -> list[Chunk]:
-        """Fly chunks on all workers.
-
-        Args:
-            waiting: The chunks.
-
-        Returns:
-            Those that died too often.
-        """
+        """Fly chunks on all workers; return those that died too often."""
         running: dict[Future[Rows], Chunk] = {}
         suspects: list[Chunk] = []
         try:
@@ -130,17 +112,9 @@ class Running:
             ) from None
 
     def _done(self, future: Future[Rows], chunk: Chunk) -> bool:
-        """Keep what was flown of a chunk.
+        """Keep what was flown of a chunk, the next rows; False if its worker died.
 
-        Args:
-            future: What was to return its next rows.
-            chunk: The chunk.
-
-        Returns:
-            Whether some was; False if its worker died.
-
-        Raises:
-            GibbsCodegenError: If nothing can be computed, or kept.
+        Raises `GibbsCodegenError` if nothing can be computed, or kept.
         """
         try:
             rows = future.result()
@@ -171,14 +145,7 @@ class Running:
     def _alone(self, chunk: Chunk) -> Rows:
         """Fly a chunk with nothing beside it; of one that dies what is left is halved.
 
-        Args:
-            chunk: The chunk.
-
-        Returns:
-            Its rows, which are kept.
-
-        Raises:
-            GibbsCodegenError: If nothing can be computed, or kept.
+        Returns its rows, which are kept, and raises as `_done` does.
         """
         digest = self._job.digest(chunk)
         rows = self._store.read(digest)

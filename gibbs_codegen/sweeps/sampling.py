@@ -34,14 +34,7 @@ class Draw:
     second: float
 
     def at(self, shares: Array) -> Array:
-        """Numbers below which shares of the distribution lie.
-
-        Args:
-            shares: The shares (s), above 0 and below 1.
-
-        Returns:
-            The numbers (s).
-        """
+        """Numbers (s) below which shares (s) of the distribution lie, above 0 and below 1."""
         if self.kind == "normal":
             from scipy.special import ndtri  # Late, as SciPy takes long to import.
 
@@ -68,13 +61,9 @@ class Varied:
     together: bool = False
 
     def ppf(self, shares: Array) -> Array:
-        """What is drawn, by the name that distributions of SciPy have for it.
+        """Numbers (s) below which shares (s), 0 to 1, of all lie; levels are equally likely.
 
-        Args:
-            shares: Random numbers (s) between 0 and 1.
-
-        Returns:
-            The numbers (s) below which such shares of all lie; levels are equally likely.
+        It has the name that distributions of SciPy have for it.
         """
         if self.draw is not None:
             return self.draw.at(shares)
@@ -164,14 +153,7 @@ def together(values: Varied | Sequence[Any]) -> Varied:
 def varied(values: Any) -> Varied:
     """What a value of `parameters` of `sweep` means: a distribution, a list, or one value.
 
-    Args:
-        values: The value.
-
-    Returns:
-        What the key takes on.
-
-    Raises:
-        UsageError: If the list is empty.
+    Raises `UsageError` if the list is empty.
     """
     if isinstance(values, Varied):
         return values
@@ -192,15 +174,9 @@ def _plain(value: Any) -> Any:
 
 
 def shares(samples: int, keys: int, seed: int) -> Array:
-    """Points of Sobol's sequence.
+    """Points (samples, keys) of Sobol's sequence, above 0 and below 1, scrambled by the seed.
 
-    Args:
-        samples: How many.
-        keys: How many numbers each has.
-        seed: What scrambles them. The first points do not depend on how many there are.
-
-    Returns:
-        The points (samples, keys), above 0 and below 1.
+    The first points do not depend on how many there are.
     """
     if keys == 0:
         return np.zeros((samples, 0))
@@ -212,32 +188,15 @@ def shares(samples: int, keys: int, seed: int) -> Array:
 
 
 def noise_seed(seed: int, sample: int) -> int:
-    """The seed of what is random in a flight itself, from the sweep's and the sample's number.
+    """The seed, 0 to 2^63 − 1, of what is random in a flight itself.
 
-    Args:
-        seed: Of the sweep.
-        sample: Number of the sample.
-
-    Returns:
-        A whole number from 0 to 2^63 - 1.
+    It comes from the sweep's seed and the sample's number.
     """
     return int(np.random.SeedSequence((seed, sample)).generate_state(1, np.uint64)[0] >> 1)
 
 
 def _drawn(kind: Kind, first: float, second: float, right: bool, words: str) -> Varied:
-    """A distribution, whose numbers are checked.
-
-    Args:
-        kind, first, second: What it is.
-        right: Whether the numbers are such as they must be.
-        words: What they must be.
-
-    Returns:
-        What a key takes on.
-
-    Raises:
-        UsageError: If they are not.
-    """
+    """A distribution; `UsageError` with what its numbers must be if these are not `right`."""
     numbers = (first, second)
     given = f"{kind}({', '.join(printable(repr(n), 40) for n in numbers)})"
     if not all(isinstance(n, float | int) and math.isfinite(n) for n in numbers):

@@ -36,15 +36,12 @@ _PARTS = 20
 class Sensitivity(NamedTuple):
     """How a measure depends on a key; NaN where nothing can be said.
 
-    Attributes:
-        key: the key.
-        alone: what the key explains alone of the variance of the measure's ranks, 0 to 1.
-        alone_error: half the width of the interval around it that holds the true share in 95 of
-            100 studies.
-        joint: what the key explains in products with others, 0 to 1; each key of a product has it.
-        joint_error: of `joint`, as `alone_error`.
-        correlation: rank correlation (Spearman) of key and measure, −1 to 1: which way the measure
-            goes with the key, if it goes one way. NaN for keys that are no numbers.
+    - `alone`: what the key explains alone of the variance of the measure's ranks, 0 to 1.
+    - `alone_error`: half the width of the interval around it that holds the true share in 95 of 100
+      studies.
+    - `joint`, `joint_error`: the same of products with others; each key of a product has it.
+    - `correlation`: rank correlation (Spearman) of key and measure, −1 to 1: which way the measure
+      goes with the key, if it goes one way. NaN for keys that are no numbers.
     """
 
     key: str
@@ -56,15 +53,10 @@ class Sensitivity(NamedTuple):
 
 
 def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sensitivity]:
-    """How a measure depends on keys.
+    """How a measure (n), which is finite, depends on each of some keys.
 
-    Args:
-        keys: Values (n) of each key: numbers, or texts that are no more than names. NaN is a flight
-            that has no such key, which what is said of the key leaves out.
-        measure: The measure (n), finite.
-
-    Returns:
-        For each key what it explains.
+    Keys have values (n): numbers, or texts that are no more than names. NaN is a flight that has no
+    such key, which what is said of the key leaves out.
     """
     ranks = scipy.stats.rankdata(measure)
     if len(ranks) < _LEAST_FLIGHTS or np.ptp(ranks) == 0.0:
@@ -97,15 +89,11 @@ def _with_error(share: float, without: Array) -> tuple[float, float]:
 
 
 def _alone(group: NDArray[np.int_], measure: Array, part: NDArray[np.int_]) -> tuple[float, float]:
-    """What a key explains alone, and how far off that may be.
+    """Share that a key explains alone, and how far off that may be.
 
-    Args:
-        group: Numbers (n) of the groups by the key.
-        measure: The measure (n).
-        part: Numbers (n) of the parts that are left out in turn.
-
-    Returns:
-        Share and error; NaN of one group, of few flights, and where the measure is the same in all.
+    `group` (n) has the numbers of the groups by the key, and `part` (n) has the numbers of the
+    parts that are left out in turn. NaN of one group, of few flights, and where the measure is the
+    same in all.
     """
     if len(group) < _LEAST_FLIGHTS or group.max() == 0 or np.ptp(measure) == 0.0:
         return float("nan"), float("nan")
@@ -162,15 +150,10 @@ def _features(values: NDArray[Any]) -> tuple[Array, int]:
 def _joint(
     features: Sequence[tuple[Array, int]], ranks: Array, part: NDArray[np.int_]
 ) -> list[tuple[float, float]]:
-    """What each key explains in products with others, and how far off that may be.
+    """Share that each key explains in products with others, and how far off that may be.
 
-    Args:
-        features: Of each key, as `_features` gives them.
-        ranks: Of the measure (n).
-        part: Numbers (n) of the parts that are left out in turn.
-
-    Returns:
-        Share and error of each key; NaN where there are too few flights for so many keys.
+    `features` are as `_features` gives them, `ranks` (n) of the measure, and `part` (n) as of
+    `_alone`. NaN where there are too few flights for so many keys.
     """
     terms = [np.ones((len(ranks), 1)), *(columns for columns, _ in features)]
     owners: list[set[int]] = [set() for columns in terms for _ in range(columns.shape[1])]
@@ -195,14 +178,10 @@ def _joint(
 
 
 def _explained(gram: Array, kept: NDArray[np.bool_]) -> float:
-    """The share of the variance that some terms explain, less what chance lets them explain.
+    """Adjusted coefficient of determination: the share of the variance that the kept terms explain.
 
-    Args:
-        gram: Sums of products of terms, the first of which is 1, and of the measure, which is last.
-        kept: Which terms are used.
-
-    Returns:
-        The adjusted coefficient of determination.
+    What chance lets them explain is taken off. `gram` has the sums of products of terms, the first
+    of which is 1, and of the measure, which is last.
     """
     matrix, right = gram[:-1, :-1][np.ix_(kept, kept)], gram[:-1, -1][kept]
     flights = gram[0, 0]

@@ -70,31 +70,16 @@ class ScenarioSource:
         return ScenarioSource, (self.word, self.text, self.given)
 
     def says(self, key: str) -> Any:
-        """What the scenario says.
-
-        Args:
-            key: Key of an entry.
-
-        Returns:
-            What stands there, or what it is by default; None if there is nothing.
-        """
+        """What stands at a key, or what it is by default; None if there is nothing."""
         if self.given is not None:
             return entry(self.given, key)
         found = entry(self._document, key)
         return entry(self._table, key) if found is None else found
 
     def changed(self, changes: Mapping[str, Any]) -> Scenario:
-        """The scenario with other values of some entries.
+        """The scenario with other values of some entries, by keys without places in lists.
 
-        Args:
-            changes: The values by their keys, without places in lists.
-
-        Returns:
-            The scenario.
-
-        Raises:
-            UsageError: If values mean nothing.
-            ScenarioFileError: With every fault.
+        Raises `UsageError` if values mean nothing, and `ScenarioFileError` with every fault.
         """
         tables = nested(changes)
         if self.given is not None:
@@ -108,17 +93,9 @@ class ScenarioSource:
 
 
 def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
-    """What a scenario of a sweep is.
+    """What is known of a scenario, given as such, by the name of one that ships, or by a file.
 
-    Args:
-        scenario: A scenario, the name of one that ships, or a file.
-
-    Returns:
-        What is known of it.
-
-    Raises:
-        UsageError: If there is no such file.
-        ScenarioFileError: With every fault of the file.
+    Raises `UsageError` if there is no such file, and `ScenarioFileError` with every fault of it.
     """
     if isinstance(scenario, Scenario):
         return ScenarioSource(scenario.name, given=scenario)
@@ -129,20 +106,12 @@ def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
 
 
 def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSource:
-    """What a robot of a sweep is.
+    """What is known of a robot of a sweep; its C is compiled.
 
-    Args:
-        robot: A folder of a module or its name in `generated/`, which come first, the name of a
-            robot that ships, or a robot file. Of these a module is generated where there is none.
-        modules: Folder of the modules that are generated, each in a folder of its digest.
-        progress: Is told what is being done.
-
-    Returns:
-        What is known of it; its C is compiled.
-
-    Raises:
-        UsageError: If there is no such robot.
-        RobotFileError: With every fault of the file.
+    `robot` is a folder of a module or its name in `generated/`, which come first, the name of a
+    robot that ships, or a robot file. Of these a module is generated where there is none, in a
+    folder of its digest in `modules`. Raises `UsageError` if there is no such robot, and
+    `RobotFileError` with every fault of the file.
     """
     from gibbs_codegen.runtime.load import find_module, load
 
@@ -156,16 +125,7 @@ def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSour
 
 
 def _generated(word: str, modules: Path, progress: Progress) -> Path:
-    """The module of a robot file, or of a robot that ships, which is generated if need be.
-
-    Args:
-        word: The file or name.
-        modules: Where modules are.
-        progress: Is told what is being done.
-
-    Returns:
-        The folder of the module.
-    """
+    """Folder of the module of a robot file, or of a robot that ships, generated if need be."""
     from gibbs_codegen.robot.file import read_robot
 
     read, text = read_robot(word)

@@ -29,15 +29,7 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Rows:
-    """What is kept of flights.
-
-    Args:
-        measures: Measures of each flight.
-        reasons: Texts of each flight, for each of `REASONS`.
-
-    Returns:
-        An array with a row for each flight.
-    """
+    """A row for each flight: its measures, and a text for each of `REASONS`."""
     fields: list[Any] = [("measures", np.float64, (len(measures[0]),))]
     fields += zip(REASONS, map(_text_type, reasons), strict=True)
     rows = np.zeros(len(measures), fields)
@@ -48,14 +40,7 @@ def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Row
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Rows of several chunks, one after the other.
-
-    Args:
-        parts: The rows of each.
-
-    Returns:
-        All rows; texts are as wide as the longest.
-    """
+    """Rows of several chunks, one after the other; texts are as wide as the longest."""
     measures: Any = np.concatenate([part["measures"] for part in parts])
     return rows_of(measures, *([t for part in parts for t in part[n].tolist()] for n in REASONS))
 
@@ -73,11 +58,7 @@ def _text_type(texts: Sequence[str]) -> str:
 
 
 class Store:
-    """The files of chunks in a folder, by their digests.
-
-    Args:
-        folder: The folder of the study.
-    """
+    """The files of chunks in the folder of a study, by their digests."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._chunks = folder, folder / _FOLDER

@@ -125,14 +125,7 @@ def _listed(given: Any) -> list[Any]:
 
 
 def _check_counts(samples: int, seed: int, workers: int | None) -> None:
-    """Refuse numbers that mean nothing.
-
-    Args:
-        samples, seed, workers: As of `sweep`.
-
-    Raises:
-        UsageError: If they are no whole numbers, or too small or large.
-    """
+    """Refuse numbers that are not whole, or too small or large."""
     counts = {"samples": (samples, 1), "seed": (seed, 0), "workers": (workers or 1, 1)}
     for name, (value, least) in counts.items():
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
@@ -177,17 +170,7 @@ def _flown(
 ) -> Rows:
     """The rows of cases, of which those that are not in the store are flown.
 
-    Args:
-        job: What is flown and measured.
-        cases: The cases.
-        store: Where rows are kept.
-        executor, workers, progress: As of `sweep`.
-
-    Returns:
-        The rows.
-
-    Raises:
-        OutputError: If what was written is not there any more.
+    Raises `OutputError` if what was written is not there any more.
     """
     chunks = chunks_of(cases)
     done, everything, logged = 0, len(cases), time.monotonic()

@@ -17,16 +17,7 @@ FIXED = ("case", "robot", "scenario", *REASONS)
 
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
-    """The table of a sweep.
-
-    Args:
-        cases: The cases.
-        measures: Names of the measures.
-        rows: What was measured of each case.
-
-    Returns:
-        A structured array, a row for each case.
-    """
+    """The table of a sweep: a structured array with a row for each case."""
     blocks, sizes = cases.blocks, [len(block) for block in cases.blocks]
     columns: dict[str, NDArray[Any]] = {
         "case": np.arange(len(cases)),

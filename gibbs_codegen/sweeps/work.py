@@ -45,14 +45,8 @@ class Task:
 def fly(task: Task) -> Rows:
     """Fly the first cases of a chunk, as many as take some seconds but at least one.
 
-    Args:
-        task: What is flown.
-
-    Returns:
-        A row for each of these cases, as of `store.rows_of`.
-
-    Raises:
-        UsageError: If there is no module, or the measures cannot be unpacked here.
+    A row for each of these is as of `store.rows_of`. Raises `UsageError` if there is no module, or
+    the measures cannot be unpacked here.
     """
     from gibbs_codegen.sweeps.measures import unpacked
     from gibbs_codegen.sweeps.store import rows_of
@@ -74,15 +68,7 @@ def fly(task: Task) -> Rows:
 
 
 def dead_row(measures: int, reason: str) -> Rows:
-    """The row of a case that leaves no flight.
-
-    Args:
-        measures: How many measures there are.
-        reason: Why.
-
-    Returns:
-        The row, in an array of one.
-    """
+    """The row, in an array of one, of a case that leaves no flight, and why."""
     from gibbs_codegen.sweeps.store import rows_of
 
     return rows_of([[math.nan] * measures], [""], [reason], [""])
@@ -107,15 +93,7 @@ def _scenario(source: ScenarioSource, changes: Mapping[str, Any]) -> Scenario | 
 def _flights(
     module: ModuleType, scenarios: Sequence[Scenario | Exception]
 ) -> list[Flight | Exception]:
-    """The flights of scenarios.
-
-    Args:
-        module: The robot's module.
-        scenarios: Scenarios, or why there are none.
-
-    Returns:
-        For each the flight, or why there is none.
-    """
+    """For each scenario, or reason why there is none, the flight or why there is none."""
     from gibbs_codegen.simulator.many import simulate_many
 
     flown = [each for each in scenarios if not isinstance(each, Exception)]
@@ -137,15 +115,7 @@ def _flights(
 def _measured(
     measures: Mapping[str, Measure], flight: Flight | Exception
 ) -> tuple[list[float], str, str, str]:
-    """Measures of a flight.
-
-    Args:
-        measures: The measures.
-        flight: The flight, or why there is none.
-
-    Returns:
-        Their values, and the flight's texts of `store.REASONS`.
-    """
+    """Measures of a flight, if there is one, and its texts of `store.REASONS`."""
     from gibbs_codegen.sweeps.measures import of_flight
 
     if not isinstance(flight, Exception):

@@ -22,26 +22,14 @@ _LOOK_SECONDS = 1.0
 
 
 class Workers:
-    """Processes that compute calls.
-
-    Args:
-        count: How many there are at most.
-    """
+    """At most so many processes that compute calls."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._pool: ProcessPoolExecutor | None = None
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Have a call computed.
-
-        Args:
-            function: A function of a module.
-            arguments: Its arguments.
-
-        Returns:
-            What it will return.
-        """
+        """Have a call of a module's function computed."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.count, context, _begin, (os.getpid(),))
@@ -83,8 +71,7 @@ def _without_main() -> Iterator[None]:
 def _begin(parent: int) -> None:
     """What a worker does first: Ctrl-C is the caller's, without whom there is nothing to do.
 
-    Args:
-        parent: Number of the caller's process.
+    `parent` is the number of the caller's process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -11,17 +11,10 @@ from gibbs_codegen.verification.vectors import Array, cross, times
 
 
 def joint_wrenches(tree: Tree, motions: list[Motion], frames: Frames, u: Array) -> Array:
-    """Wrenches through the joints, those that are held or welded included.
+    """Wrenches (s, bodies, 6), N and N m, through the joints, held and welded ones included.
 
-    Args:
-        tree: The tree.
-        motions: Motions of the joints' frames.
-        frames: The joints' frames.
-        u: Inputs, (s, nu).
-
-    Returns:
-        For each body that another carries, force and moment at the origin of its frame, in its
-        axes, in N and N m, (s, bodies, 6).
+    What carries each body does that to it: force and moment at the origin of its frame, in its
+    axes.
     """
     balance = _Balance(tree, frames, len(u))
     balance.add_inertia(motions)
@@ -40,11 +33,7 @@ class _Balance:
         self._moments = {body: np.zeros((states, 3)) for body in tree.bodies}
 
     def add_inertia(self, motions: list[Motion]) -> None:
-        """Add what inertia and gravity take.
-
-        Args:
-            motions: Motions of the joints' frames.
-        """
+        """Add what inertia and gravity take."""
         upwards = np.array([0.0, 0.0, self._tree.gravity])
         for part in self._tree.parts:
             motion, rotation = motions[part.joint], self._frames.rotations[part.joint]
@@ -57,11 +46,7 @@ class _Balance:
             self._add(part.body, at, part.mass * (acceleration + upwards), moment)
 
     def add_thrusts(self, u: Array) -> None:
-        """Add what motors supply.
-
-        Args:
-            u: Inputs, (s, nu).
-        """
+        """Add what motors supply."""
         for k, (motor, seat) in enumerate(zip(self._tree.motors, self._tree.seats, strict=False)):
             axes = self._frames.rotations[seat.joint] @ seat.rotation
             thrust = u[:, k, None] * (axes @ motor.direction)
@@ -82,12 +67,9 @@ class _Balance:
         return np.concatenate(own, axis=-1)
 
     def _add(self, body: int, at: Point, force: Array, moment: Array) -> None:
-        """Add a force and a moment to those on a body.
+        """Add a force and a moment in world axes, (s, 3) each, to those on a body.
 
-        Args:
-            body: Its number.
-            at: Where the force acts: on the joint that carries the body, or on one that this does.
-            force, moment: In world axes, (s, 3).
+        The force acts at a point of the joint that carries the body, or of one that this does.
         """
         rotations, frame = self._frames.rotations, self._tree.bodies[body]
         lever = rotations[at.joint] @ at.local - rotations[frame.joint] @ frame.local
@@ -98,16 +80,10 @@ class _Balance:
 
 
 def wrench_sizes(tree: Tree, acceleration: Array, spin: Array, u: Array) -> Array:
-    """Natural sizes of the wrenches through the joints.
+    """Natural sizes (s, bodies, 6), N and N m, of the wrenches through the joints.
 
-    Args:
-        tree: The tree.
-        acceleration: Of the robot's points, gravity included, at most, in m/s², (s,).
-        spin: Squares of angular velocities and angular accelerations at most, in 1/s², (s,).
-        u: Inputs, (s, nu).
-
-    Returns:
-        In N and N m, (s, bodies, 6).
+    `acceleration` (s,), m/s², is at most that of the robot's points, gravity included; `spin` (s,),
+    1/s², the squares of angular velocities and angular accelerations.
     """
     mass = dict.fromkeys(tree.bodies, 0.0)
     inertia = dict.fromkeys(tree.bodies, 0.0)

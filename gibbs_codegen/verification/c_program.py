@@ -50,13 +50,10 @@ class CProgram(Evaluation):
     def __init__(
         self, path: str, module: ModuleType, batches: Sequence[int], single: bool = False
     ) -> None:
-        """Load a library.
+        """Load a library, for batches of so many states, one after the other.
 
-        Args:
-            path: The library.
-            module: The C back end, for the names and numbers of things.
-            batches: Numbers of states in which batches are computed, one after the other.
-            single: Whether the library was compiled for single precision.
+        `module`, the C back end, tells the names and numbers of things; `single` is whether the
+        library was compiled for single precision.
         """
         super().__init__(module)
         self._library = ctypes.CDLL(path)
@@ -70,13 +67,9 @@ class CProgram(Evaluation):
         self._constants = np.array((number * count).in_dll(self._library, symbol))
 
     def use(self, parameters: Sequence[float]) -> None:
-        """Compute with other parameters from now on.
+        """Compute with other parameters, in the order of PARAMETERS, from now on.
 
-        Args:
-            parameters: All parameters, in the order of PARAMETERS.
-
-        Raises:
-            ValueError: If `init_constants` rejects them.
+        Raises `ValueError` if `init_constants` rejects them.
         """
         made = np.full(len(self._constants), np.nan, self._real)
         name = f"init_constants{self._mark}"
@@ -85,28 +78,13 @@ class CProgram(Evaluation):
         self._constants = made
 
     def pack(self, rows: Array) -> Array:
-        """What `pack` makes of states.
-
-        Args:
-            rows: (s, width).
-
-        Returns:
-            (blocks, width, lanes).
-        """
+        """Blocks (blocks, width, lanes) that `pack` makes of states (s, width)."""
         count, width = rows.shape
         shape = (-(-count // self._lanes), width, self._lanes)
         return self._filled("pack", [count, width, rows.astype(self._real)], [shape])[0]
 
     def unpack(self, blocks: Array, count: int) -> Array:
-        """What `unpack` makes of states in blocks.
-
-        Args:
-            blocks: (blocks, width, lanes).
-            count: Number of states.
-
-        Returns:
-            (count, width).
-        """
+        """States (count, width) that `unpack` makes of blocks (blocks, width, lanes)."""
         shape = (count, blocks.shape[1])
         return self._filled("unpack", [*shape, blocks.astype(self._real)], [shape])[0]
 
@@ -123,16 +101,7 @@ class CProgram(Evaluation):
         return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
     def _batch(self, name: str, count: int, rows: Sequence[Array]) -> list[Array]:
-        """One function for one batch.
-
-        Args:
-            name: The function.
-            count: Number of states.
-            rows: Its arguments, each (count, width).
-
-        Returns:
-            Its results, each (count, …).
-        """
+        """Results (count, …) of a function for one batch of arguments (count, width)."""
         # Unused lanes hold what would be seen if it were read.
         lanes = self._lanes
         inputs = [in_blocks(x, np.full(x.shape[1], np.nan), lanes).astype(self._real) for x in rows]
@@ -147,18 +116,10 @@ class CProgram(Evaluation):
     def _filled(
         self, name: str, given: Sequence[Array | int], shapes: Sequence[tuple[int, ...]]
     ) -> list[Array]:
-        """What a function of the library writes.
+        """Outputs of such shapes that a function of the library writes.
 
-        Args:
-            name: The function, without the robot's name.
-            given: Its arguments before the outputs.
-            shapes: The shapes of its outputs.
-
-        Returns:
-            The outputs.
-
-        Raises:
-            ValueError: If it writes beyond the outputs or to its inputs.
+        `name` is without the robot's name, and `given` are the arguments before the outputs. Raises
+        `ValueError` if the function writes beyond the outputs or to its inputs.
         """
         before = [np.array(x) for x in given]
         guard = self._real(_GUARD)
@@ -185,16 +146,7 @@ class CProgram(Evaluation):
 
 
 def in_blocks(rows: Array, unused: Array, lanes: int = LANES) -> Array:
-    """States as blocks.
-
-    Args:
-        rows: (s, width).
-        unused: (width,), for the lanes of the last block that are left.
-        lanes: States in a block.
-
-    Returns:
-        (blocks, width, lanes).
-    """
+    """States (s, width) as blocks (blocks, width, lanes), the last one filled up with `unused`."""
     count, width = rows.shape
     whole = -(-count // lanes)
     padded = np.broadcast_to(unused, (whole * lanes, width)).copy()
@@ -204,31 +156,13 @@ def in_blocks(rows: Array, unused: Array, lanes: int = LANES) -> Array:
 
 
 def from_blocks(blocks: Array, count: int) -> Array:
-    """The first states of blocks, one after the other.
-
-    Args:
-        blocks: (blocks, width, lanes).
-        count: Number of states.
-
-    Returns:
-        (count, width).
-    """
+    """The first states (count, width) of blocks (blocks, width, lanes), one after the other."""
     rows: Array = blocks.swapaxes(1, 2).reshape(-1, blocks.shape[1])[:count]
     return rows
 
 
 def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) -> list[Comparison]:
-    """Compare batches whose last block is not full, and `pack` and `unpack`.
-
-    Args:
-        path: The library.
-        module: The C back end.
-        robot: Its robot.
-        seed: Of the states.
-
-    Returns:
-        The comparisons.
-    """
+    """Compare batches whose last block is not full, and `pack` and `unpack`."""
     tree = Tree(robot)
     program = CProgram(path, module, _batches_within(tree))
     states = States.extreme(tree, sum(_batches_within(tree)), (seed, 3))
@@ -261,18 +195,9 @@ def _packing(program: CProgram, states: Array) -> Iterator[Comparison]:
 def compare_single_precision(
     path: str, module: ModuleType, robot: Robot, seed: int
 ) -> list[Comparison] | str:
-    """Compare all functions in single precision.
+    """Compare all functions in single precision, or say why the robot cannot be computed in it.
 
     In batches, with default constants; and state by state, with those of other parameters.
-
-    Args:
-        path: The library, compiled for single precision.
-        module: The C back end.
-        robot: Its robot.
-        seed: Of states and parameters.
-
-    Returns:
-        The comparisons, or why the robot cannot be computed in single precision.
     """
     tree = Tree(robot)
     if not _in_range(Sizes(tree, States.random(tree, 1, seed))):

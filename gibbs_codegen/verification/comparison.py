@@ -13,15 +13,10 @@ from gibbs_codegen.verification.vectors import Array
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was compared with what, and the largest error.
+    """What was compared with what over so many states, and the largest error relative to its size.
 
-    Attributes:
-        what: what was compared, such as a function.
-        against: what it was compared with.
-        states: over how many states.
-        error: the largest error, relative to the natural size.
-        limit: the largest error that passes.
-        fault: what is wrong, in words, where there is more to it than a number.
+    `limit` is the largest error that passes; `fault` says what is wrong where there is more to it
+    than a number.
     """
 
     what: str
@@ -38,16 +33,7 @@ class Comparison:
 
 
 def failed(what: str, against: str, fault: str | BaseException) -> Comparison:
-    """A comparison that could not be made, or of something that is not a number.
-
-    Args:
-        what: What was to be compared.
-        against: What it was to be compared with.
-        fault: What is wrong, in words or as an error.
-
-    Returns:
-        A comparison that fails.
-    """
+    """A comparison that could not be made, or of something that is not a number."""
     text = str(fault) or type(fault).__name__
     return Comparison(what, against, 0, np.inf, 0.0, printable(text, 400))
 
@@ -57,16 +43,8 @@ def compared(
 ) -> Comparison:
     """Compare arrays, each with one entry for each state along its first axis.
 
-    Args:
-        what: What is compared.
-        against: What it is compared with.
-        ours: The array to check.
-        theirs: The array that it should be.
-        size: The natural sizes of the entries, which broadcast against the arrays.
-        limit: The largest error that passes.
-
-    Returns:
-        The comparison; what is not a number, or of another shape, is infinitely far off.
+    `size`, the natural sizes of the entries, broadcasts against them. What is not a number, or of
+    another shape, is infinitely far off.
     """
     ours, theirs = np.asarray(ours), np.asarray(theirs)
     if ours.shape != theirs.shape:
@@ -80,14 +58,7 @@ def compared(
 
 
 def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
-    """Comparisons of the same things, at several states and parameters, as one each.
-
-    Args:
-        comparisons: Comparisons in any order.
-
-    Returns:
-        For each thing compared with each other the worst comparison, over the states of all.
-    """
+    """The worst comparison of each two things, over the states of all that compare them."""
     groups: dict[tuple[str, str], list[Comparison]] = {}
     for comparison in comparisons:
         groups.setdefault((comparison.what, comparison.against), []).append(comparison)
@@ -100,15 +71,7 @@ def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
 
 
 def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> list[Comparison]:
-    """Comparisons with the reason why a function returned nothing that could be compared.
-
-    Args:
-        comparisons: Comparisons of functions.
-        faults: The reasons, by function.
-
-    Returns:
-        The comparisons in the same order.
-    """
+    """Comparisons with the reason, by function in `faults`, why there was nothing to compare."""
     return [
         comparison
         if comparison.passed
@@ -118,14 +81,7 @@ def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> l
 
 
 def failure_text(comparison: Comparison) -> str:
-    """One failure in words.
-
-    Args:
-        comparison: A comparison that failed.
-
-    Returns:
-        What failed against what, and why.
-    """
+    """What failed against what, and why."""
     against = f" against {comparison.against}" if comparison.against else ""
     text = f"{comparison.what}{against}: "
     if comparison.fault:

@@ -25,15 +25,7 @@ _CONSTANTS_LIMIT = 1e-9
 
 
 def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
-    """Compare names and parameters of a module with the robot that it was made from.
-
-    Args:
-        module: The module.
-        robot: The robot.
-
-    Returns:
-        A comparison of each constant.
-    """
+    """Compare names and parameters of a module with the robot that it was made from."""
     layout = layout_of(robot)
     expected: dict[str, Any] = {
         "NAME": robot.name,
@@ -48,29 +40,16 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
 
 
 def compare_robot_file(text: bytes, source: str) -> Comparison:
-    """Compare the robot file beside a module with the digest in the module's header.
-
-    Args:
-        text: The robot file.
-        source: The NumPy source of the module.
-
-    Returns:
-        The comparison.
-    """
+    """Compare the robot file beside a module with the digest in the header of its NumPy source."""
     digest = hashlib.sha256(text).hexdigest()
     fault = "" if digest in source[:1000] else "is not the one that the module was made from"
     return _verdict("robot.toml", "the module's header", fault)
 
 
 def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
-    """Compare what a C program has for the default parameters with the robot file.
+    """Compare a C program's default parameters, and the constants of those, with the robot file.
 
-    Args:
-        module: The C back end; its `__file__` is the library, and its constants are bytes.
-        robot: Its robot.
-
-    Returns:
-        A comparison of the parameters, and of the constants computed from them.
+    `module` is the C back end: its `__file__` is the library, and its constants are bytes.
     """
     library = ctypes.CDLL(str(module.__file__))
     values = parameter_values(robot)
@@ -90,16 +69,7 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
 
 
 def _alike(name: str, found: object, expected: object) -> Comparison:
-    """Compare a constant of a module.
-
-    Args:
-        name: Its name.
-        found: What the module has.
-        expected: What it should have.
-
-    Returns:
-        The comparison.
-    """
+    """Compare a constant of a module."""
     fault = "" if repr(found) == repr(expected) else f"is {_shown(found)}, not {_shown(expected)}"
     return _verdict(name, _FILE, fault)
 
@@ -109,13 +79,9 @@ def _shown(value: object) -> str:
 
 
 def without_effect(robot: Robot) -> Iterator[str]:
-    """Numbers of the robot that nothing depends on, so that a module may leave them out.
+    """Names of parameters that nothing depends on, so that a module may leave them out.
 
-    Args:
-        robot: The robot.
-
-    Yields:
-        Names of their parameters, some of which the robot may not have.
+    The robot may not have some of them.
     """
     yield "base_length"
     followed = {
@@ -166,14 +132,5 @@ def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
 
 
 def _verdict(what: str, against: str, fault: str) -> Comparison:
-    """A comparison that passes unless there is a fault in words.
-
-    Args:
-        what: What was compared.
-        against: What it was compared with.
-        fault: What is wrong, or nothing.
-
-    Returns:
-        The comparison.
-    """
+    """A comparison that passes unless there is a fault in words."""
     return failed(what, against, fault) if fault else Comparison(what, against, 0, 0.0, 0.0)

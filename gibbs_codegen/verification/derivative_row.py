@@ -51,27 +51,14 @@ class Point:
         return Slopes(self.call, Units.of(self.tree))
 
     def first(self, count: int) -> Point:
-        """The same at the first of the states.
-
-        Args:
-            count: How many.
-
-        Returns:
-            As many states, or all if there are fewer.
-        """
+        """The same at the first `count` states, or at all if there are fewer."""
         return Point(self.call, self.robot, self.tree, self.states.first(count))
 
 
 def scaled_size(values: Array, rows: Array, columns: Array) -> Array:
-    """One size for all entries of a matrix: that of the largest, in the units of rows and columns.
+    """One size for all entries of a matrix (s, m, n): that of the largest, in their units.
 
-    Args:
-        values: (s, m, n).
-        rows: Units of the rows, (m,).
-        columns: Units of what the columns are derivatives by, (n,).
-
-    Returns:
-        (s, m, n).
+    These are the units (m,) of rows, and (n,) of what columns are derivatives by.
     """
     units = rows[:, None] / columns
     largest: Array = np.abs(values / units).max(axis=(1, 2), keepdims=True, initial=0.0)

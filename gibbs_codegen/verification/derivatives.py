@@ -72,17 +72,10 @@ _ROWS: dict[str, _Rows] = {
 def compare_derivatives(
     call: Evaluation, robot: Robot, states: States, circumstance: str = "", long: bool = True
 ) -> list[Comparison]:
-    """Compare the functions of a module that are generated on request.
+    """Compare the arrays of the functions of a module that are generated on request.
 
-    Args:
-        call: The back end, with the constants of the robot's parameters.
-        robot: The robot.
-        states: The states, none of them next to a singular attitude.
-        circumstance: What to add to the names of what is compared with.
-        long: Whether to compare Hessians, whose differences take many evaluations.
-
-    Returns:
-        Comparisons of each array that they return: none of a module without such functions.
+    No state is next to a singular attitude; `circumstance` is added to the names of what is
+    compared with; `long` is whether to compare Hessians, whose differences take many evaluations.
     """
     point = Point(call, robot, Tree(robot), states)
     comparisons: list[Comparison] = []
@@ -104,17 +97,7 @@ def compare_derivatives(
 def _outside_patterns(
     call: Evaluation, name: str, values: Mapping[str, Array], against: str
 ) -> Iterator[Comparison]:
-    """Compare entries that are said to be zero at every state with zero.
-
-    Args:
-        call: The back end.
-        name: The function.
-        values: What it returns.
-        against: What to call the comparison.
-
-    Yields:
-        A comparison of each array that has a pattern.
-    """
+    """Compare entries that are said to be zero at every state with zero."""
     patterns = getattr(call.module, "PATTERNS", {})
     for output, (what, array) in zip(FUNCTIONS[name].outputs, values.items(), strict=True):
         if output.name not in patterns:

@@ -17,15 +17,7 @@ QUADRATIC = ((-1, -1 / 2), (1, 1 / 2))
 
 
 def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
-    """Derivative of a function of time, at time 0.
-
-    Args:
-        function: Takes times (s, 1), one for each state, and returns (s, …).
-        steps: The step of time for each state, (s,).
-
-    Returns:
-        The derivative, (s, …).
-    """
+    """Derivative (s, …) at time 0 of a function of times (s, 1), with steps (s,)."""
     values = [weight * function(number * steps[:, None]) for number, weight in WEIGHTS]
     total = sum(values[1:], values[0])
     rate: Array = total / steps.reshape(-1, *[1] * (total.ndim - 1))
@@ -38,16 +30,11 @@ def gradient(
     axis: int,
     weights: Sequence[tuple[int, float]] = WEIGHTS,
 ) -> Array:
-    """Derivatives of a function by each of its arguments, where these are 0.
+    """Derivatives of a function by each of its arguments, where these are 0; their axis is last.
 
-    Args:
-        function: Takes arguments (m, m), a row for each that is not 0, and returns (…, m, …).
-        steps: The step of each argument, (m,).
-        axis: Which axis of the result belongs to the rows.
-        weights: Numbers of steps, and what multiplies the function there.
-
-    Returns:
-        The derivatives, with that axis last.
+    The function takes (m, m), a row for each argument that is not 0, and returns (…, m, …), where
+    `axis` is that of the rows. `steps` (m,) are the arguments' steps; `weights` are numbers of
+    steps, and what multiplies the function there.
     """
     moves = np.diag(steps)
     values = [weight * function(number * moves) for number, weight in weights]

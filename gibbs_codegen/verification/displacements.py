@@ -25,14 +25,9 @@ _TERMS = 16
 
 
 def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:
-    """What the functions of displacements should return.
+    """Name, value and sizes of entries of what each function of displacements should return.
 
-    Args:
-        tree: The tree of the robot.
-        states: The states, whose velocities are displacements as well.
-
-    Yields:
-        For each function its name, its value, and the sizes of its entries.
+    The velocities of the states serve as displacements as well.
     """
     layout = tree.layout
     if layout.is_quaternion:
@@ -58,15 +53,7 @@ def _largest(entries: Entries, values: Array) -> Array:
 
 
 def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Array]:
-    """The three functions of a base with a quaternion.
-
-    Args:
-        q, v: Entries of coordinates and velocities.
-        states: The states.
-
-    Returns:
-        Rates and new coordinates (s, nq), and displacements (s, nv).
-    """
+    """Rates and new coordinates (s, nq), and displacements (s, nv), of a base with a quaternion."""
     attitude, turn, step = states.q[:, q.attitude], states.v[:, v.attitude], states.v[:, v.position]
     rotation = quaternion_matrices(attitude)
     rates, moved = np.zeros_like(states.q), np.zeros_like(states.q)
@@ -86,15 +73,7 @@ def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Ar
 
 
 def _apart(q: Entries, v: Entries, states: States) -> Array:
-    """The displacement from each state to the first.
-
-    Args:
-        q, v: Entries of coordinates and velocities.
-        states: The states.
-
-    Returns:
-        The displacements (s, nv).
-    """
+    """Displacements (s, nv) from each state to the first."""
     back = np.swapaxes(quaternion_matrices(states.q0[:, q.attitude]), -1, -2)
     there = quaternion_matrices(states.q1[:, q.attitude])
     way = times(back, states.q1[:, q.position] - states.q0[:, q.position])

@@ -33,12 +33,7 @@ class Dynamics:
     """Inverse or forward dynamics at some states, with all that its derivatives need."""
 
     def __init__(self, point: Point, forward: bool) -> None:
-        """Compute what derivatives are compared with.
-
-        Args:
-            point: The module and the states.
-            forward: Whether of forward dynamics.
-        """
+        """Compute what derivatives of forward (else inverse) dynamics are compared with."""
         self.point, self.forward = point, forward
         states, sizes, call = point.states, point.sizes, point.call
         self.slopes = (Forward if forward else Inverse)(point.slopes)
@@ -64,14 +59,7 @@ class Dynamics:
         return size
 
     def as_forces(self, matrix: Array) -> Array:
-        """Derivatives of the results as those of forces.
-
-        Args:
-            matrix: (s, nv, n) or (s, nv).
-
-        Returns:
-            The same shape.
-        """
+        """Derivatives of the results, (s, nv, n) or (s, nv), as those of forces."""
         if not self.forward:
             return matrix
         with np.errstate(invalid="ignore"):
@@ -79,13 +67,9 @@ class Dynamics:
         return product.reshape(matrix.shape)
 
     def inertial(self, matrix: Array) -> Array:
-        """Sizes of the forces that derivatives of accelerations stand for.
+        """Sizes of forces that derivatives of accelerations stand for; 0 of inverse dynamics.
 
-        Args:
-            matrix: The derivatives times the mass matrix, (s, nv, n).
-
-        Returns:
-            The same shape; zero of inverse dynamics.
+        `matrix` (s, nv, n) has the derivatives times the mass matrix.
         """
         units = self.point.sizes.free_units[:, :, None]
         if not self.forward:
@@ -112,16 +96,7 @@ class Dynamics:
 def jacobian_rows(
     point: Point, values: Mapping[str, Array], forward: bool
 ) -> Iterator[DerivativeRow]:
-    """The value and the Jacobians of `…_dynamics_derivatives`.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-        forward: Whether of forward dynamics.
-
-    Yields:
-        A row for each.
-    """
+    """The value and the Jacobians of `…_dynamics_derivatives`."""
     kind = Dynamics(point, forward)
     (value, *_), ours = values, list(values.values())
     plain = kind.as_forces(kind.value)
@@ -134,16 +109,7 @@ def jacobian_rows(
 
 
 def jvp_rows(point: Point, values: Mapping[str, Array], forward: bool) -> Iterator[DerivativeRow]:
-    """The product of the Jacobians with a direction.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-        forward: Whether of forward dynamics.
-
-    Yields:
-        One row.
-    """
+    """The product of the Jacobians with a direction."""
     kind, states = Dynamics(point, forward), point.states
     last = states.u_dot if forward else states.a_dot
     direction = np.concatenate([states.q_dot, states.v_dot, last], axis=-1)
@@ -154,16 +120,7 @@ def jvp_rows(point: Point, values: Mapping[str, Array], forward: bool) -> Iterat
 
 
 def vjp_rows(point: Point, values: Mapping[str, Array], forward: bool) -> Iterator[DerivativeRow]:
-    """The product of weights with the Jacobians.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-        forward: Whether of forward dynamics.
-
-    Yields:
-        A row for each gradient.
-    """
+    """The gradients: products of weights with the Jacobians."""
     kind = Dynamics(point, forward)
     transposed = np.swapaxes(kind.jacobian, -1, -2)
     theirs = times(transposed, kind.multipliers)
@@ -177,16 +134,7 @@ def vjp_rows(point: Point, values: Mapping[str, Array], forward: bool) -> Iterat
 def hessian_rows(
     point: Point, values: Mapping[str, Array], forward: bool
 ) -> Iterator[DerivativeRow]:
-    """Second derivatives of weighed results.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-        forward: Whether of forward dynamics.
-
-    Yields:
-        A row for each block.
-    """
+    """Second derivatives of weighed results, by blocks."""
     # Differences of differences take many evaluations.
     kind = Dynamics(point.first(1), forward)
     states, units = kind.point.states, kind.slopes.units
@@ -210,15 +158,7 @@ def hessian_rows(
 
 
 def coriolis_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """C v is what velocities add to the forces, and Ṁ − 2 C is skew-symmetric.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        A row for each.
-    """
+    """C v is what velocities add to the forces, and Ṁ − 2 C is skew-symmetric."""
     states, sizes, call, tree = point.states, point.sizes, point.call, point.tree
     ((what, coriolis),) = values.items()
     damped = tree.passive.damping[tree.free] * states.v

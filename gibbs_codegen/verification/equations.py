@@ -24,19 +24,10 @@ Values = Mapping[str, Array]
 
 
 class Expected:
-    """What a formulation gives for all functions at some states, and the sizes of errors there.
-
-    `sizes` are the natural sizes of things at those states.
-    """
+    """What a formulation gives for all functions at some states, and the natural `sizes` there."""
 
     def __init__(self, formulation: Formulation, states: States, single: bool = False) -> None:
-        """Compute what is expected.
-
-        Args:
-            formulation: The formulation.
-            states: The states to compute at.
-            single: Whether the module computes in single precision.
-        """
+        """Compute what is expected; `single` is whether the module computes in single precision."""
         tree = formulation.tree
         found = formulation.at(states).with_passive(tree, states)
         self.sizes = Sizes(tree, states)
@@ -68,30 +59,18 @@ class Expected:
     def compare_functions(
         self, evaluation: Evaluation, states: States, against: str, singly: bool = False
     ) -> list[Comparison]:
-        """Compare all functions of a module with what is expected.
+        """Compare all functions of a module with what is expected, at the same states or the first.
 
-        Args:
-            evaluation: The module.
-            states: The same states, or the first of them.
-            against: What to name instead of the formulation.
-            singly: Whether to compute state by state rather than in a batch.
-
-        Returns:
-            A comparison of each array, with the reason where a function returned none.
+        `against` replaces the formulation's name; `singly` is whether to compute state by state. A
+        function that returned nothing fails with the reason.
         """
         rows = self.compare(evaluation.all(states, singly), against)
         return explained(rows, evaluation.faults)
 
     def compare(self, values: Values, against: str = "") -> list[Comparison]:
-        """Compare results of a module's functions with what is expected.
+        """Compare results, under the names of `Evaluation.results`, with what is expected.
 
-        Args:
-            values: Results for the same states, or with fewer or more at the end, under the names
-                of `Evaluation.results`.
-            against: What to name instead of the formulation.
-
-        Returns:
-            A comparison of each array; errors are relative to the natural sizes.
+        There may be fewer or more states at the end; errors are relative to the natural sizes.
         """
         count = min(len(values["mass_matrix"]), len(self._matrix))
         # Where angles are large, rounding their sums is what limits the rest.
@@ -111,15 +90,7 @@ class Expected:
 
 
 def input_matrix(tree: Tree, found: Quantities) -> Array:
-    """Generalised forces of unit inputs: thrusts, then the arm's own efforts.
-
-    Args:
-        tree: The tree of a formulation.
-        found: What the formulation gives.
-
-    Returns:
-        Input matrix of all joints, (s, size, nu).
-    """
+    """Generalised forces (s, size, nu) of unit inputs, thrusts and then the arm's own efforts."""
     rotors = len(tree.motors)
     directions = np.array([motor.direction for motor in tree.motors]).reshape(-1, 3)
     thrusts = times(found.poses[:, :rotors, :3, :3], directions)
@@ -135,15 +106,7 @@ def _system(
 ) -> Iterator[Row]:
     """The equations of motion M a = R + B u, the torques of the constraints, and the energies.
 
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        inputs: Input matrix of all joints, (s, size, nu).
-        states: The states.
-        sizes: The natural sizes there.
-
-    Yields:
-        For each array that a function returns its name, its value, and the sizes of its entries.
+    Each array that a function returns has its name, its value, and the sizes of its entries.
     """
     free, constrained = tree.free, tree.constrained
     matrix = found.mass_matrix[:, free][:, :, free]
@@ -165,17 +128,7 @@ def _system(
 
 
 def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Iterator[Row]:
-    """The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
-
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        inputs: Input matrix of all joints, (s, size, nu).
-        sizes: The natural sizes at the states.
-
-    Yields:
-        For each array that a function returns its name, its value, and the sizes of its entries.
-    """
+    """The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those."""
     more = (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
     torques = tree.size + np.arange(len(tree.constrained))

@@ -24,13 +24,7 @@ class Evaluation:
     def __init__(
         self, module: ModuleType, constants: Any = None, batch: tuple[int, ...] = ()
     ) -> None:
-        """Take a module.
-
-        Args:
-            module: The module.
-            constants: What its `prepare` returned, or None for the default.
-            batch: Shape of the batch that the constants have.
-        """
+        """Take a module with constants of its `prepare`, or its default ones, of such a batch."""
         self.module = module
         self._leading = batch
         self.faults: dict[str, str] = {}
@@ -38,15 +32,9 @@ class Evaluation:
         self.signatures = {s.name: s for s in module_signatures(module)}
 
     def all(self, states: States, singly: bool = False) -> dict[str, Array]:
-        """Results of all functions.
+        """Results of all functions by name, as of `results`, in a batch or state by state.
 
-        Args:
-            states: The states to compute at.
-            singly: Whether to compute state by state rather than in a batch.
-
-        Returns:
-            Arrays by name, as of `results`; `gibbs` is counted from its value at rest, since it is
-            determined up to that.
+        `gibbs` is counted from its value at rest, since it is determined up to that.
         """
         values: dict[str, Array] = {}
         for name in self.signatures:
@@ -56,16 +44,7 @@ class Evaluation:
         return values
 
     def results(self, name: str, states: States, singly: bool = False) -> dict[str, Array]:
-        """Results of one function.
-
-        Args:
-            name: The function.
-            states: The states to compute at.
-            singly: Whether to compute state by state rather than in a batch.
-
-        Returns:
-            One array under the function's name; several under that name, a point, and their own.
-        """
+        """Results of one function: one under its name; several under that, a point, and theirs."""
         letters = self.signatures[name].arguments
         if "h" in letters:
             states = self.stepping(states)
@@ -80,16 +59,10 @@ class Evaluation:
         return dict(zip(names, arrays, strict=True))
 
     def stepping(self, states: States) -> States:
-        """States whose accelerations fit their inputs, so that steps are short beside them.
+        """States with the accelerations that fit their inputs, so that steps are short beside them.
 
         Light links with dampers may have accelerations far larger than random ones, and then longer
         steps would amplify rounding.
-
-        Args:
-            states: The states.
-
-        Returns:
-            The same with the accelerations of forward dynamics.
         """
         return replace(states, a=self("forward_dynamics", states.q, states.v, states.u))
 

@@ -20,27 +20,21 @@ class Quantities(NamedTuple):
     """Everything that a formulation computes at `s` states, of the bodies alone.
 
     Generalised forces and columns of Jacobians are those of all joints, free and constrained, in
-    the order of the hybrid system: `size` of them. Axes are the world's.
+    the order of the hybrid system: `size` of them. Axes are the world's; linear entries come before
+    angular ones. What is None was not computed.
 
-    Attributes:
-        mass_matrix: (s, size, size).
-        residual: R of M a = R + B u, (s, size).
-        inverse_dynamics: M a − R, (s, size).
-        poses: homogeneous transforms of the tree's seats (motors, then the named frames), in m,
-            (s, seats, 4, 4).
-        jacobians: of the seats, linear rows first, (s, seats, 6, size).
-        kinetic_energy: in J, (s,).
-        potential_energy: in J, zero at world Z = 0, (s,).
-        positions: of the tree's points in m, (s, points, 3), or None if not computed.
-        bias_accelerations: of the named frames where a is zero, linear entries first,
-            (s, frames, 6), or None if not computed.
-        centre_of_mass: in m, (s, 3), or None if not computed, as the next.
-        centre_jacobian: of the centre of mass, (s, 3, size).
-        momentum: linear, and angular about the centre of mass, in kg m/s and kg m²/s, (s, 6).
-        gravity_forces: gravity's part of R, (s, size).
-        joint_wrenches: what carries a body does to it, force and moment at the origin and in the
-            axes of the body's frame in N and N m, (s, bodies, 6), in the order of a module's
-            BODIES; only by Newton and Euler.
+    - `mass_matrix` (s, size, size); `residual`, R of M a = R + B u, and `inverse_dynamics`, M a −
+      R, (s, size); `gravity_forces`, gravity's part of R.
+    - `poses` (s, seats, 4, 4), in m, and `jacobians` (s, seats, 6, size) of the tree's seats:
+      motors, then the named frames.
+    - `kinetic_energy` and `potential_energy` (s,), in J, the latter zero at world Z = 0.
+    - `positions` (s, points, 3) of the tree's points, in m; `bias_accelerations` (s, frames, 6) of
+      the named frames where a is zero.
+    - `centre_of_mass` (s, 3), in m, and `centre_jacobian` (s, 3, size); `momentum` (s, 6), the
+      angular one about the centre of mass, in kg m/s and kg m²/s.
+    - `joint_wrenches` (s, bodies, 6), in the order of a module's BODIES: what carries a body does
+      to it, force and moment at the origin and in the axes of its frame, in N and N m; only by
+      Newton and Euler.
     """
 
     mass_matrix: Array
@@ -59,15 +53,7 @@ class Quantities(NamedTuple):
     joint_wrenches: Array | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:
-        """The same with armature, dampers and springs, which formulations leave out.
-
-        Args:
-            tree: The tree of the formulation.
-            states: The states.
-
-        Returns:
-            The quantities.
-        """
+        """The same with armature, dampers and springs, which formulations leave out."""
         passive, q = tree.passive, tree.at_joints(states.q)
         v, a = tree.spread(states.v), tree.spread(states.a)
         forces = passive.forces(q, v)
@@ -94,14 +80,7 @@ class Formulation(Protocol):
     tree: Tree
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states.
-        """
+        """Everything that the formulation computes at the states."""
         ...
 
 
@@ -113,16 +92,9 @@ def state_by_state(
 ) -> Quantities:
     """What a library gives that computes one state at a time, with joints in an order of its own.
 
-    Args:
-        at: What the library gives for coordinates, rates and accelerations of all joints, each
-            (size,), in its order, and for the rotation (3, 3) and position (3,) at which the first
-            joint begins.
-        tree: The tree that the library was given.
-        states: The states to compute at.
-        places: For each joint of the library, its place among the tree's coordinates.
-
-    Returns:
-        The quantities at all states, in the tree's order.
+    `at` takes coordinates, rates and accelerations of all joints, (size,) each in its order, and
+    the rotation (3, 3) and position (3,) at which the first joint begins. `places` has for each
+    joint of the library its place among the tree's coordinates; the result is in the tree's order.
     """
     motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
     origin = np.tile(np.eye(3), (len(states), 1, 1)), np.zeros((len(states), 3))

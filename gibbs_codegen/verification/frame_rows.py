@@ -19,14 +19,7 @@ Row = tuple[str, Array, Array]
 def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
     """Points, the motion of the named frames, and what wrenches on these do.
 
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        states: The states.
-        sizes: The natural sizes there.
-
-    Yields:
-        For each array that a function returns its name, its value, and the sizes of its entries.
+    Each array that a function returns has its name, its value, and the sizes of its entries.
     """
     rotors = len(tree.motors)
     poses, jacobians = found.poses[:, rotors:], found.jacobians[:, rotors:][..., tree.free]
@@ -49,50 +42,21 @@ def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> I
 
 
 def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
-    """Rows of the functions of all frames, and of the tip by itself.
-
-    Args:
-        tree: The tree of the formulation.
-        what: What is given of a frame.
-        values: Of each frame, (s, frames, …).
-        size: The sizes of its entries.
-
-    Yields:
-        The rows, as of `frame_rows`.
-    """
+    """Rows of the functions of all frames, `values` (s, frames, …), and of the tip by itself."""
     yield f"frame_{what}s", values, size
     if tree.tip is not None:
         yield f"tip_{what}", values[:, tree.tip], size[:, tree.tip]
 
 
 def wrench_forces(tree: Tree, found: Quantities, states: States) -> Array:
-    """Generalised forces of the wrenches on the named frames.
-
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        states: The states.
-
-    Returns:
-        In N m and N, (s, nv).
-    """
+    """Generalised forces (s, nv), N m and N, of the wrenches on the named frames."""
     jacobians = found.jacobians[:, len(tree.motors) :][..., tree.free]
     forces: Array = np.einsum("sfij,sfi->sj", jacobians, states.W)
     return forces
 
 
 def mass_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> Iterator[Row]:
-    """The centre of mass, momentum, gravity, and the wrenches that joints pass on.
-
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        states: The states.
-        sizes: The natural sizes there.
-
-    Yields:
-        For each array that a function returns its name, its value, and the sizes of its entries.
-    """
+    """The centre of mass, momentum, gravity, and the wrenches that joints pass on."""
     if found.centre_of_mass is not None:
         reach = sizes.reach[:, None] + sizes.length
         yield "centre_of_mass", found.centre_of_mass, np.repeat(reach, 3, axis=-1)

@@ -24,14 +24,7 @@ class FreeBase:
         self._inner = inner
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states, for the velocities of the base in its own frame.
-        """
+        """What the tree gives at the placed states, for velocities of the base in its own frame."""
         inner = copy.copy(self._inner)
         inner.tree, moved = states.placed(self.tree)
         found = inner.at(moved)
@@ -45,12 +38,5 @@ class FreeBase:
 
 
 def formulated(inner: Formulation) -> Formulation:
-    """A formulation of a robot, whatever coordinates its base has.
-
-    Args:
-        inner: A formulation of the robot's tree.
-
-    Returns:
-        The same, or one that places the tree where the base is.
-    """
+    """A formulation of a robot's tree, which is placed where the base is if it has a quaternion."""
     return FreeBase(inner) if inner.tree.layout.is_quaternion else inner

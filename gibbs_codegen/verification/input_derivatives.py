@@ -17,15 +17,7 @@ from gibbs_codegen.verification.vectors import Array, times
 
 
 def input_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """The forces, and their derivatives by q.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        A row for each.
-    """
+    """The forces, and their derivatives by q."""
     call, states = point.call, point.states
     (force, ours), (slope, matrix) = values.items()
     size = _size(point)
@@ -38,15 +30,7 @@ def input_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Derivative
 
 
 def input_hessian_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """Second derivatives of the weighed forces, of which those by q and u are first ones of B.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        A row for each.
-    """
+    """Second derivatives of the weighed forces, of which those by q and u are first ones of B."""
     call, units = point.call, point.slopes.units
     first = point.first(1)
     states, q = first.states, first.states.q

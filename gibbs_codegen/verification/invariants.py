@@ -30,18 +30,9 @@ _ROUNDING = 1e-15
 def compare_invariants(
     evaluation: Evaluation, values: Values, states: States, sizes: Sizes, tree: Tree
 ) -> list[Comparison]:
-    """Compare a module's functions with each other.
+    """Compare a module's functions with each other, by their results `values` at the states.
 
-    Args:
-        evaluation: The module.
-        values: What all its functions return at the states.
-        states: The states.
-        sizes: The natural sizes there.
-        tree: The robot, of which only the layout, the places of the free and the constrained
-            joints, and the damping are used.
-
-    Returns:
-        The comparisons.
+    Of the tree only the layout, the places of free and constrained joints, and the damping count.
     """
     held = _Invariants(evaluation, values, states, sizes, tree)
     return [

@@ -36,16 +36,11 @@ class Part(NamedTuple):
 class Joint:
     """A joint with the bodies that it carries, as one.
 
-    Attributes:
-        parent: number of the joint that it hangs on, or `WORLD`.
-        place: place of its coordinate.
-        axis: number of the axis of its own frame about or along which it moves.
-        revolute: whether it turns; else it slides.
-        rotation: (3, 3) from its frame to its parent's, at coordinate zero.
-        offset: (3,) from the parent's origin to its own, at coordinate zero, in m.
-        mass: of the bodies, in kg.
-        com: (3,) centre of mass of the bodies in the joint's frame, in m.
-        inertia: (3, 3) of the bodies about their centre of mass, in the joint's axes, in kg m².
+    `parent` is the number of the joint that it hangs on, or `WORLD`; `place` that of its
+    coordinate; `axis` that of its own frame's axis about (revolute) or along which it moves. At
+    coordinate zero, `rotation` (3, 3) leads from its frame's axes to its parent's and `offset`
+    (3,), in m, from the parent's origin to its own. Of the bodies are `mass`, in kg, `com` (3,), in
+    m, and `inertia` (3, 3) about that, in kg m², in the joint's axes.
     """
 
     parent: int
@@ -59,14 +54,7 @@ class Joint:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def with_part(self, part: Part) -> Joint:
-        """The joint with one body more.
-
-        Args:
-            part: The body, in the joint's frame.
-
-        Returns:
-            The joint.
-        """
+        """The joint with one body more."""
         mass, inertia = self.mass + part.mass, self.inertia + part.inertia
         if self.mass == 0.0 or mass == 0.0:
             return replace(self, mass=mass, com=part.com, inertia=inertia)
@@ -84,15 +72,7 @@ class Point(NamedTuple):
     rotation: Array = np.eye(3)
 
     def within(self, rotation: Array, offset: Array) -> Point:
-        """A frame that is fixed in this one.
-
-        Args:
-            rotation: (3, 3) from its axes to those of this.
-            offset: (3,) its origin in this, in m.
-
-        Returns:
-            The frame.
-        """
+        """A frame fixed in this one, by the rotation to this one's axes and its origin, in m."""
         return Point(self.joint, self.local + self.rotation @ offset, self.rotation @ rotation)
 
 
@@ -113,15 +93,12 @@ class Assembly:
     Bodies have numbers: 0 the base, with the rod that nothing holds against it, i link i, and −k
     rod k.
 
-    Attributes:
-        joints: from the world outwards, each after that which it hangs on.
-        parts: the bodies.
-        bodies: frames that the file gives the bodies, by their numbers: the base's, of rods that
-            are held, and of links.
-        carriers: for each of these but the base, the number of the body that carries it.
-        centre: the base centre.
-        rods: where the motors of the rods sit.
-        arm: places of the joints that move, in the order of their links.
+    - `joints`: from the world outwards, each after that which it hangs on.
+    - `bodies`: frames that the file gives the base, rods that are held, and links, by their
+      numbers.
+    - `carriers`: for each of these but the base, the number of the body that carries it.
+    - `rods`: where the motors of the rods sit.
+    - `arm`: places of the joints that move, in the order of their links.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -188,13 +165,7 @@ class Assembly:
         return len(self.joints) - 1
 
     def _carry(self, number: int, at: Point, body: Body) -> None:
-        """Add a body to the joint that its frame is fixed on.
-
-        Args:
-            number: Of the body.
-            at: The body's frame.
-            body: The body.
-        """
+        """Add a body, whose frame is at `at`, to the joint that this is fixed on."""
         if isinstance(body, Rod):
             mass, length = body.mass_per_length * body.length, body.length
             thin = mass * length**2 / 12
@@ -211,18 +182,11 @@ class Assembly:
         self.parts.append(part)
 
     def _jointed(self, at: Point, axis: Vector3, place: int, revolute: bool = True) -> Point:
-        """Add a joint; return the frame of the body that it carries.
+        """Add a joint; return the frame of the body that it carries, fixed on it.
 
-        The joint's frame is turned so that its axis is a coordinate axis.
-
-        Args:
-            at: The body's frame at coordinate zero, on the joint that carries this one.
-            axis: Of the motion, in the body's frame.
-            place: Place of the coordinate.
-            revolute: Whether it turns; else it slides.
-
-        Returns:
-            The body's frame, fixed on the new joint.
+        `at` is the body's frame at coordinate zero, on the joint that carries this one, and `axis`
+        is in the body's frame. The joint's own frame is turned so that its axis is a coordinate
+        axis.
         """
         number, turn = _aligned(np.array(axis))
         joint = self._add(Joint(at.joint, place, number, revolute, at.rotation @ turn, at.local))

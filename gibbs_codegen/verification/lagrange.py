@@ -36,14 +36,7 @@ class Lagrange:
         self._points, self._masses = _point_masses(tree)
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states.
-        """
+        """Everything that the formulation computes."""
         tree, masses = self.tree, self._masses
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
         by_q = self._place_gradients(q)
@@ -106,17 +99,9 @@ class Lagrange:
         return self.tree.positions(self.tree.frames(q), points)
 
     def _twists(self, q: Array, v: Array, points: list[Point]) -> Array:
-        """Velocities of points, with the angular velocities of their frames.
+        """Velocities (…, points, 6) of points and of their frames, linear first, in m/s and rad/s.
 
         The latter are ω = ½Σ e × ė over a frame's axes e, whose ends stand the robot's reach away.
-
-        Args:
-            q: Coordinates of all joints, (…, size).
-            v: Their rates, (…, size).
-            points: The points.
-
-        Returns:
-            In m/s and rad/s, linear entries first, (…, points, 6).
         """
         ends = [
             Point(point.joint, point.local + step)
@@ -132,16 +117,7 @@ class Lagrange:
         return np.concatenate([moving[..., 0, :], angular], axis=-1)
 
     def _change(self, function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
-        """How fast a function of the state changes while the rates stay the same.
-
-        Args:
-            function: Takes coordinates and rates of all joints.
-            q: Coordinates, (s, size).
-            v: Their rates, (s, size).
-
-        Returns:
-            The rate of change, (s, …).
-        """
+        """How fast, (s, …), a function of coordinates and rates changes at constant rates."""
         # In that time no frame turns, or moves by its size, by more than the step.
         rate = np.abs(v / self.tree.scales).sum(axis=-1)
         steps = STEP / np.where(rate > 0.0, rate, self.tree.tempo)
@@ -149,16 +125,7 @@ class Lagrange:
 
 
 def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Array:
-    """Derivative of a function of the coordinates along a direction.
-
-    Args:
-        function: Takes coordinates (…, size), which may be complex.
-        q: Where to differentiate, (…, size).
-        direction: Rates of the coordinates, (…, size).
-
-    Returns:
-        The derivative, of the function's shape.
-    """
+    """Derivative of a function along rates (…, size) of its coordinates, which may be complex."""
     return np.imag(function(q + 1j * _COMPLEX_STEP * direction)) / _COMPLEX_STEP
 
 

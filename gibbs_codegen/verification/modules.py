@@ -111,16 +111,7 @@ def verify(
 
 
 def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
-    """Refuse arguments of `verify` that it cannot use.
-
-    Args:
-        states: Number of states.
-        seed: Of the states.
-        backends: Names of back ends.
-
-    Raises:
-        UsageError: If one of them is wrong.
-    """
+    """Refuse arguments of `verify` that it cannot use."""
     if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
         raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
     if not isinstance(seed, int) or seed < 0:
@@ -131,19 +122,10 @@ def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
 
 
 def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
-    """A back end of a module.
+    """A back end ("numpy" or "c") of a module.
 
-    Args:
-        folder: The module.
-        robot: Its robot.
-        backend: "numpy" or "c".
-
-    Returns:
-        The back end.
-
-    Raises:
-        _UnavailableError: If it cannot be had here.
-        UsageError: If the module is broken, as `SystemExit` and `CompilerError` tell as well.
+    Raises `_UnavailableError` if it cannot be had here, and `UsageError` if the module is broken,
+    as `SystemExit` and `CompilerError` tell as well.
     """
     module = load(folder)
     if backend == "numpy":
@@ -193,14 +175,7 @@ def _compare_c(
 ) -> list[Comparison]:
     """Compare what only a C program uses of the C source.
 
-    Args:
-        module: The C back end.
-        folder: The module.
-        robot: Its robot.
-        verification: Gets the reason where single precision cannot be compared.
-
-    Returns:
-        The comparisons.
+    `verification` gets the reason where single precision cannot be compared.
     """
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
@@ -242,13 +217,7 @@ def _has_c_target(folder: Path) -> bool:
 def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
     """Verify emitted NumPy functions quickly, before they are written.
 
-    Args:
-        robot: The robot.
-        numpy_source: The text of its NumPy module.
-        progress: Called with the name of the step.
-
-    Raises:
-        WrongModuleError: If a comparison fails.
+    Raises `WrongModuleError` if a comparison fails.
     """
     progress("verifying")
     try:

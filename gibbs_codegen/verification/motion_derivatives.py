@@ -25,15 +25,7 @@ _SHARES = (0.02, 0.01)
 
 
 def frame_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """Poses or velocities of frames, their derivatives by q, and those of velocities by v.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        A row for each.
-    """
+    """Poses or velocities of frames, their derivatives by q, and those of velocities by v."""
     call, states, sizes = point.call, point.states, point.sizes
     (of_frames, by_q, *by_v), n = values, states.v.shape[-1]
     name = "frame_" + of_frames.rpartition(".")[2]
@@ -59,15 +51,7 @@ def frame_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Derivative
 
 
 def integrate_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """Derivatives of a displacement's result by where it begins, and by the displacement.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        A row for each.
-    """
+    """Derivatives of a displacement's result by where it begins, and by the displacement."""
     call, units, states = point.call, point.slopes.units, point.states
     after = call("integrate", states.q, states.v)[:, None]
     v = states.v[:, None]
@@ -84,31 +68,16 @@ def integrate_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Deriva
 
 
 def euler_step(call: Evaluation, state: State, h: Array) -> tuple[Array, Array]:
-    """A semi-implicit Euler step.
-
-    Args:
-        call: The module.
-        state: q, v and u, (…, width) each.
-        h: Length of the step, which broadcasts against velocities.
-
-    Returns:
-        Coordinates and velocities after the step.
-    """
+    """Coordinates and velocities after a semi-implicit Euler step of length h from q, v and u."""
     q, v, u = state
     after = v + h * call("forward_dynamics", q, v, u)
     return call("integrate", q, h * after), after
 
 
 def rk4_step(call: Evaluation, state: State, h: Array) -> tuple[Array, Array]:
-    """A step of the classical Runge–Kutta method, by exponentials alone on the manifold.
+    """Coordinates and velocities after a step of the classical Runge–Kutta method from q, v and u.
 
-    Args:
-        call: The module.
-        state: q, v and u, (…, width) each.
-        h: Length of the step, which broadcasts against velocities.
-
-    Returns:
-        Coordinates and velocities after the step (Celledoni, Marthinsen and Owren, 2003).
+    It moves on the manifold by exponentials alone (Celledoni, Marthinsen and Owren, 2003).
     """
     q, k1, u = state
 
@@ -131,16 +100,7 @@ Step = Callable[[Evaluation, State, Array], tuple[Array, Array]]
 
 
 def step_rows(point: Point, values: Mapping[str, Array], step: Step) -> Iterator[DerivativeRow]:
-    """The state after a step, and its derivatives where the function returns them.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-        step: The method.
-
-    Yields:
-        A row for each.
-    """
+    """The state after a step, and its derivatives where the function returns them."""
     call, states, units = point.call, point.call.stepping(point.states), point.slopes.units
     state, h = (states.q, states.v, states.u), states.h[:, None]
     after = step(call, state, h)

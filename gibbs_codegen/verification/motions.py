@@ -21,13 +21,9 @@ class Motion:
     angular_acceleration: Array
 
     def at(self, lever: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration of a point that is fixed in the frame.
+        """Velocity and acceleration of a point fixed in the frame, m/s and m/s², (…, 3).
 
-        Args:
-            lever: The point from the frame's origin, in m, in world axes, (…, 3).
-
-        Returns:
-            Both in m/s and m/s², (…, 3).
+        `lever` (…, 3) leads to it from the frame's origin, in m, in world axes.
         """
         turning = cross(self.angular_velocity, lever)
         return (
@@ -41,14 +37,8 @@ class Motion:
 def joint_motions(tree: Tree, v: Array, a: Array, frames: Frames) -> list[Motion]:
     """Motions of the joints' frames, from the world outwards.
 
-    Args:
-        tree: The tree.
-        v: Rates of all joints in rad/s and m/s, (…, size).
-        a: Their accelerations, (…, size).
-        frames: The joints' frames; their leading axes broadcast against those of the rates.
-
-    Returns:
-        The motion of each frame, in the joints' order.
+    Rates `v` and accelerations `a` of all joints are (…, size), in rad and m; leading axes of the
+    frames broadcast against theirs.
     """
     still = Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
     motions: list[Motion] = []

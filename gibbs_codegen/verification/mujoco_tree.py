@@ -59,29 +59,12 @@ class MuJoCo:
         self._places = np.array([tree.joints[number].place for number in numbers])
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states.
-        """
+        """Everything that the formulation computes."""
         with _without_log():
             return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
-        """By MuJoCo's functions for one state, nothing touching anything.
-
-        Args:
-            q: Coordinates in MuJoCo's order, (size,).
-            v: Their rates, (size,).
-            a: Their accelerations, (size,).
-            rotation, position: Where the first joint begins, (3, 3) and (3,).
-
-        Returns:
-            The quantities at that state, in MuJoCo's order.
-        """
+        """What MuJoCo's functions give for one state, in its order, nothing touching anything."""
         turn = np.empty(4)
         mujoco.mju_mat2Quat(turn, rotation.ravel())
         mujoco.mju_mulQuat(turn, turn.copy(), self._turn)
@@ -170,17 +153,7 @@ def _model_text(tree: Tree, more: float) -> str:
 
 
 def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: float) -> str:
-    """A body and all that hangs on it, in MJCF.
-
-    Args:
-        tree: The tree.
-        children: For each joint, the joints that hang on it.
-        number: The joint that the body hangs on.
-        more: As of `_model_text`.
-
-    Returns:
-        The text of the element.
-    """
+    """A body, on joint `number`, and all that hangs on it, in MJCF; `more` as of `_model_text`."""
     turn, step = np.eye(3), np.zeros(3)
     group = []
     while True:
@@ -215,8 +188,7 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: fl
 def _principal(joint: Joint) -> tuple[Array, Array]:
     """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits.
 
-    Raises:
-        NotApplicableError: If a moment is negative.
+    Raises `NotApplicableError` if a moment is negative.
     """
     moments, axes = np.linalg.eigh(joint.inertia)
     if moments[0] < -_ROUNDING * moments[2]:

@@ -27,14 +27,7 @@ class NewtonEuler:
         self.tree = tree
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states.
-        """
+        """Everything that the formulation computes."""
         tree = self.tree
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
         frames = tree.frames(q)
@@ -61,13 +54,9 @@ class NewtonEuler:
         )
 
     def mass_matrix(self, q: Array) -> Array:
-        """Efforts of unit accelerations, one by one, at rest and without gravity.
+        """Mass matrix (s, size, size) of all joints, for q (s, nv) of the free ones.
 
-        Args:
-            q: Coordinates of the free joints, (s, nv).
-
-        Returns:
-            Mass matrix of all joints, (s, size, size).
+        Its columns are efforts of unit accelerations, one by one, at rest and without gravity.
         """
         tree = self.tree
         frames = tree.frames(tree.spread(q)[:, None])
@@ -114,16 +103,7 @@ class NewtonEuler:
         return moment / self.tree.mass
 
     def _momentum(self, motions: list[Motion], frames: Frames, centre: Array) -> Array:
-        """Momentum about the centre of mass, summed over the bodies.
-
-        Args:
-            motions: Motions of the joints' frames.
-            frames: The joints' frames.
-            centre: The centre of mass, (s, 3).
-
-        Returns:
-            Linear, then angular, in kg m/s and kg m²/s, (s, 6).
-        """
+        """Momentum (s, 6), kg m/s and kg m²/s: linear, then angular about the centre of mass."""
         linear: Array = np.zeros(3)
         angular: Array = np.zeros(3)
         rotations, positions, _ = frames
@@ -136,16 +116,7 @@ class NewtonEuler:
         return np.concatenate([linear, angular], axis=-1)
 
     def _efforts(self, motions: list[Motion], frames: Frames, gravity: float) -> Array:
-        """Efforts of the joints against inertia and gravity.
-
-        Args:
-            motions: The motion of each joint's frame.
-            frames: The joints' frames.
-            gravity: Acceleration of free fall in m/s².
-
-        Returns:
-            Torques in N m and forces in N, (…, size).
-        """
+        """Efforts (…, size), N m and N, of the joints against inertia and `gravity`, in m/s²."""
         joints, rotations = self.tree.joints, frames.rotations
         upwards = np.array([0.0, 0.0, gravity])
         forces = []
@@ -174,16 +145,7 @@ class NewtonEuler:
 
     @staticmethod
     def _bias(motions: list[Motion], frames: Frames, point: Point) -> Array:
-        """Acceleration of a point and of its frame.
-
-        Args:
-            motions: Motions of the joints' frames.
-            frames: The joints' frames.
-            point: The point.
-
-        Returns:
-            In m/s² and rad/s², linear entries first, (s, 6).
-        """
+        """Acceleration (s, 6), m/s² and rad/s², of a point and of its frame, linear first."""
         motion = motions[point.joint]
         _, linear = motion.at(frames.rotations[point.joint] @ point.local)
         return np.concatenate([linear, motion.angular_acceleration], axis=-1)

@@ -33,14 +33,7 @@ class InOwnUnits:
         self._inner = inner
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes, in SI units.
-
-        Args:
-            states: The states to compute at, in SI units.
-
-        Returns:
-            The quantities at those states.
-        """
+        """What the formulation computes, from and to SI units."""
         units = np.where(self.tree.turns, 1.0, self._length)
         free, time = units[self.tree.free], self._time
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])

@@ -35,15 +35,7 @@ _SETS, _ROWS = 3, 3
 
 
 def parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """Derivatives of generalised forces by the parameters.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        One row.
-    """
+    """Derivatives of generalised forces by the parameters."""
     states, sizes = point.states, point.sizes
 
     def forces(call: Evaluation) -> Array:
@@ -55,15 +47,7 @@ def parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Deriva
 
 
 def weighed_parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """The gradient of weighed accelerations by the parameters.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        One row.
-    """
+    """The gradient of weighed accelerations by the parameters."""
     states, forward = point.states, Dynamics(point, True)
 
     def lacking(call: Evaluation) -> Array:
@@ -80,15 +64,9 @@ def weighed_parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterato
 def _by_parameters(
     forces: Callable[[Evaluation], Array], point: Point, effort: Array
 ) -> tuple[Array, Array]:
-    """Derivatives by the parameters that a module has.
+    """Derivatives of forces (s, nv) by a module's parameters, and their sizes, (s, nv, np).
 
-    Args:
-        forces: What a module returns, (s, nv).
-        point: The module with the parameters of the robot, and the states.
-        effort: Sizes of the forces, (s, nv).
-
-    Returns:
-        The derivatives and their sizes, (s, nv, np) each.
+    `effort` (s, nv) has the sizes of the forces.
     """
     module, numbers = point.call.module, parameter_values(point.robot)
     units: dict[str, float] = {}
@@ -114,19 +92,9 @@ def _by_parameters(
 def _steps(
     module: ModuleType, given: Mapping[str, float], name: str, unit: float
 ) -> tuple[float, list[Any]]:
-    """Constants of a module for one parameter after the steps of a difference.
+    """Step of one parameter, of natural size `unit`, and a module's constants after 0, 1, … steps.
 
-    Args:
-        module: The module.
-        given: Its parameters.
-        name: Which of them to change.
-        unit: Its natural size.
-
-    Returns:
-        The step, and the constants after 0, 1, … steps.
-
-    Raises:
-        ValueError: If the module rejects them, however the parameter is changed.
+    Raises `ValueError` if the module rejects them, however the parameter is changed.
     """
     for share in _SHARES:
         step = share * unit
@@ -139,15 +107,7 @@ def _steps(
 
 
 def regressor_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
-    """The regressor's columns make up the forces of all bodies that the robot may have.
-
-    Args:
-        point: The module and the states.
-        values: What the function returns there.
-
-    Yields:
-        One row.
-    """
+    """The regressor's columns make up the forces of all bodies that the robot may have."""
     for what, ours in values.items():
         count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
         states = States.random(point.tree, count, 0)
@@ -167,12 +127,7 @@ def regressor_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Deriva
 def base_parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
     """The regressor times the base parameters is the inertial part of the forces.
 
-    Args:
-        point: The module and the states.
-        values: The base parameters, one copy for each state.
-
-    Yields:
-        One row where the module has a regressor, else none.
+    `values` has one copy of these for each state; no row where the module has no regressor.
     """
     states, sizes, tree, call = point.states, point.sizes, point.tree, point.call
     if "regressor" not in call.signatures:
@@ -188,16 +143,7 @@ def base_parameter_rows(point: Point, values: Mapping[str, Array]) -> Iterator[D
 
 
 def _with_bodies(robot: Robot, tree: Tree, rng: np.random.Generator) -> Robot:
-    """The robot with other bodies of its size, which need not be possible: mass, centre, inertia.
-
-    Args:
-        robot: The robot.
-        tree: Its tree.
-        rng: What the numbers are drawn from.
-
-    Returns:
-        A robot with the same frames.
-    """
+    """The robot with other masses, centres and inertias of its size, which may be impossible."""
 
     def other(body: Body) -> Body:
         com, inertia = tree.reach * rng.normal(size=3), tree.reach**2 * rng.normal(size=6)
@@ -208,15 +154,9 @@ def _with_bodies(robot: Robot, tree: Tree, rng: np.random.Generator) -> Robot:
 
 
 def _projected(matrix: Array, forces: Array, units: Array) -> Array:
-    """What is nearest to forces among the combinations of a matrix's columns.
+    """What is nearest to forces (s, nv, sets) among combinations of a matrix's columns, (s, nv, ·).
 
-    Args:
-        matrix: (s, nv, columns).
-        forces: (s, nv, sets).
-        units: Sizes of the rows, (s, nv, 1).
-
-    Returns:
-        (s, nv, sets).
+    `units` (s, nv, 1) are the sizes of the rows.
     """
     columns, wanted = ((x / units).reshape(-1, x.shape[-1]) for x in (matrix, forces))
     if not np.isfinite(columns).all():

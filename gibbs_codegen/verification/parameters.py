@@ -30,14 +30,7 @@ class Dimension(NamedTuple):
     time: int = 0
 
     def unit(self, length: float, mass: float, time: float) -> float:
-        """The unit of this dimension among coherent units.
-
-        Args:
-            length, mass, time: Units of those, in m, kg and s.
-
-        Returns:
-            In SI units.
-        """
+        """The unit, in SI, that goes with units of length, mass and time in m, kg and s."""
         return float(length**self.length * mass**self.mass * time**self.time)
 
 
@@ -54,13 +47,7 @@ BodyChange = Callable[[Body], Body]
 def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> Robot:
     """The robot with every number changed that can be a parameter, zeros included.
 
-    Args:
-        robot: The robot.
-        change: What becomes of a number.
-        of_body: What becomes of a body; None changes its numbers as all others.
-
-    Returns:
-        The robot with the changed numbers.
+    `of_body` changes bodies as a whole; None changes their numbers as all others.
     """
     return _Mapping(change, of_body)(robot)
 
@@ -150,14 +137,7 @@ class _Mapping:
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
-    """Every number of the robot that can be a parameter, zeros included.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The numbers under the names of parameters, in SI units.
-    """
+    """Every number of the robot that can be a parameter, zeros included, in SI units."""
     found: dict[str, float] = {}
 
     def note(name: str, value: float, _: Dimension) -> float:
@@ -169,56 +149,23 @@ def parameter_values(robot: Robot) -> dict[str, float]:
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
-    """Constants of a module for the numbers of a robot.
-
-    Args:
-        module: The module.
-        robot: The robot that has these numbers.
-
-    Returns:
-        What the module's `prepare` returns.
-    """
+    """What a module's `prepare` returns for the numbers of a robot."""
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
 def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The robot with other numbers.
-
-    Args:
-        robot: The robot.
-        values: The other numbers, under names of `parameter_values`.
-
-    Returns:
-        The robot with these numbers, and its own for what has none there.
-    """
+    """The robot with other numbers, under names of `parameter_values`, where there are any."""
     return mapped(robot, lambda name, value, _: values.get(name, value))
 
 
 def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
-    """The same robot, its numbers in other units.
-
-    Args:
-        robot: The robot, in SI units.
-        length: Unit of length, in m.
-        mass: Unit of mass, in kg.
-        time: Unit of time, in s.
-
-    Returns:
-        The robot whose numbers are multiples of those units.
-    """
+    """The same robot, its numbers as multiples of units given in m, kg and s."""
     return mapped(robot, lambda _, value, dimension: value / dimension.unit(length, mass, time))
 
 
 def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
-    """Every body that has parameters of its own.
-
-    Args:
-        robot: The robot.
-
-    Yields:
-        What the names of its parameters begin with, and the body.
-    """
+    """Every body that has parameters of its own, after what the names of these begin with."""
     yield from _arms(robot)
     if robot.base.body:
         yield "base", robot.base.body

@@ -22,15 +22,9 @@ class PassiveJoints(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, size: int, places: Sequence[int]) -> PassiveJoints:
-        """What acts on the joints of a robot.
+        """What acts on the joints of a robot: zero for those of the base and those that are held.
 
-        Args:
-            robot: The robot.
-            size: Number of all joints.
-            places: Among them, places of those that move, in the order of their links.
-
-        Returns:
-            Zero for the joints of the base and for those that are held.
+        `places` are those of the joints that move among all `size`, in the order of their links.
         """
         every = np.zeros((size, len(cls._fields)))
         for place, i in zip(places, robot.moving, strict=True):
@@ -38,38 +32,17 @@ class PassiveJoints(NamedTuple):
         return cls._make(every.T)
 
     def forces(self, q: Array, v: Array) -> Array:
-        """Forces of dampers and springs.
-
-        Args:
-            q, v: Coordinates and rates of all joints in rad and m, (…, size).
-
-        Returns:
-            In N m and N, (…, size).
-        """
+        """Forces (…, size), N m and N, of dampers and springs, at q and v of all joints."""
         forces: Array = -self.damping * v - self.stiffness * (q - self.rest)
         return forces
 
     def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Sizes of the terms of these forces, and of the springs' energy.
-
-        Args:
-            q, v: Coordinates and rates of all joints in rad and m, (…, size).
-
-        Returns:
-            Forces in N m and N, (…, size), and energy in J, (…).
-        """
+        """Sizes of the terms of these forces (…, size), and of the springs' energy (…), J."""
         stretch = np.abs(q) + np.abs(self.rest)
         pulling = np.abs(self.stiffness) * stretch
         return np.abs(self.damping * v) + pulling, np.sum(pulling * stretch, axis=-1)
 
     def energies(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Kinetic energy of what turns with the joints alone, and potential energy of the springs.
-
-        Args:
-            q, v: Coordinates and rates of all joints in rad and m, (…, size).
-
-        Returns:
-            Both in J, (…).
-        """
+        """Kinetic energy of what turns with joints alone, and the springs' potential, (…), J."""
         kinetic = 0.5 * np.sum(self.armature * v**2, axis=-1)
         return kinetic, 0.5 * np.sum(self.stiffness * (q - self.rest) ** 2, axis=-1)

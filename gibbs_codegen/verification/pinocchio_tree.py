@@ -50,28 +50,11 @@ class Pinocchio:
             self._add_carried(number)
 
     def at(self, states: States) -> Quantities:
-        """Everything that the formulation computes.
-
-        Args:
-            states: The states to compute at.
-
-        Returns:
-            The quantities at those states.
-        """
+        """Everything that the formulation computes."""
         return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
-        """By Pinocchio's functions for one state.
-
-        Args:
-            q: Coordinates in Pinocchio's order, (size,).
-            v: Their rates, (size,).
-            a: Their accelerations, (size,).
-            rotation, position: Where the first joint begins, (3, 3) and (3,).
-
-        Returns:
-            The quantities at that state, in Pinocchio's order.
-        """
+        """What Pinocchio's functions give for one state, in its order."""
         model, data = self._model, self._data
         model.jointPlacements[1] = pin.SE3(rotation, position)
         matrix = pin.crba(model, data, q).copy()

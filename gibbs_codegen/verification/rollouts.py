@@ -38,15 +38,7 @@ def compare_rollouts(
 ) -> list[Comparison]:
     """Compare short rollouts in C with the same in NumPy: of all kinds, by both methods.
 
-    Args:
-        numpy: The NumPy module.
-        robot: Its robot.
-        seed: Of states and inputs.
-        precision: Of the C source.
-        flags: Of the compiler, after its own.
-
-    Returns:
-        A comparison of all that comes out, which fails where nothing does.
+    `flags` are the compiler's, after its own. Fails where nothing comes out.
     """
     against = f"NumPy, in {precision} precision"
     try:

@@ -38,29 +38,13 @@ _ROUNDING = 100.0 * float(np.finfo(float).eps)
 def without_formulation(
     functions: Collection[str], comparisons: Sequence[Comparison], formulation: str
 ) -> list[str]:
-    """Functions of a module that no formulation gives.
-
-    Args:
-        functions: Names of the module's functions.
-        comparisons: The comparisons that were made.
-        formulation: Name of the formulation that all functions are compared with if they can be.
-
-    Returns:
-        Names of the functions that were not compared with it.
-    """
+    """Functions of a module that were not compared with a formulation, the one that gives most."""
     known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
     return [name for name in functions if name not in known]
 
 
 def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str]:
-    """What was compared with itself only, and why.
-
-    Args:
-        comparisons: The comparisons that were made.
-
-    Returns:
-        The reason, for each function that was compared as in this module.
-    """
+    """Why functions were compared with themselves only, by function."""
     against = (ONE_BY_ONE, OTHER_BACK_END)
     itself = {c.against for c in comparisons if c.against.startswith(against)}
     functions = {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
@@ -77,15 +61,8 @@ def compare_with_itself(
 ) -> list[Comparison]:
     """Compare functions for a batch with the same one by one, and with those of another back end.
 
-    Args:
-        evaluation: The back end to verify, with the constants of some parameters.
-        numpy: The NumPy back end with the same parameters, where `evaluation` is of another.
-        functions: Names of functions, by the table.
-        states: The states to compare at.
-        circumstance: What to add to the names of what is compared with.
-
-    Returns:
-        A comparison of each array that they return with each other way of computing it.
+    `numpy` is the NumPy back end with the same parameters, where `evaluation` is of another, and
+    `circumstance` is added to the names of what is compared with.
     """
     rows: list[Comparison] = []
     solved = max(_LIMIT, _ROUNDING * _condition(evaluation, states))
@@ -105,13 +82,8 @@ def compare_constants_of_each(
 ) -> list[Comparison]:
     """Compare all functions for states that have constants each with the same one by one.
 
-    Args:
-        module: The back end.
-        robots: The robot of each state: the module's, with other parameters.
-        states: As many states.
-
-    Returns:
-        The comparisons that fail, of one array each; where none does, the worst stands for all.
+    There are as many robots, the module's with other parameters, as states. Returns the comparisons
+    that fail, of one array each; where none does, the worst stands for all.
     """
     numbers = [parameter_values(robot) for robot in robots]
     values = {name: np.array([n[name] for n in numbers]) for name in module.PARAMETERS}
@@ -172,17 +144,7 @@ def conditions(matrices: Array) -> Array:
 def _alike(
     ours: Mapping[str, Array], theirs: Mapping[str, Array], against: str, limit: float
 ) -> Iterator[Comparison]:
-    """Compare the arrays that a function returns.
-
-    Args:
-        ours: The arrays to check.
-        theirs: The same arrays, computed in another way.
-        against: What to call that way.
-        limit: The largest error, relative to the largest entry.
-
-    Yields:
-        A comparison of each array.
-    """
+    """Compare the arrays of a function with `theirs`, errors relative to the largest entry."""
     for what, array in theirs.items():
         size = np.abs(array).max(initial=0.0)
         yield compared(what, against, ours[what], array, size, limit)

@@ -33,14 +33,7 @@ class Units:
 
     @classmethod
     def of(cls, tree: Tree) -> Units:
-        """The units of a robot.
-
-        Args:
-            tree: The tree of the robot.
-
-        Returns:
-            Displacements and their rates, and inputs as random states have them.
-        """
+        """Of a robot: displacements and their rates, and inputs as random states have them."""
         scales = tree.scales[tree.free]
         levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
         force = tree.mass * tree.reach * tree.tempo**2
@@ -56,15 +49,9 @@ class Slopes:
         self.units = units
 
     def along_q(self, function: Callable[[Array], Array], q: Array, share: float = 1.0) -> Array:
-        """Derivatives by displacements along each velocity.
+        """Derivatives (…, ·, nv) by displacements along each velocity, at q (…, nq).
 
-        Args:
-            function: Takes coordinates (…, nv, nq), and returns (…, nv, ·).
-            q: Coordinates, (…, nq).
-            share: Of the usual steps, how long they are.
-
-        Returns:
-            (…, ·, nv).
+        `function` takes (…, nv, nq) and returns (…, nv, ·); `share` multiplies the usual steps.
         """
 
         def moved(steps: Array) -> Array:
@@ -75,18 +62,11 @@ class Slopes:
     def by_all(
         self, function: OfState, state: State, last: Array, share: float | None = None
     ) -> Array:
-        """Derivatives by q, v and the last argument, one after the other.
+        """Derivatives (…, ·, columns) by q, v and the last argument, one after the other.
 
-        Args:
-            function: The function, whose arguments have one axis more than `state`, before the
-                last.
-            state: Its arguments, (…, width) each.
-            last: The unit of each entry of the last argument.
-            share: Of the usual steps, how long they are; None of a function that is quadratic in v
-                and in the last argument.
-
-        Returns:
-            (…, ·, columns).
+        The function's arguments have one axis more than `state` (…, width), before the last. `last`
+        has the units of the last argument's entries. `share` multiplies the usual steps; it is None
+        of a function that is quadratic in v and in the last argument.
         """
         q, v, x = (y[..., None, :] for y in state)
         axis = state[0].ndim - 1
@@ -111,14 +91,7 @@ class Inverse:
         self.units = np.concatenate([units.q, units.v, units.a])
 
     def jacobian(self, state: State) -> Array:
-        """The derivatives, (…, nv, columns).
-
-        Args:
-            state: q, v and the accelerations.
-
-        Returns:
-            Derivatives of generalised forces.
-        """
+        """Derivatives (…, nv, columns) of generalised forces, at q, v and accelerations."""
 
         def forces(q: Array, v: Array, a: Array) -> Array:
             return self._slopes.call("inverse_dynamics", q, v, a)
@@ -126,28 +99,14 @@ class Inverse:
         return self._slopes.by_all(forces, state, self._last)
 
     def multipliers(self, q: Array, w: Array) -> Array:
-        """What multiplies the forces where w weighs the results: w itself.
-
-        Args:
-            q: Coordinates, (…, nq), which do not matter here.
-            w: Weights, (…, nv).
-
-        Returns:
-            (…, nv).
-        """
+        """What multiplies the forces where w (…, nv) weighs the results: w itself."""
         return w
 
     def hessian(self, state: State, w: Array, share: float | None) -> Array:
-        """Second derivatives of the results weighed by w.
+        """Second derivatives (…, columns, columns) of the results weighed by w (…, nv).
 
-        Args:
-            state: The state, with arrays (…, width).
-            w: Weights, (…, nv).
-            share: Of the second differences, as of `Slopes.by_all`.
-
-        Returns:
-            (…, columns, columns). Displacements follow one another in the differences; half the
-            sum of both orders belongs to the two at once.
+        `share` is as of `Slopes.by_all`. Displacements follow one another in the differences; half
+        the sum of both orders belongs to the two at once.
         """
 
         def slope(q: Array, v: Array, x: Array) -> Array:
@@ -170,14 +129,7 @@ class Forward(Inverse):
         self.units = np.concatenate([units.q, units.v, units.u])
 
     def jacobian(self, state: State) -> Array:
-        """The derivatives, (…, nv, columns).
-
-        Args:
-            state: q, v and the inputs.
-
-        Returns:
-            Derivatives of generalised forces: M times those of the accelerations.
-        """
+        """Derivatives (…, nv, columns) of forces: M times those of the accelerations."""
         call = self._slopes.call
         a = call("forward_dynamics", *state)[..., None, :]
 
@@ -187,29 +139,13 @@ class Forward(Inverse):
         return self._slopes.by_all(lacking, state, self._last)
 
     def multipliers(self, q: Array, w: Array) -> Array:
-        """What multiplies the forces where w weighs the accelerations: M⁻¹ w.
-
-        Args:
-            q: Coordinates, (…, nq).
-            w: Weights, (…, nv).
-
-        Returns:
-            (…, nv).
-        """
+        """What multiplies the forces where w (…, nv) weighs the accelerations: M⁻¹ w."""
         matrices = self._slopes.call("mass_matrix", q)
         return solved(matrices, np.broadcast_to(w, matrices.shape[:-1])[..., None])[..., 0]
 
 
 def solved(matrices: Array, columns: Array) -> Array:
-    """Solutions of linear equations, or NaN where one matrix has none.
-
-    Args:
-        matrices: (…, n, n).
-        columns: (…, n, m).
-
-    Returns:
-        (…, n, m).
-    """
+    """Solutions (…, n, m) of linear equations, or NaN where one matrix has none."""
     try:
         return np.linalg.solve(matrices, columns)
     except np.linalg.LinAlgError:

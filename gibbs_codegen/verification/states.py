@@ -28,16 +28,8 @@ class States:
 
     Angles are all around, but for the middle one of the attitude; lengths are of the order of the
     robot's reach, rates of its `tempo`, inputs of its weight, so that no error hides beside another
-    number.
-
-    Attributes:
-        q: coordinates, (s, nq).
-        v: velocities, (s, nv).
-        a: their rates, (s, nv).
-        u: inputs, (s, nu).
-        W: wrenches on the frames, (s, frames, 6).
-
-    The other arguments of functions follow from these, state by state.
+    number. `q` is (s, nq), `v` and its rates `a` (s, nv), `u` (s, nu), and `W`, wrenches on the
+    frames, (s, frames, 6). Other arguments of functions follow from these, state by state.
     """
 
     q: Array
@@ -91,12 +83,7 @@ class States:
     def placed(self, tree: Tree) -> tuple[Tree, States]:
         """The tree of a base with a quaternion, placed where the base is, and what its joints do.
 
-        Args:
-            tree: The tree of the robot.
-
-        Returns:
-            The placed tree, whose joints of the base are at zero, and states of its joints; without
-            a quaternion what is given.
+        The base's joints are at zero then; without a quaternion, what is given.
         """
         if not tree.layout.is_quaternion:
             return tree, self
@@ -115,16 +102,7 @@ class States:
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
-        """Random states.
-
-        Args:
-            tree: The tree of the robot.
-            count: Number of states.
-            seed: What the states are drawn from.
-
-        Returns:
-            The states, the same for the same seed.
-        """
+        """Random states, the same for the same seed."""
         rng = np.random.default_rng(seed)
         scales = tree.scales[tree.free]
         q = _random_angles(tree, count, rng)
@@ -139,16 +117,10 @@ class States:
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
-        """States with angles of many turns, with far angles, and next to the singular attitude.
+        """States with angles of many turns, far angles, and next to the singular attitude.
 
-        Args:
-            tree: The tree of the robot.
-            count: Number of states, of the three kinds by turns.
-            seed: What the states are drawn from.
-            far: The largest of the far angles in rad; the others are nearly as large.
-
-        Returns:
-            The states, the same for the same seed.
+        The kinds take turns; `far`, in rad, is the largest of the far angles; the others are nearly
+        as large.
         """
         usual = cls.random(tree, count, seed)
         rng = np.random.default_rng(seed)
@@ -174,14 +146,7 @@ class States:
         return States(*(x.astype(np.float32).astype(np.float64) for x in vars(self).values()))
 
     def first(self, count: int) -> States:
-        """The first of the states.
-
-        Args:
-            count: How many.
-
-        Returns:
-            As many states, or all if there are fewer.
-        """
+        """The first `count` states, or all if there are fewer."""
         return States(*(x[:count] for x in vars(self).values()))
 
     def __len__(self) -> int:
@@ -197,16 +162,7 @@ def _factors(array: Array, seed: int) -> Array:
 
 
 def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
-    """Random coordinates with the attitude as angles, whatever coordinates the base has.
-
-    Args:
-        tree: The tree of the robot.
-        count: Number of states.
-        rng: What they are drawn from.
-
-    Returns:
-        Coordinates (s, nv) as `Tree.coordinates` takes them.
-    """
+    """Random coordinates (s, nv), as `Tree.coordinates` takes them, with the attitude as angles."""
     turning = tree.turns[tree.free]
     spread = np.where(turning, np.pi, 1.0)
     q = rng.uniform(-spread, spread, (count, len(spread))) * tree.scales[tree.free]
@@ -274,28 +230,14 @@ class Sizes:
         self.free_pushed = self.free_units * largest
 
     def balance(self, accelerations: Array) -> Array:
-        """Size of M a = R + B u, which is that of its largest terms.
-
-        Args:
-            accelerations: a, (s, nv), at the first states or all.
-
-        Returns:
-            Generalised forces, (s, nv).
-        """
+        """Size (s, nv) of M a = R + B u, that of its largest terms, for a at the first states."""
         count = len(accelerations)
         inertial = self.free_units[:count] * self.largest(accelerations)
         size: Array = self.free_effort[:count] + inertial + self.free_driven[:count]
         return size
 
     def largest(self, accelerations: Array) -> Array:
-        """The largest of some accelerations in the coordinates' units.
-
-        Args:
-            accelerations: (s, nv), at the first states or all.
-
-        Returns:
-            (s, 1).
-        """
+        """The largest (s, 1) of accelerations at the first states, in the coordinates' units."""
         units = self.free_units[: len(accelerations)]
         largest: Array = (units * np.abs(accelerations)).max(axis=-1, keepdims=True)
         return largest
@@ -304,15 +246,8 @@ class Sizes:
 def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
     """What each coordinate moves, and how far off, were the arm stretched out.
 
-    An arm that is folded has less inertia, and shorter levers, than the terms of these.
-
-    Args:
-        tree: The tree.
-        frames: The joints' frames.
-
-    Returns:
-        Largest inertias (masses if along) and masses, (s, size); and the levers of the tree's seats
-        (1 if along), (s, size, seats).
+    Largest inertias (masses if along) and masses, (s, size), and the levers (s, size, seats) of the
+    tree's seats (1 if along): a folded arm has less inertia, and shorter levers, than their terms.
     """
     steps = np.linalg.norm(frames.steps, axis=-1)
     inertias, masses = np.zeros((2, steps.shape[-1], tree.size))

@@ -33,24 +33,19 @@ class Frames(NamedTuple):
 class Tree:
     """Joints from the world outwards, named points, motors, and which joints are constrained.
 
-    Attributes:
-        layout: layout of the reduced coordinates.
-        placement: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
-            each of s states; None in the world's origin.
-        free: places of the velocities among those of all joints.
-        constrained: places of the constrained joints.
-        arm: places of the arm's joints.
-        turns: for each coordinate, whether it is an angle.
-        reach: a length of the robot's own size, in m.
-        parts: the bodies of the joints one by one.
-        bodies, carriers: as of `Assembly`.
-        scales: for each coordinate the reach if it is a length, and 1 if it is an angle.
-        tempo: what rates are of the order of, in 1/s.
-        points: the named points, in the order of a module's POINTS.
-        named: the named frames, in the order of FRAMES.
-        seats: where the motors sit, and then the named frames.
-        tip: number of the frame of that name, or None where there is none.
-        passive: what acts on the joints by themselves.
+    - `layout`: of the reduced coordinates.
+    - `placement`: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
+      each of s states; None in the world's origin.
+    - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
+      arm's among all joints.
+    - `turns`, `scales`: for each coordinate whether it is an angle; 1 if so, else the reach.
+    - `reach`, `tempo`: a length of the robot's own size, in m; what rates are of the order of, in
+      1/s.
+    - `parts`, `bodies`, `carriers`: the bodies of the joints one by one, and as of `Assembly`.
+    - `points`, `named`: points in the order of a module's POINTS, and frames in that of FRAMES.
+    - `seats`: where the motors sit, and then the named frames.
+    - `tip`: number of the frame of that name, or None.
+    - `passive`: what acts on the joints by themselves.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -88,13 +83,9 @@ class Tree:
         return range(self.size)[self.layout.v.attitude][1]
 
     def coordinates(self, angles: Array) -> Array:
-        """Coordinates as the robot's module takes them.
+        """Coordinates (…, nq) as the robot's module takes them.
 
-        Args:
-            angles: Coordinates in the order of v, the attitude as three angles, (…, nv).
-
-        Returns:
-            (…, nq).
+        `angles` (…, nv) are in the order of v, with the attitude as three angles.
         """
         if not self.layout.is_quaternion:
             return angles
@@ -103,40 +94,22 @@ class Tree:
         return np.concatenate([angles[..., base.position], attitude, joints], axis=-1)
 
     def spread(self, values: Array) -> Array:
-        """Reduced values as those of all joints.
-
-        Args:
-            values: (…, nv), one for each velocity.
-
-        Returns:
-            (…, size), zero at the constrained joints.
-        """
+        """Values (…, nv) as those (…, size) of all joints, zero at the constrained ones."""
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
         return every
 
     def at_joints(self, q: Array) -> Array:
-        """Coordinates of the arm's joints, whatever coordinates the base has.
+        """Coordinates (…, size) of the arm's joints from q (…, nq), whatever the base's are.
 
-        Args:
-            q: (…, nq).
-
-        Returns:
-            (…, size), zero at the joints of the base and at the constrained ones.
+        They are zero at the joints of the base and at the constrained ones.
         """
         every = np.zeros((*q.shape[:-1], self.size))
         every[..., self.arm] = q[..., self.layout.q.joints]
         return every
 
     def frames(self, q: Array) -> Frames:
-        """Frames of all joints.
-
-        Args:
-            q: Coordinates of all joints in rad and m, (…, size), which may be complex.
-
-        Returns:
-            The frames, in the joints' order.
-        """
+        """Frames of all joints at coordinates q (…, size) of all, which may be complex."""
         rotations: list[Array] = []
         positions: list[Array] = []
         steps: list[Array] = []
@@ -160,29 +133,14 @@ class Tree:
 
     @staticmethod
     def positions(frames: Frames, points: Sequence[Point]) -> Array:
-        """World positions of points.
-
-        Args:
-            frames: The joints' frames.
-            points: The points.
-
-        Returns:
-            Positions in m, (…, points, 3).
-        """
+        """World positions of points, in m, (…, points, 3)."""
         rotations, positions, _ = frames
         return np.stack(
             [positions[p.joint] + rotations[p.joint] @ p.local for p in points], axis=-2
         )
 
     def poses(self, frames: Frames) -> Array:
-        """Homogeneous transforms of the seats.
-
-        Args:
-            frames: The joints' frames.
-
-        Returns:
-            Transforms to the world, (…, seats, 4, 4).
-        """
+        """Homogeneous transforms (…, seats, 4, 4) of the seats to the world."""
         positions = self.positions(frames, self.seats)
         poses = np.zeros((*positions.shape[:-1], 4, 4))
         turns = [frames.rotations[seat.joint] @ seat.rotation for seat in self.seats]

@@ -31,19 +31,10 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     """The robot with other numbers for some parameters.
 
     Each is larger or smaller by 2 to 8 times, by turns from one number to the next, and negative
-    for two numbers of four; what is zero gets a size that is natural to the robot. Bodies stay
-    possible: masses and moments of inertia are positive, a rod of negative length has a negative
-    mass per length, since it lies the other way, and products of inertia change their signs as if
-    axes of the body did.
-
-    Args:
-        robot: The robot.
-        names: The parameters to change.
-        seed: What the numbers are drawn from.
-        number: Number of the variation; it decides what is larger and what is negative.
-
-    Returns:
-        The varied robot.
+    for two numbers of four (`number` decides which); what is zero gets a size that is natural to
+    the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of negative
+    length has a negative mass per length, since it lies the other way, and products of inertia
+    change their signs as if axes of the body did.
     """
     draw, tree = _Draw(seed, number), Tree(robot)
     reach, period = tree.reach, 1.0 / tree.tempo
@@ -63,18 +54,9 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
 def variations(
     robot: Robot, names: Collection[str], seed: int, count: int, zeros: bool
 ) -> Iterator[Robot]:
-    """Several variations, with parameters that are zero if asked for.
+    """`count` variations; with `zeros`, as many again and more, each parameter zero once in them.
 
-    Args:
-        robot: The robot.
-        names: The parameters to change.
-        seed: What the numbers are drawn from.
-        count: How many variations without zeros.
-        zeros: Whether to add as many again and more, in which each parameter is zero once. What
-            would leave an acceleration undetermined at zero, alone or with others, keeps its value.
-
-    Yields:
-        The varied robots.
+    What would leave an acceleration undetermined at zero, alone or with others, keeps its value.
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
     groups = _groups(names, count) if zeros else []
@@ -118,12 +100,7 @@ def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
 def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     """Whether something resists every acceleration by more than rounding would.
 
-    Args:
-        robot: The robot.
-        least: Smallest eigenvalue that its mass matrix may have once its diagonal is 1.
-
-    Returns:
-        Whether all accelerations are determined.
+    `least` is the smallest eigenvalue that the mass matrix may have once its diagonal is 1.
     """
     tree = Tree(robot)
     states = States.random(tree, 2, 0)
@@ -174,17 +151,7 @@ class _Draw:
 
 
 def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
-    """A body with other numbers.
-
-    Args:
-        body: The body.
-        draw: Where the factors come from.
-        reach: A natural length of the robot, in m.
-        mass: A natural mass, in kg.
-
-    Returns:
-        A body of the same kind.
-    """
+    """A body of the same kind with other numbers; `reach`, in m, and `mass`, in kg, are natural."""
     if isinstance(body, Rod):
         sign = draw.sign()
         length = sign * draw.sized(body.length, reach)

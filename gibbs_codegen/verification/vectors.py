@@ -12,15 +12,7 @@ Array = NDArray[Any]
 
 
 def about(axis: int, angle: Array) -> Array:
-    """Rotations about a coordinate axis.
-
-    Args:
-        axis: Number of the axis.
-        angle: Angles in rad, (…), which may be complex.
-
-    Returns:
-        Rotation matrices, (…, 3, 3).
-    """
+    """Rotations (…, 3, 3) about a coordinate axis by angles (…) in rad, which may be complex."""
     cosine, sine = np.cos(angle), np.sin(angle)
     following, last = (axis + 1) % 3, (axis + 2) % 3
     rotation = np.zeros((*angle.shape, 3, 3), angle.dtype)
@@ -32,43 +24,20 @@ def about(axis: int, angle: Array) -> Array:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices and vectors.
-
-    Args:
-        matrices: (…, i, j).
-        vectors: (…, j).
-
-    Returns:
-        (…, i).
-    """
+    """Products (…, i) of matrices (…, i, j) and vectors (…, j)."""
     product: Array = (matrices @ vectors[..., None])[..., 0]
     return product
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors.
-
-    Args:
-        a: (…, 3).
-        b: (…, 3).
-
-    Returns:
-        (…, 3).
-    """
+    """Cross products of vectors, (…, 3)."""
     # np.cross takes four times as long for so few of them.
     product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
     return product
 
 
 def quaternion_matrices(quaternions: Array) -> Array:
-    """Rotations of quaternions, which need not be of unit length.
-
-    Args:
-        quaternions: x, y, z, w, (…, 4).
-
-    Returns:
-        Rotation matrices, (…, 3, 3).
-    """
+    """Rotations (…, 3, 3) of quaternions x, y, z, w, which need not be of unit length."""
     unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
     vector, scalar = unit[..., None, :3], unit[..., 3:, None]
     # Rows of e × u over the axes e are the matrix of u×.
@@ -78,13 +47,9 @@ def quaternion_matrices(quaternions: Array) -> Array:
 
 
 def quaternions_of_matrices(matrices: Array) -> Array:
-    """Quaternions of rotations: the q with the largest qᵀKq, where K is linear in the rotation.
+    """Quaternions x, y, z, w, of unit length and either sign, of rotations (…, 3, 3).
 
-    Args:
-        matrices: Rotation matrices, (…, 3, 3).
-
-    Returns:
-        x, y, z, w, of unit length and either sign, (…, 4).
+    Each is the q with the largest qᵀKq, where K is linear in the rotation.
     """
     trace = np.trace(matrices, axis1=-2, axis2=-1)[..., None, None]
     turned = np.swapaxes(matrices, -1, -2)
@@ -96,14 +61,7 @@ def quaternions_of_matrices(matrices: Array) -> Array:
 
 
 def quaternions_of_angles(angles: Array) -> Array:
-    """Quaternions of rotations about x, y and z, one after the other, each about the turned axis.
-
-    Args:
-        angles: In rad, (…, 3).
-
-    Returns:
-        x, y, z, w, (…, 4).
-    """
+    """Quaternions x, y, z, w of turns about x, y, z, one by one, each about the turned axis."""
     x, y, z = np.moveaxis(np.sin(0.5 * angles), -1, 0)
     a, b, c = np.moveaxis(np.cos(0.5 * angles), -1, 0)
     parts = (

@@ -59,14 +59,9 @@ _MOST_ENTRIES = 400_000
 class Extent:
     """How far to go beyond the random states.
 
-    Attributes:
-        others: number of states with other parameters.
-        singly: how many of all states to compute one by one as well.
-        variations: number of sets of other parameters.
-        zeros: whether to add sets with parameters that are zero.
-        any_angles: whether to add states with angles of any size.
-        derivatives: at how many states to compare derivatives, with each set of parameters.
-        of_each: number of states that have constants each.
+    `others` states have other parameters, of `variations` sets, and more with `zeros`, where
+    parameters are zero; `singly` of all states are computed one by one as well; derivatives are
+    compared at so many states with each set of parameters; `of_each` states have constants each.
     """
 
     others: int
@@ -115,14 +110,7 @@ class Verification:
 
 
 def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
-    """Every formulation that can be had for a robot.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
-    """
+    """Every formulation of a robot, Newton and Euler's first, and why each other cannot be had."""
     tree = Tree(robot)
     found: list[Formulation] = [formulated(NewtonEuler(tree)), formulated(Lagrange(tree))]
     not_done = {}
@@ -147,21 +135,11 @@ def compare_module(
     extent: Extent = THOROUGH,
     numpy: ModuleType | None = None,
 ) -> list[Comparison]:
-    """Compare everything about one back end.
+    """Compare everything about one back end; the contents alone where these are wrong.
 
-    Args:
-        module: The back end.
-        robot: The robot that it is to be a module of.
-        against: Formulations of the robot, of which the first is Newton and Euler's.
-        count: Number of random states.
-        seed: Of the random states and parameters.
-        progress: Called with the name of each step.
-        extent: How far to go beyond the random states.
-        numpy: The NumPy back end, if `module` is another: what no formulation gives is compared
-            with it.
-
-    Returns:
-        All comparisons; those of the contents alone where these are wrong.
+    `against` begins with Newton and Euler's formulation; `progress` is called with the name of each
+    step. `numpy` is the NumPy back end, if `module` is another: what no formulation gives is
+    compared with it.
     """
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
@@ -196,14 +174,7 @@ def compare_module(
 
 
 def most_states(tree: Tree) -> int:
-    """How many states at once keep the memory that they take within bounds.
-
-    Args:
-        tree: The tree of the robot.
-
-    Returns:
-        At least 1.
-    """
+    """How many states at once, at least 1, keep the memory that they take within bounds."""
     return max(1, _MOST_ENTRIES // tree.size**2)
 
 
@@ -217,16 +188,8 @@ def _compare_functions(
 ) -> list[Comparison]:
     """Compare all functions with every formulation and with each other.
 
-    Args:
-        module: The back end.
-        against: The formulations, Newton and Euler's first.
-        count: Number of random states.
-        seed: Of the states.
-        singly: How many of them to compute one by one as well.
-        progress: Called with the name of each step.
-
-    Returns:
-        The comparisons, in an order that does not depend on count and seed.
+    `singly` of the states are computed one by one as well. The order of the comparisons does not
+    depend on count and seed.
     """
     tree = against[0].tree
     states = States.random(tree, count, seed)
@@ -251,17 +214,9 @@ def _compare_functions(
 def _compare_again(
     evaluation: Evaluation, tree: Tree, states: States, few: int, against: str
 ) -> list[Comparison]:
-    """Compare all functions with Newton and Euler's equations in other circumstances.
+    """Compare all functions with Newton and Euler's equations in other circumstances, `against`.
 
-    Args:
-        evaluation: The back end, with the constants of the tree's parameters.
-        tree: The tree to compare with.
-        states: The states, which are computed all together.
-        few: How many of them to compute one by one as well.
-        against: What to call the circumstances.
-
-    Returns:
-        The comparisons of both.
+    The states are computed all together, `few` of them one by one as well.
     """
     expected = Expected(formulated(NewtonEuler(tree)), states)
     together = expected.compare_functions(evaluation, states, against)
@@ -271,17 +226,7 @@ def _compare_again(
 def _with_constants_of_each(
     module: ModuleType, robot: Robot, count: int, seed: int
 ) -> list[Comparison]:
-    """Compare all functions for states that have parameters each with the same one by one.
-
-    Args:
-        module: The back end.
-        robot: The robot.
-        count: Number of states.
-        seed: Of states and parameters.
-
-    Returns:
-        The comparisons.
-    """
+    """Compare all functions for states that have parameters each with the same one by one."""
     robots = [variation(robot, module.PARAMETERS, seed, number) for number in range(count)]
     states = States.random(Tree(robot), count, (seed, 6))
     return compare_constants_of_each(module, robots, states)
@@ -298,17 +243,7 @@ def _with_other_parameters(
 ) -> Iterator[Comparison]:
     """Compare once more, with every parameter changed at run time, and zero by turns.
 
-    Args:
-        module: The back end.
-        numpy: The NumPy back end, if `module` is another.
-        robot: The robot.
-        unknown: Functions that no formulation gives, which are compared with themselves.
-        count: Number of states for each set of parameters.
-        seed: Of states and parameters.
-        extent: How many sets of parameters, and how many states one by one.
-
-    Yields:
-        The comparisons for one set of parameters after the other.
+    Functions that no formulation gives, `unknown`, are compared with themselves.
     """
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):

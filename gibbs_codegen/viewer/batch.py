@@ -22,17 +22,10 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Batch:
-    """Copies of a shape.
+    """Copies of a shape, as a node of viser's scene.
 
-    Args:
-        scene: viser's scene.
-        name: name of the node.
-        shape: "rod" or "arrow", which start at the origin and end at 1 on z, or "ball"; with
-            radius 1.
-        count: number of copies.
-        colour: their colour, #rrggbb.
-        grain: lengths are rounded to multiples of this, m.
-        look: further options of the node.
+    `shape` is "rod" or "arrow", which start at the origin and end at 1 on z, or "ball"; with radius
+    1. Lengths are rounded to multiples of `grain`, m; `look` has further options of the node.
     """
 
     def __init__(
@@ -53,12 +46,9 @@ class Batch:
         )
 
     def span(self, starts: Array, ends: Array, width: float) -> None:
-        """Make each copy reach from one place to another; no longer than wide, it is thinner too.
+        """Make each copy, of radius `width`, reach from one place (n, 3) to another, in m.
 
-        Args:
-            starts: Places (n, 3), m.
-            ends: Places (n, 3), m.
-            width: Radius of the copies, m.
+        No longer than wide, it is thinner too.
         """
         along = ends - starts
         length = np.linalg.norm(along, axis=1)
@@ -68,23 +58,17 @@ class Batch:
         self.put(starts, turned_to(directions), scales)
 
     def put(self, places: Array, turns: Floats, scales: Array) -> None:
-        """Put each copy somewhere.
+        """Put the copies' origins at places (n, 3), m, turned and scaled.
 
-        Args:
-            places: Of the origins (n, 3), m.
-            turns: Quaternions (n, 4), real part first.
-            scales: Factors (n, 3) along the axes of the shape.
+        `scales` (n, 3) are factors along the shape's axes, and `turns` quaternions (n, 4), real
+        part first.
         """
         self.node.batched_positions = self._rounded(places)
         self.node.batched_wxyzs = turns
         self.node.batched_scales = self._rounded(scales)
 
     def colour(self, colours: Bytes) -> None:
-        """Colour each copy.
-
-        Args:
-            colours: Red, green and blue (n, 3), 0 to 255.
-        """
+        """Colour each copy, red, green and blue (n, 3), 0 to 255."""
         self.node.batched_colors = colours
 
     def _rounded(self, lengths: Array) -> Floats:
@@ -93,14 +77,7 @@ class Batch:
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Components of a colour.
-
-    Args:
-        colour: The colour, #rrggbb.
-
-    Returns:
-        Red, green and blue, 0 to 255.
-    """
+    """Red, green and blue, 0 to 255, of a colour #rrggbb."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
@@ -121,14 +98,7 @@ def _mesh(shape: str) -> Any:
 
 
 def turned_to(directions: Array) -> Floats:
-    """Quaternions that turn z to directions.
-
-    Args:
-        directions: Unit vectors (n, 3).
-
-    Returns:
-        The quaternions (n, 4), real part first.
-    """
+    """Quaternions (n, 4), real part first, that turn z to unit vectors (n, 3)."""
     x, y, z = directions.T
     turns = np.stack([1.0 + z, -y, x, np.zeros_like(x)], axis=1)
     # Half a turn, about any axis across.

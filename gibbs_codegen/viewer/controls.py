@@ -17,11 +17,8 @@ _NOTHING = 1e-9
 class Sliders:
     """A folder of sliders, one for each of some numbers.
 
-    Args:
-        gui: viser's GUI.
-        labels: what the numbers are, with their units.
-        limits: least and greatest values (2, n).
-        start: values (n) to begin with, which may be beyond the limits.
+    `limits` are least and greatest values (2, n), which those to begin with, `start` (n), may
+    exceed.
     """
 
     def __init__(self, gui: Any, labels: Sequence[str], limits: Array, start: Array) -> None:
@@ -42,11 +39,7 @@ class Sliders:
         return not np.array_equal(self._read(), self._set)
 
     def put(self, values: Array) -> None:
-        """Put the sliders somewhere.
-
-        Args:
-            values: The values (n), which may be beyond the ends of a slider.
-        """
+        """Put the sliders at values (n), which may be beyond their ends."""
         for slider, value in zip(self._sliders, values, strict=True):
             # A share of a newton that rounding leaves is none.
             slider.value = rounded(value) if abs(value) > _NOTHING else 0.0
@@ -57,12 +50,7 @@ class Sliders:
 
 
 class Parameters:
-    """A choice of one of many parameters, and a slider for it.
-
-    Args:
-        gui: viser's GUI.
-        defaults: the parameters by name.
-    """
+    """A choice of one of many parameters, with defaults by name, and a slider for it."""
 
     def __init__(self, gui: Any, defaults: Mapping[str, float]) -> None:
         self._defaults = dict(defaults)
@@ -103,17 +91,7 @@ class Parameters:
 
 
 def _slider(gui: Any, label: str, low: float, high: float, value: float) -> Any:
-    """Add a slider.
-
-    Args:
-        gui: viser's GUI.
-        label: What it says.
-        low, high: Its ends.
-        value: Where it is, which may be beyond the ends.
-
-    Returns:
-        The slider.
-    """
+    """Add a slider to viser's GUI; its value may be beyond the ends."""
     low, high = rounded(low), rounded(high)
     # Between equal ends there is nothing to move.
     still = low == high
@@ -124,14 +102,7 @@ def _slider(gui: Any, label: str, low: float, high: float, value: float) -> Any:
 
 
 def rounded(value: float) -> float:
-    """A number that has room beside a slider.
-
-    Args:
-        value: The number.
-
-    Returns:
-        The number with four digits.
-    """
+    """A number with four digits, for which there is room beside a slider."""
     return float(f"{value:.4g}")
 
 

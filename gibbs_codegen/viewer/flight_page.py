@@ -17,16 +17,9 @@ _RATE, _MOST = 25.0, 1000
 
 
 def flight_page(flight: Flight) -> ViewPage:
-    """Record a flight, with as many frames as there is room for.
+    """Record a flight, with as many frames as there is room for in less than 2 MB.
 
-    Args:
-        flight: The flight.
-
-    Returns:
-        The page, of less than 2 MB.
-
-    Raises:
-        UsageError: viser is not installed, or the robot is nowhere at any time.
+    Raises `UsageError` if viser is not installed, or the robot is nowhere at any time.
     """
     known = known_samples(flight)
     start, end = flight.time[known[[0, -1]]]

@@ -16,14 +16,9 @@ _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "8")
 
 
 class FlightPanel:
-    """Controls of a flight, and the scene that follows them.
+    """Controls of a flight on a server without any, and the scene that follows them.
 
-    Args:
-        server: viser's server, whose scene and panel are empty.
-        flight: the flight.
-
-    Raises:
-        UsageError: the robot is nowhere at any time.
+    Raises `UsageError` if the robot is nowhere at any time.
     """
 
     def __init__(self, server: Any, flight: Flight) -> None:

@@ -27,13 +27,7 @@ _POINTS, _LINE = 600, 3.0
 
 
 class FlightScene:
-    """Nodes of a flight.
-
-    Args:
-        server: viser's server, whose scene is empty.
-        flight: the flight.
-        frames: how many frames are drawn: 1 with that of the base, or 0.
-    """
+    """Nodes of a flight in an empty scene, with the frame of the base if `frames` is 1, else 0."""
 
     def __init__(self, server: Any, flight: Flight, frames: int) -> None:
         self.flight, self._scene, self._frames = flight, server.scene, frames
@@ -56,11 +50,7 @@ class FlightScene:
         set_stage(server, "/flight", float(low[2]), reach)
 
     def show(self, sample: int) -> None:
-        """Put the robot where it is at a sample.
-
-        Args:
-            sample: Number of the sample of the flight.
-        """
+        """Put the robot where it is at a sample."""
         flight = self.flight
         rotation, points = flight.base_rotation[sample], flight.positions[sample]
         centre = points[flight.points.index(flight.centre)]
@@ -80,11 +70,7 @@ class FlightScene:
         self._world.position = -(centre if self.follows else self._middle)
 
     def key(self) -> list[tuple[str, str]]:
-        """What colours mean.
-
-        Returns:
-            Colours, as CSS has them, and words.
-        """
+        """Colours, as CSS has them, and in words what they mean."""
         entries = self.machine.key(self._thrust, self._largest)
         if self._forces:
             entries.append(self.machine.force_key(self._push))
@@ -112,16 +98,7 @@ class FlightScene:
         return drawn
 
     def _draw_line(self, name: str, segments: Array, colour: str) -> Any:
-        """Draw a line.
-
-        Args:
-            name: Name of its node.
-            segments: Its segments (p, 2, 3), m.
-            colour: Its colour, #rrggbb.
-
-        Returns:
-            The node.
-        """
+        """Draw a line of segments (p, 2, 3), m."""
         look = {"thickness": _LINE, "thickness_units": "screen"}
         return self._scene.add_line_segments(f"/flight/{name}", segments, rgb(colour), **look)
 
@@ -143,16 +120,9 @@ class FlightScene:
 
 
 def known_samples(flight: Flight) -> NDArray[np.int_]:
-    """The samples at which the robot is somewhere: a flight that diverged may end nowhere.
+    """Numbers of the samples at which the robot is somewhere: one that diverged may end nowhere.
 
-    Args:
-        flight: The flight.
-
-    Returns:
-        Their numbers, ascending.
-
-    Raises:
-        UsageError: There is none.
+    Raises `UsageError` if there is none.
     """
     known: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
     if not len(known):
@@ -175,12 +145,7 @@ def _skeleton(flight: Flight) -> Skeleton:
 def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
     """Efforts of the joints, then those that hold base arms, of a robot of some size.
 
-    Args:
-        flight: The flight.
-        size: How far the robot reaches, m.
-
-    Returns:
-        Their shares (s, t) of the usual ones of the same unit, and these, 0 where all are noise.
+    As shares (s, t) of the usual ones of the same unit, and these, 0 where all are noise.
     """
     arms = len(flight.base_arm_angles_desired)
     joints = flight.applied[:, flight.rotors :]

@@ -51,11 +51,7 @@ class State:
 
 
 class Machine:
-    """A generated module with parameters that can be changed.
-
-    Args:
-        module: the module, with the back end "numpy" or "c".
-    """
+    """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
 
     def __init__(self, module: ModuleType) -> None:
         self.module = module
@@ -66,13 +62,9 @@ class Machine:
         self.parents = point_parents(self.vehicle).tolist()
 
     def give(self, parameters: dict[str, float]) -> None:
-        """Take other parameters.
+        """Take other parameters of `prepare`; those not given get their defaults.
 
-        Args:
-            parameters: Parameters of the module's `prepare`; others keep their defaults.
-
-        Raises:
-            UsageError: `prepare` rejects them; the ones before stay.
+        Raises `UsageError` if `prepare` rejects them; the ones before stay.
         """
         if parameters != self._given:
             self.vehicle = Vehicle(self.module, parameters)
@@ -84,11 +76,7 @@ class Machine:
         return max(len(self.vehicle.arm_angles()) - 1, 0)
 
     def start(self) -> Array:
-        """Where controls begin: level, with joints bent so that the arms hang down and away.
-
-        Returns:
-            Three angles of the attitude, joints and position, in the order of `controls`.
-        """
+        """Where controls begin: level, with joints bent so that the arms hang down and away."""
         vehicle = self.vehicle
         centre = vehicle.points.index(vehicle.centre)
         controls = np.zeros(6 + vehicle.joints)
@@ -104,14 +92,10 @@ class Machine:
         return controls
 
     def controls(self, room: float) -> tuple[list[str], Array]:
-        """What the robot's coordinates are called, and how far they go.
+        """Names with units of the robot's coordinates, and their least and greatest values (2, n).
 
-        Args:
-            room: How far those go that are lengths without limits, m.
-
-        Returns:
-            Names with units of the angles of the attitude, which are roll, pitch and yaw instead of
-            a quaternion, of joints and of the position; and their least and greatest values (2, n).
+        They are angles of the attitude, which are roll, pitch and yaw instead of a quaternion,
+        joints and position. `room` is how far those go that are lengths without limits, m.
         """
         vehicle = self.vehicle
         names, units = vehicle.layout.q.names, vehicle.layout.q.units
@@ -128,14 +112,9 @@ class Machine:
         return [f"{name}, {unit}" for name, unit in chosen], np.stack([low, high])
 
     def input_controls(self, u: Array, room: float) -> tuple[list[str], Array]:
-        """What the robot's inputs are called, and how far they go.
+        """Names with units of the robot's inputs, and their least and greatest values (2, nu).
 
-        Args:
-            u: Inputs (nu) that are usual.
-            room: How far those without limits go, in the largest usual one of the same unit.
-
-        Returns:
-            Names with units, and least and greatest values (2, nu).
+        Inputs without limits go as far as `room` in the largest usual one, of `u`, of their unit.
         """
         vehicle = self.vehicle
         units = np.array(["N"] * vehicle.rotors + [*vehicle.layout.effort_units])
@@ -145,14 +124,7 @@ class Machine:
         return [f"{n}, {unit}" for n, unit in zip(vehicle.inputs, units, strict=True)], ends
 
     def beyond(self, u: Array) -> list[str]:
-        """Say which inputs exceed the limits of the robot file.
-
-        Args:
-            u: Inputs (nu).
-
-        Returns:
-            A sentence for each of them.
-        """
+        """A sentence for each input that exceeds the limits of the robot file."""
         sides = zip(self.vehicle.inputs, u, *self.input_limits, strict=True)
         return [
             f"{name} = {value:.4g} is beyond its limits, {low:.4g} to {high:.4g}."
@@ -161,14 +133,7 @@ class Machine:
         ]
 
     def coordinates(self, controls: Array) -> Array:
-        """Coordinates of the robot.
-
-        Args:
-            controls: Three angles of the attitude, joints and position.
-
-        Returns:
-            The coordinates (nq).
-        """
+        """Coordinates (nq) of three angles of the attitude, joints and position."""
         layout = self.vehicle.layout
         q = self.vehicle.neutral
         turns, q[layout.q.joints], q[layout.q.position] = np.split(controls, [3, len(controls) - 3])
@@ -178,28 +143,16 @@ class Machine:
         return q
 
     def hover(self, q: Array) -> Array:
-        """The inputs of least thrust that hold the robot, or do so as nearly as they can.
+        """The inputs (nu) of least thrust that hold the robot, or do so as nearly as they can.
 
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            The inputs (nu), N and N m, which know no limits.
+        They know no limits.
         """
         still = np.zeros(self.vehicle.layout.v.size)
         force = self.vehicle.inverse_dynamics(q, still, still)
         return Balancing.of(self.vehicle, q, force).least
 
     def state(self, q: Array, u: Array) -> State:
-        """Compute the robot at rest.
-
-        Args:
-            q: Coordinates (nq).
-            u: Inputs (nu).
-
-        Returns:
-            Its state, in which what is undetermined is no number.
-        """
+        """The robot at rest; what is undetermined is no number."""
         vehicle = self.vehicle
         still = np.zeros(vehicle.layout.v.size)
         with np.errstate(all="ignore"):
@@ -220,14 +173,7 @@ class Machine:
             )
 
     def hybrid_system(self, q: Array) -> Array:
-        """The hybrid system of the robot at rest.
-
-        Args:
-            q: Coordinates (nq).
-
-        Returns:
-            I_H, R_H and B_H beside each other, (m, m + 1 + nu).
-        """
+        """I_H, R_H and B_H of the robot at rest beside each other, (m, m + 1 + nu)."""
         function = self.vehicle.function
         residual = function("hybrid_residual")(q, np.zeros(self.vehicle.layout.v.size))
         matrix, inputs = function("hybrid_mass_matrix")(q), function("hybrid_input_matrix")(q)
@@ -235,11 +181,7 @@ class Machine:
         return whole
 
     def pattern(self) -> NDArray[np.bool_]:
-        """Which entries of the hybrid system at rest are not zero in every posture.
-
-        Returns:
-            Whether each entry of `system` is filled.
-        """
+        """Whether each entry of the hybrid system at rest is not zero in every posture."""
         generator = np.random.default_rng(1)
         filled = np.zeros((1, 1), dtype=bool)
         for _ in range(_POSTURES):
@@ -248,14 +190,7 @@ class Machine:
         return filled
 
     def skeleton(self, q: Array) -> Skeleton:
-        """How the robot is drawn.
-
-        Args:
-            q: Coordinates (nq) from which sizes are taken.
-
-        Returns:
-            What is drawn.
-        """
+        """How the robot is drawn, in sizes taken at coordinates q."""
         vehicle = self.vehicle
         centre = vehicle.points.index(vehicle.centre)
         points = Points(self.parents, centre, vehicle.rotors, vehicle.joints, self.arms)
@@ -269,15 +204,7 @@ class Machine:
 
 
 def changed(new: Array, old: Array) -> NDArray[np.bool_]:
-    """Which entries of an array differ from those of another by more than rounding.
-
-    Args:
-        new: The array.
-        old: The other one, of a shape that broadcasts to it.
-
-    Returns:
-        Whether each entry differs.
-    """
+    """Which entries of an array differ from those of another by more than rounding."""
     size = np.nanmax(np.abs(new), initial=1.0)
     differs: NDArray[np.bool_] = np.abs(new - old) > _ZERO * size
     return differs

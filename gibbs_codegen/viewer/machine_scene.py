@@ -52,14 +52,10 @@ class Posture:
 
 
 class MachineScene:
-    """Nodes of a robot, which are put wherever its points are.
+    """Nodes of a robot, under a root node, which are put wherever its points are.
 
-    Args:
-        scene: viser's scene.
-        root: name of the node that they are under.
-        skeleton: what is drawn.
-        pushed: numbers of the points at which other forces act than thrusts.
-        frames: how many frames are drawn.
+    `pushed` are numbers of the points at which other forces act than thrusts; so many frames are
+    drawn.
     """
 
     def __init__(
@@ -87,11 +83,7 @@ class MachineScene:
         )
 
     def show(self, posture: Posture) -> None:
-        """Put everything where the robot is.
-
-        Args:
-            posture: Where it is.
-        """
+        """Put everything where the robot is."""
         skeleton, size, points = self._skeleton, self._skeleton.size, posture.points
         self._rods.span(points[skeleton.rods[:, 0]], points[skeleton.rods[:, 1]], _ROD * size)
         shares = np.append(np.nan_to_num(posture.efforts), 0.0)[skeleton.loads]
@@ -113,14 +105,9 @@ class MachineScene:
             self.frames.batched_positions = posture.frames[:, :3, 3].astype(np.float32)
 
     def key(self, thrust: float, efforts: dict[str, float]) -> list[tuple[str, str]]:
-        """What the colours of a robot mean.
+        """Colours of a robot, as CSS has them, and in words what they mean.
 
-        Args:
-            thrust: The thrust whose arrow has full length, N.
-            efforts: The effort of full colour for each unit.
-
-        Returns:
-            Colours, as CSS has them, and words.
+        An arrow has full length for a `thrust`, N, and full colour for the effort of each unit.
         """
         long = _LENGTH * self._skeleton.size
         entries = [(THRUST, f"thrust, {thrust:.3g} N is {long:.2g} m long")] if thrust else []
@@ -133,26 +120,15 @@ class MachineScene:
         ]
 
     def force_key(self, force: float) -> tuple[str, str]:
-        """What the arrows of other forces mean.
-
-        Args:
-            force: The force whose arrow has full length, N.
-
-        Returns:
-            A colour, as CSS has it, and words.
-        """
+        """Colour, as CSS has it, and meaning of other forces' arrows; full length is `force`, N."""
         long = _LENGTH * self._skeleton.size
         return FORCE, f"other forces on the robot, {force:.3g} N is {long:.2g} m long"
 
 
 def set_stage(server: Any, root: str, floor: float, reach: float) -> None:
-    """Draw a floor, and look at the origin.
+    """Draw a floor at a height, m, and look at the origin.
 
-    Args:
-        server: viser's server.
-        root: Name of the node that the floor is under.
-        floor: Its height, m.
-        reach: How far from the origin there is something to be seen, m.
+    `reach`, m, is how far from the origin there is something to be seen.
     """
     # One, two or five times a power of ten: several cells, and not too many, are in sight.
     power = 10.0 ** np.floor(np.log10(reach))
@@ -180,13 +156,9 @@ def least_loads(weight: float, size: float) -> dict[str, float]:
 
 
 def mixed(shares: Array) -> Bytes:
-    """Colours of rods.
+    """Red, green and blue (n, 3), 0 to 255, of rods by shares (n) of the largest effort.
 
-    Args:
-        shares: How much of the largest effort each has (n), 0 to 1; more counts as 1.
-
-    Returns:
-        Red, green and blue (n, 3), 0 to 255.
+    More than 1 counts as 1.
     """
     ends = np.array([rgb(RELAXED), rgb(LOADED)], dtype=np.float64)
     share = np.clip(shares, 0.0, 1.0)[:, np.newaxis]

@@ -31,24 +31,16 @@ _STYLE = """<style>
 class ViewPage:
     """A page of HTML that a browser shows without asking any machine for anything.
 
-    In a notebook it shows itself.
-
-    Attributes:
-        title: What it shows, in words.
-        text: The page.
+    In a notebook it shows itself. `title` is what it shows, in words, and `text` the page.
     """
 
     title: str
     text: str = field(repr=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page to a file, whole or not at all.
+        """Write the page to a file, whole or not at all, in place of what was there.
 
-        Args:
-            path: The file; what was there is replaced.
-
-        Raises:
-            OutputError: If it cannot be written.
+        Raises `OutputError` if it cannot be written.
         """
         place = Path(path)
         with beside(place) as new:
@@ -72,14 +64,7 @@ class ViewPage:
 def beside(place: Path) -> Iterator[Path]:
     """A folder in which a page can be written before it is put in its place.
 
-    Args:
-        place: The file that the page is to be.
-
-    Yields:
-        The folder.
-
-    Raises:
-        OutputError: Nothing can be written there.
+    Raises `OutputError` if nothing can be written there.
     """
     try:
         with staging_folder(place.parent) as new:
@@ -89,14 +74,9 @@ def beside(place: Path) -> Iterator[Path]:
 
 
 def that_fits(recorded: Callable[[int], ViewPage], frames: int) -> ViewPage:
-    """The page of as many frames as there is room for.
+    """The page of as many frames, at most `frames` and at least 2, as there is room for.
 
-    Args:
-        recorded: Makes the page of so many frames.
-        frames: How many there are if there is room.
-
-    Returns:
-        The page, which has at least 2 frames.
+    `recorded` makes the page of so many.
     """
     while True:
         frames = max(frames, 2)
@@ -107,16 +87,7 @@ def that_fits(recorded: Callable[[int], ViewPage], frames: int) -> ViewPage:
 
 
 def view_page(client: str, title: str, key: Sequence[tuple[str, str]]) -> ViewPage:
-    """Put title and key on a page of viser's.
-
-    Args:
-        client: The page, as viser makes it.
-        title: What it shows.
-        key: Colours, as CSS has them, and what they stand for.
-
-    Returns:
-        The page.
-    """
+    """Put title and key, colours as of CSS and what they stand for, on a page as viser makes it."""
     box = f'<div id="key"><b>{html.escape(title)}</b>{key_list(key)}</div>\n'
     head, _, rest = client.partition("</head>")
     head = head.replace("<title>Viser</title>", f"<title>{html.escape(title)}</title>")
@@ -125,14 +96,7 @@ def view_page(client: str, title: str, key: Sequence[tuple[str, str]]) -> ViewPa
 
 
 def key_list(key: Sequence[tuple[str, str]]) -> str:
-    """Explain colours.
-
-    Args:
-        key: Colours, as CSS has them, and what they stand for.
-
-    Returns:
-        A list in HTML.
-    """
+    """A list in HTML that explains colours, as CSS has them."""
     swatch = "display: inline-block; width: 18px; height: 10px; margin-right: 8px; "
     entries = (
         f'<li><i style="{swatch}background: {colour}"></i>{html.escape(words)}</li>'
@@ -142,12 +106,5 @@ def key_list(key: Sequence[tuple[str, str]]) -> str:
 
 
 def panel_text(text: str) -> str:
-    """Set a text as viser's panels have their own.
-
-    Args:
-        text: The text, HTML.
-
-    Returns:
-        The text with a margin.
-    """
+    """Text in HTML with a margin, as viser's panels have their own."""
     return f'{_QUIET}<div style="margin: 4px 10px; font-size: 13px">{text}</div>'

@@ -21,15 +21,10 @@ _SUBSCRIPTS = str.maketrans("m0123456789", "₋₀₁₂₃₄₅₆₇₈₉")
 
 
 def pattern_svg(names: Sequence[str], filled: Flags, lit: Flags) -> str:
-    """Draw I_H, R_H and B_H beside each other, a cell for each entry.
+    """I_H, R_H and B_H beside each other, a cell for each entry, as SVG as wide as there is room.
 
-    Args:
-        names: Of the m unknowns, which label the rows.
-        filled: Whether entries (m, m + 1 + nu) are not zero in every posture.
-        lit: Which of them are lit.
-
-    Returns:
-        The picture as SVG, as wide as there is room.
+    `names` are of the m unknowns, which label the rows; `filled` tells of entries (m, m + 1 + nu)
+    whether they are not zero in every posture; `lit` which are lit.
     """
     rows, columns = filled.shape
     lefts = _LABEL + np.arange(columns) + _GAP * (np.arange(columns) >= rows)
@@ -62,13 +57,9 @@ def pattern_svg(names: Sequence[str], filled: Flags, lit: Flags) -> str:
 
 
 def symbol(name: str) -> str:
-    """A name with letters as the paper has them.
+    """A name of a coordinate or torque with letters as the paper has them.
 
-    Args:
-        name: Name of a coordinate or torque, as a module has it.
-
-    Returns:
-        Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names as they are.
+    Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names are as they are.
     """
     found = re.fullmatch(r"(theta|tau|tau_prime|F)_(m?\d+)", name)
     if not found:

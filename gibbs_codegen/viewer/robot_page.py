@@ -21,14 +21,7 @@ _SWING, _ROOM = 0.6, 0.15
 def robot_page(machine: Machine) -> ViewPage:
     """Record a robot as its attitude and its joints move, held still in each posture.
 
-    Args:
-        machine: The robot.
-
-    Returns:
-        The page, of less than 2 MB.
-
-    Raises:
-        UsageError: viser is not installed.
+    The page is less than 2 MB. Raises `UsageError` if viser is not installed.
     """
     return that_fits(
         partial(_recorded, machine), min(_FRAMES, _MOST // (3 + machine.vehicle.joints))
@@ -57,14 +50,9 @@ def _recorded(machine: Machine, frames_each: int) -> ViewPage:
 def swings(machine: Machine, start: Array, room: float, count: int) -> list[tuple[str, State]]:
     """Frames in which attitude and joints move one after the other.
 
-    Args:
-        machine: The robot.
-        start: What is moved, as of `Machine.start`.
-        room: How far those go that are lengths without limits, m.
-        count: How many frames each of them gets, at least 2.
-
-    Returns:
-        What moves in each frame, and the robot, with the inputs that hold it.
+    `start` is as of `Machine.start`; `room`, m, is how far lengths without limits go; each gets
+    `count` frames, at least 2. Says what moves in each, and the robot, with the inputs that hold
+    it.
     """
     moved = 3 + machine.vehicle.joints
     waves = np.sin(np.linspace(0.0, 2.0 * np.pi, count))

@@ -34,12 +34,7 @@ _PATTERN = (
 
 
 class RobotPanel:
-    """Controls of a robot, and the scene that follows them.
-
-    Args:
-        server: viser's server, whose scene and panel are empty.
-        machine: the robot.
-    """
+    """Controls of a robot on a server without any, and the scene that follows them."""
 
     def __init__(self, server: Any, machine: Machine) -> None:
         gui, self._machine = server.gui, machine
@@ -97,11 +92,9 @@ class RobotPanel:
             self._seen = (*values, *self._parameters.given.items())
 
     def _follow(self, q: Array, u: Array) -> None:
-        """Show the robot in another posture, or under other inputs.
+        """Show the robot in another posture q, or under other inputs u.
 
-        Args:
-            q: Coordinates (nq).
-            u: Inputs (nu), which are not asked for where the robot is held.
+        These are not asked for where the robot is held.
         """
         told = []
         try:
@@ -127,16 +120,9 @@ class RobotPanel:
 
 
 def numbers(machine: Machine, state: State, held: bool, told: Sequence[str]) -> str:
-    """Say what is computed of a robot at rest.
+    """Tables in HTML of what is computed of a robot at rest, `held` by its inputs or not.
 
-    Args:
-        machine: The robot.
-        state: Its state.
-        held: Whether the inputs are to hold it still.
-        told: What there is to say of its parameters and inputs.
-
-    Returns:
-        Tables in HTML.
+    `told` is what there is to say of its parameters and inputs.
     """
     vehicle = machine.vehicle
     if state.is_still:

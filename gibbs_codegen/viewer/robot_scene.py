@@ -20,15 +20,10 @@ _USUAL = 0.8
 
 
 class RobotScene:
-    """Nodes of a robot.
+    """Nodes of a robot, whose sizes are taken at coordinates q.
 
-    Thrusts and efforts are drawn in proportion to the largest that were noted.
-
-    Args:
-        server: viser's server, whose scene is empty.
-        machine: the robot.
-        q: coordinates (nq) from which sizes are taken.
-        live: whether frames are drawn when they are asked for, between panels that take room.
+    Thrusts and efforts are drawn in proportion to the largest that were noted. `live` is whether
+    frames are drawn when they are asked for, between panels that take room.
     """
 
     def __init__(self, server: Any, machine: Machine, q: Array, live: bool) -> None:
@@ -53,8 +48,7 @@ class RobotScene:
     def note(self, states: Sequence[State]) -> None:
         """Draw thrusts and efforts in proportion to those of states, if these are larger.
 
-        Args:
-            states: The states, of which the most extreme do not count.
+        The most extreme of the states do not count.
         """
         acting = [self._acting(state) for state in states]
         found = _usual([thrusts for thrusts, _ in acting], self._least["N"])
@@ -69,11 +63,7 @@ class RobotScene:
         return thrusts, np.abs(np.concatenate([joints, state.held[: self._arms]]))
 
     def show(self, state: State) -> None:
-        """Put the robot where it is.
-
-        Args:
-            state: Where it is.
-        """
+        """Put the robot where it is."""
         thrusts, efforts = self._acting(state)
         whole = np.array([self._largest[unit] or 1.0 for unit in self._units.tolist()])
         self.machine.show(
@@ -88,11 +78,7 @@ class RobotScene:
         )
 
     def key(self) -> list[tuple[str, str]]:
-        """What colours mean.
-
-        Returns:
-            Colours, as CSS has them, and words.
-        """
+        """Colours, as CSS has them, and in words what they mean."""
         return self.machine.key(self._thrust, self._largest)
 
 

@@ -22,15 +22,9 @@ _LAST = 65535
 def empty_server(port: int = PORT, told: bool = False) -> Iterator[Any]:
     """A server with an empty scene, which listens on 127.0.0.1 only; it stops in the end.
 
-    Args:
-        port: The port; the next free one if another program has it.
-        told: Whether viser may say where it is to be seen.
-
-    Yields:
-        viser's server.
-
-    Raises:
-        UsageError: viser is not installed, or there is no such port, or none is free from it on.
+    It gets the next free port if another program has `port`; `told` is whether viser may say where
+    it is to be seen. Raises `UsageError` if viser is not installed, or there is no such port, or
+    none is free from it on.
     """
     require("viser", "the viewer", "viewer")
     import viser
@@ -74,12 +68,5 @@ def _silence() -> Iterator[None]:
 
 
 def address(server: Any) -> str:
-    """Where a server is.
-
-    Args:
-        server: viser's server.
-
-    Returns:
-        The address for a browser.
-    """
+    """The address of viser's server for a browser."""
     return f"http://{server.get_host()}:{server.get_port()}"

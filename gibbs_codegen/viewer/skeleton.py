@@ -52,15 +52,10 @@ class Skeleton:
 
 
 def skeleton(points: Points, positions: Array, directions: Array) -> Skeleton:
-    """Find out what is drawn of a robot.
+    """Rods from every point of a robot to the one that it is joined to, and what else is drawn.
 
-    Args:
-        points: Its points.
-        positions: Where they are (…, k, 3) in some postures, m.
-        directions: Unit vectors (N, 3) of the thrusts in the first of the postures, same axes.
-
-    Returns:
-        Rods from every point to the one that it is joined to, and the rest.
+    `positions` are (…, k, 3) in some postures, m, and `directions` (N, 3) unit vectors of the
+    thrusts in the first of them, in the same axes.
     """
     first = points.centre + 1
     rotors = np.arange(first, first + points.rotors)

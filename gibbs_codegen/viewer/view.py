@@ -71,14 +71,9 @@ def view(what: Viewed, port: int = PORT, browser: bool = True) -> None:
 
 @contextmanager
 def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | RobotPanel, str]]:
-    """Serve a flight or a robot; the caller lets it follow its controls.
+    """Serve a flight or a robot; yields its controls and the address.
 
-    Args:
-        what: As of `view_html`.
-        port: As of `view`.
-
-    Yields:
-        Controls, with `step` that follows them, and the address.
+    The caller lets the scene follow the controls by their `step`.
     """
     found = _found(what)
     with empty_server(port, told=True) as server:
@@ -97,14 +92,7 @@ def _found(what: Viewed) -> Flight | ModuleType:
 
 
 def flight_file(path: str | os.PathLike[str]) -> Path | None:
-    """The file of a flight that a path means.
-
-    Args:
-        path: A folder that `gibbs-codegen simulate` wrote, its flight.npz, or anything else.
-
-    Returns:
-        The file; None for anything else.
-    """
+    """The file of a flight in a folder that `simulate` wrote, or itself; None for anything else."""
     place = Path(path)
     if place.suffix == ".npz":
         return place
