@@ -20,7 +20,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
+from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
@@ -268,9 +268,17 @@ def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
 
 
 def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
-    """Found from motion alone; the first two joints of the paper's arm have one place."""
+    """The first two joints of the paper's arm have one place; a slide along an axis has none."""
+    mast = RigidBody(0.0, 0.2, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
+    turned = (
+        Link(mast, pose=Pose(), name="mast"),
+        Link(mast, pose=Pose(), joint="prismatic", name="slide"),
+        Link(mast, pose=Pose(), name="other", parent=0),  # So that there is no tip.
+    )
+    machine = emitted_module(Robot("machine", Base(body=mast, origin="base"), turned))
     for module, expected in (
         (compiled("quaternion"), {"joint8": "joint7", "tip": "joint9", "motor3": "O2"}),
+        (machine, {"joint_slide": "joint_mast", "joint_other": "base"}),
         (
             everything,
             {
