@@ -312,14 +312,16 @@ class Given:
             Such coordinates.
 
         Raises:
-            UsageError: A quaternion is zero.
+            UsageError: A quaternion is zero, or its square overflows.
         """
         if not self.layout.is_quaternion:
             return q
-        length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
-        self._check(length > 0.0, name, "with a quaternion that is not zero")
         still = self.xp.zeros((*q.shape[:-1], self.layout.v.size))
-        return self.module.integrate(q, still)
+        with np.errstate(invalid="ignore"):
+            unit = self.module.integrate(q, still)
+        right = self.xp.isfinite(unit).all(axis=-1)
+        self._check(right, name, "with a quaternion that is not zero and not too long to square")
+        return unit
 
     def _counted(self, name: str, array: Any) -> Any:
         """The array (1 or n, ...), whose states are counted."""

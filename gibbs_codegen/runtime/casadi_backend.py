@@ -211,8 +211,9 @@ class _CasadiModule(LoadedModule):
         entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
         if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
             places = [self.COORDINATES.index(name) for name in _QUATERNION]
-            length = casadi.norm_2(casadi.vertcat(*entries[places]))
-            entries[places] = objects([entry / length for entry in entries[places]])
+            squared = casadi.sumsqr(casadi.vertcat(*entries[places]))
+            scale = casadi.sqrt(squared) / squared  # NaN where the square is 0 or overflows.
+            entries[places] = objects([entry * scale for entry in entries[places]])
         return entries
 
 
