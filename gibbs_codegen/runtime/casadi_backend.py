@@ -212,7 +212,7 @@ class _CasadiModule(LoadedModule):
         if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
             places = [self.COORDINATES.index(name) for name in _QUATERNION]
             squared = casadi.sumsqr(casadi.vertcat(*entries[places]))
-            scale = casadi.sqrt(squared) / squared  # NaN where the square is 0 or overflows.
+            scale = casadi.sqrt(squared) * (1 / squared)  # Not finite where the square is not.
             entries[places] = objects([entry * scale for entry in entries[places]])
         return entries
 

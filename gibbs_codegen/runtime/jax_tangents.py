@@ -50,7 +50,7 @@ class Tangents:
             return values
         quaternion = values[..., 3:7]
         squared = jnp.sum(quaternion * quaternion, axis=-1, keepdims=True)
-        unit = quaternion * (jnp.sqrt(squared) / squared)  # NaN where the square is 0 or overflows.
+        unit = quaternion * (jnp.sqrt(squared) * (1 / squared))  # Not finite where that is not.
         return jnp.concatenate([values[..., _POSITION], unit, values[..., _JOINTS]], axis=-1)
 
     def displacement(self, argument: str, values: Any, change: Any) -> Any:

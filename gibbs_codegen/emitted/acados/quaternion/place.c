@@ -12,7 +12,7 @@ static void locate(const real *x, Place *at)
 {
     const real squared = x[3] * x[3] + x[4] * x[4] + x[5] * x[5] + x[6] * x[6];
     const real length = sqrt(squared);
-    const real scale = length / squared; /* NaN where the square is 0 or overflows */
+    const real scale = length * (1.0 / squared); /* not finite where the square is 0 or infinite */
     const real qx = x[3] * scale, qy = x[4] * scale, qz = x[5] * scale, qw = x[6] * scale;
     const real turn[3][3] = {
         {1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qz * qw), 2.0 * (qx * qz - qy * qw)},
