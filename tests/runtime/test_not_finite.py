@@ -159,7 +159,7 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return emit(robot, tmp_path_factory.mktemp("turning") / "robot", derivatives=STEPS).folder
 
 
-@pytest.mark.parametrize("length", [0.0, 1e-170, 1e-158, 1e200])
+@pytest.mark.parametrize("length", [0.0, 1e-170, 1e200])
 @pytest.mark.parametrize("backend", ["numpy", "c", "jax", "casadi"])
 def test_a_quaternion_without_a_direction_gives_no_pose(
     backend: str, length: float, turning: Path
