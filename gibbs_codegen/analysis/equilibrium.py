@@ -86,15 +86,16 @@ class SteadyMotion:
         return missing
 
     def size(self, q: Array) -> float:
-        """The largest component of the wrench that the base needs.
+        """The largest component of the wrenches on the base: what it needs, and what acts on it.
 
         Args:
             q: Coordinates (nq).
 
         Returns:
-            N or N m; 1 where it needs none.
+            N or N m; 1 where there are none.
         """
-        return float(np.abs(self.vehicle.base_wrench(q, self.force(q))).max()) or 1.0
+        parts = self.force(q), self.vehicle.wrench_forces(q, self.wrenches)
+        return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
 
 
 def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:

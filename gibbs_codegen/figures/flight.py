@@ -125,7 +125,7 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format; two calls write the same bytes.
 
-    Constraint torques are left out where there are none.
+    Inputs and constraint torques are left out where there are none.
 
     Args:
         flight: The flight.
@@ -135,9 +135,10 @@ def write_figures(
     Returns:
         Paths of the files, in order.
     """
+    series = {inputs: flight.applied, constraint_torques: flight.constraint_torques}
     drawn = (
         (draw.__name__, draw(flight))
         for draw in FIGURES
-        if draw is not constraint_torques or flight.constraint_torques.shape[1]
+        if draw not in series or series[draw].shape[1]
     )
     return save_figures(drawn, folder, formats)

@@ -227,8 +227,8 @@ def _matrix(output: Objects) -> Any:
         SX; blocks of an array of more than two axes are one below the other.
     """
     is_matrix = output.ndim > 1
-    columns = output.shape[-1] if is_matrix else 1
-    table = output.reshape(math.prod(output.shape) // max(columns, 1), columns)
+    *above, columns = output.shape if is_matrix else (*output.shape, 1)
+    table = output.reshape(math.prod(above), columns)
     kept = [
         (i, j) for j, i in np.ndindex(*table.T.shape) if not (is_matrix and _is_zero(table[i, j]))
     ]
