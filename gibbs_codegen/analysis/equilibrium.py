@@ -67,8 +67,9 @@ class SteadyMotion:
         return missing
 
     def size(self, q: Array) -> float:
-        """The largest component, N or N m, of the wrench that the base needs; 1 if none."""
-        return float(np.abs(self.vehicle.base_wrench(q, self.force(q))).max()) or 1.0
+        """The largest component of the wrenches on the base, needed and acting, N or N m, or else 1."""
+        parts = self.force(q), self.vehicle.wrench_forces(q, self.wrenches)
+        return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
 
 
 def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:

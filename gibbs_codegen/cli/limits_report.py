@@ -14,7 +14,8 @@ _ROUND_OFF = 1e-9
 def reached_limits(flight: Flight) -> str:
     """Name the inputs that were asked for their limits or more, and the one asked for the most.
 
-    Such as "F_1, F_3 (F_1 was asked for 88 N of 14 N at t = 0.03 s)"; empty if none was.
+    Such as "F_1, F_3 (F_1 was asked for 88 N of 14 N at t = 0.03 s)"; empty if none was. Inputs
+    that their limits leave no choice, such as 0 to 0, are named only if asked for more.
     """
     low, high = flight.input_limits
     # Infinite differences are limits that there are not; NaN, values after control was lost.
@@ -22,6 +23,7 @@ def reached_limits(flight: Flight) -> str:
     over = np.where(np.isfinite(over), over, -np.inf)
     limits = np.where(np.isfinite(flight.input_limits), np.abs(flight.input_limits), 0.0)
     share = over / np.maximum(limits.max(axis=0), _ROUND_OFF)
+    share[..., low == high] -= 2.0 * _ROUND_OFF
     reached = np.flatnonzero((share >= -_ROUND_OFF).any(axis=(0, 1)))
     if not len(reached):
         return ""
@@ -30,7 +32,10 @@ def reached_limits(flight: Flight) -> str:
     limit, unit = flight.input_limits[side, place], flight.input_units[place]
     names = [flight.input_names[k] for k in reached[:_MOST_NAMES]]
     more = f" and {len(reached) - len(names)} more" if len(reached) > len(names) else ""
+    words = f"was asked for {asked:.3g} {unit} of {limit:.3g} {unit}"
+    if share[side, sample, place] <= _ROUND_OFF:
+        words = f"came to its limit of {limit:.3g} {unit}"
     return (
-        f"{', '.join(names)}{more} ({flight.input_names[place]} was asked for {asked:.3g} {unit} "
-        f"of {limit:.3g} {unit} at t = {flight.time[sample]:.3g} s)"
+        f"{', '.join(names)}{more} ({flight.input_names[place]} {words} "
+        f"at t = {flight.time[sample]:.3g} s)"
     )

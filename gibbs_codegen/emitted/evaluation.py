@@ -59,9 +59,9 @@ def sqrt(x: Any) -> Any:
         x: A number, or an array of them.
 
     Returns:
-        A float for a float, else an array.
+        A float for a float of Python, else what NumPy has, which knows how to divide by zero.
     """
-    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+    return math.sqrt(x) if type(x) is float else np.sqrt(x)
 
 
 def atan(x: Any) -> Any:
@@ -176,7 +176,16 @@ class Evaluator:
         compute: Callable[[], tuple[NDArray[np.float64], ...]],
         arguments: Mapping[str, NDArray[np.float64]],
     ) -> tuple[NDArray[np.float64], ...]:
-        """Results (..., rows) of a function that calls others, which warns in their place."""
+        """Results of a function that calls others, which warns in their place.
+
+        Args:
+            function: Its name.
+            compute: Calls the others, which do not warn meanwhile.
+            arguments: The arguments by name, which the warning tells.
+
+        Returns:
+            What `compute` returns, arrays (..., rows).
+        """
         batch_shape(arguments)
         with np.errstate(all="ignore"):
             results = compute()
@@ -245,6 +254,8 @@ class NotFiniteReport:
         self._labels = {"q": coordinates, "u": inputs, "u_dot": inputs, "h": ["the step"]}
         self._labels["W"] = [frame for frame in frames for _ in range(6)]
         self._velocities = velocities
+        turns = ", a quaternion has no direction" if "qw" in coordinates else ""
+        self._causes = f"numbers overflow{turns}, or nothing resists an acceleration"
 
     def __call__(
         self,
@@ -281,8 +292,8 @@ class NotFiniteReport:
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (
-            f"{self._module}.{function} is not finite{where} though its arguments are: numbers "
-            f"overflow, or nothing resists an acceleration (largest there: {place}, {largest:g})"
+            f"{self._module}.{function} is not finite{where} though its arguments are: "
+            f"{self._causes} (largest there: {place}, {largest:g})"
         )
         if mode == "raise":
             raise FloatingPointError(message)

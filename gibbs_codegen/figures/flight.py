@@ -103,11 +103,12 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format, and return the files; two calls write the same bytes.
 
-    Constraint torques are left out where there are none.
+    Inputs and constraint torques are left out where there are none.
     """
+    series = {inputs: flight.applied, constraint_torques: flight.constraint_torques}
     drawn = (
         (draw.__name__, draw(flight))
         for draw in FIGURES
-        if draw is not constraint_torques or flight.constraint_torques.shape[1]
+        if draw not in series or series[draw].shape[1]
     )
     return save_figures(drawn, folder, formats)

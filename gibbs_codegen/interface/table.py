@@ -38,8 +38,9 @@ DATA = (
     "PARAMETERS",
     "DERIVATIVES",
 )
-# Constants of those modules that have functions which need them.
-DATA_ON_REQUEST = ("BASE_PARAMETERS", "PATTERNS")
+# Constants of those modules that have functions which need them; CARRIERS are in all but those of
+# earlier versions.
+DATA_ON_REQUEST = ("CARRIERS", "BASE_PARAMETERS", "PATTERNS")
 # Letters of shapes, and the constants that list what they count.
 LISTS = {
     "q": "COORDINATES",

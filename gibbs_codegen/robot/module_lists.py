@@ -6,9 +6,15 @@ from collections.abc import Collection
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.base_parameters import base_parameters
-from gibbs_codegen.robot.coordinates import frame_names, hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.coordinates import (
+    frame_names,
+    frames_of,
+    hybrid_coordinates,
+    inputs,
+    points,
+)
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import default_prefix, identifier
 
 
@@ -32,6 +38,21 @@ def module_lists(robot: Robot, derivatives: Collection[str] = ()) -> dict[str, t
     if any(LISTS.get(letter) == "BASE_PARAMETERS" for o in outputs for letter in o.shape):
         lists["BASE_PARAMETERS"] = tuple(entry.name for entry in base_parameters(robot))
     return lists
+
+
+def carriers(robot: Robot) -> tuple[str, ...]:
+    """What carries each of the points: the point of the joint that moves it, or the base centre."""
+    names, rods = points(robot), robot.base.rotors
+    joints = iter(names[names.index("O2" if rods else "base") + 1 + robot.rotors :])
+    of_body = {BASE: "O2" if rods else "base"}
+    for i, link in enumerate(robot.links, start=1):
+        of_body[i] = next(joints) if link.moves else of_body[robot.parents[i - 1]]
+    base = [BASE] * (2 + rods if rods else 1)
+    placed = [each.on for each in (*robot.thrusters, *frames_of(robot)[1:])]
+    thrusters = len(robot.thrusters)
+    moving = [robot.parents[i - 1] for i in robot.moving]
+    bodies = [*base, *placed[:thrusters], *moving, *placed[thrusters:]]
+    return tuple(of_body[body] for body in bodies)
 
 
 def body_names(robot: Robot) -> tuple[str, ...]:

@@ -121,7 +121,7 @@ def _check_steps(flown: Flown, count: int, dt: float) -> None:
     loop = flown.loop()
     lag = np.atleast_2d(loop.actuators.lag)
     # The shortest lag decides, but where parameters do too: about walls and drag.
-    states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1).argmin())]
+    states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
     if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
         own = [np.broadcast_to(each, count) for each in (*lag.T, *flown.parameters.values())]
         states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()

@@ -183,13 +183,15 @@ class Given:
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
     def normalised(self, name: str, q: Any) -> Any:
-        """Coordinates (…, nq) with quaternions of length 1. Raises `UsageError` if one is zero."""
+        """Coordinates (…, nq) with unit quaternions; `UsageError` if one has no finite direction."""
         if not self.layout.is_quaternion:
             return q
-        length = (q[..., self.layout.q.attitude] ** 2).sum(axis=-1)
-        self._check(length > 0.0, name, "with a quaternion that is not zero")
         still = self.xp.zeros((*q.shape[:-1], self.layout.v.size))
-        return self.module.integrate(q, still)
+        with np.errstate(invalid="ignore"):
+            unit = self.module.integrate(q, still)
+        right = self.xp.isfinite(unit).all(axis=-1)
+        self._check(right, name, "with a quaternion that is not zero and not too long to square")
+        return unit
 
     def _counted(self, name: str, array: Any) -> Any:
         """The array (1 or n, ...), whose states are counted."""

@@ -178,8 +178,9 @@ class _CasadiModule(LoadedModule):
         entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
         if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
             places = [self.COORDINATES.index(name) for name in _QUATERNION]
-            length = casadi.norm_2(casadi.vertcat(*entries[places]))
-            entries[places] = objects([entry / length for entry in entries[places]])
+            squared = casadi.sumsqr(casadi.vertcat(*entries[places]))
+            scale = casadi.sqrt(squared) * (1 / squared)  # Not finite where the square is not.
+            entries[places] = objects([entry * scale for entry in entries[places]])
         return entries
 
 
@@ -189,8 +190,8 @@ def _matrix(output: Objects) -> Any:
     Blocks of an array of more than two axes are one below the other.
     """
     is_matrix = output.ndim > 1
-    columns = output.shape[-1] if is_matrix else 1
-    table = output.reshape(math.prod(output.shape) // max(columns, 1), columns)
+    *above, columns = output.shape if is_matrix else (*output.shape, 1)
+    table = output.reshape(math.prod(above), columns)
     kept = [
         (i, j) for j, i in np.ndindex(*table.T.shape) if not (is_matrix and _is_zero(table[i, j]))
     ]

@@ -37,7 +37,8 @@ class Tangents:
         if not self.has(argument):
             return values
         quaternion = values[..., 3:7]
-        unit = quaternion / jnp.sqrt(jnp.sum(quaternion * quaternion, axis=-1, keepdims=True))
+        squared = jnp.sum(quaternion * quaternion, axis=-1, keepdims=True)
+        unit = quaternion * (jnp.sqrt(squared) * (1 / squared))  # Not finite where that is not.
         return jnp.concatenate([values[..., _POSITION], unit, values[..., _JOINTS]], axis=-1)
 
     def displacement(self, argument: str, values: Any, change: Any) -> Any:

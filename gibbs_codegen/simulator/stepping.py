@@ -22,6 +22,9 @@ from gibbs_codegen.simulator.record.flight import Flight
 from gibbs_codegen.simulator.record.recording import flight_of
 from gibbs_codegen.simulator.simulation import prepared
 
+# Length of a quaternion, of which the square and its reciprocal are numbers yet.
+_SHORTEST = 1e-150
+
 
 class Simulation:
     """A flight that goes on as far as it is stepped, with everything that the scenario says.
@@ -89,16 +92,19 @@ class Simulation:
             What the sensors tell.
 
         Raises:
-            UsageError: If q or v is not so many finite numbers, a quaternion is 0, or the seed
-                is no integer of 0 or more.
+            UsageError: If q or v is not so many finite numbers, a quaternion is 0 or
+                cannot be normalised, or the seed is no integer of 0 or more.
         """
         given = [
             start if values is None else _numbers(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
         layout = self._loop.vehicle.layout
-        if layout.is_quaternion and not np.any(given[0][layout.q.attitude]):
-            raise UsageError("q: its quaternion has length 0 and is no attitude; give it length 1")
+        length = math.hypot(*given[0][layout.q.attitude])
+        if layout.is_quaternion and not _SHORTEST < length < 1.0 / _SHORTEST:
+            raise UsageError(
+                f"q: its quaternion has length {length:g} and is no attitude; give it length 1"
+            )
         self._sensing.reset(seed)
         self._begin = self._loop.vehicle.kinematics.normalised(given[0]), given[1]
         self._held.forget()
@@ -131,14 +137,16 @@ class Simulation:
             raise UsageError(f"the flight has ended, {self.stopped}; reset begins another")
         now = self.time
         self._held.command(now, np.asarray(u, dtype=np.float64))
-        if self._flown is None:
-            start = self._loop.start(*self._begin)
-            settings, scenario = self._scenario.integration, self._scenario
-            self._flown = Integration(self._loop, start, settings, scenario.duration)
+        self._flown = self._flown or self._integration()
         for instant in [*self._held.instants(now, now + ahead), now + ahead]:
             self._fly(self._flown, float(instant))
         late = max(self._flown.time - self._sensing.delay, 0.0)
         return self._sensing(self._flown.time, *self._state(late))
+
+    def _integration(self) -> Integration:
+        """The flight at its start, with the inputs that were commanded, or none."""
+        start, scenario = self._loop.start(*self._begin), self._scenario
+        return Integration(self._loop, start, scenario.integration, scenario.duration)
 
     def _fly(self, flown: Integration, end: float) -> None:
         """Fly on while the same inputs act."""
@@ -170,12 +178,11 @@ class Simulation:
     def flight(self) -> Flight:
         """The flight so far, as `simulate` records it.
 
-        Raises:
-            UsageError: If no step was taken.
+        Before the first step it is one sample, the start, with inputs of 0 or the least that there
+        can be.
         """
-        if self._flown is None:
-            raise UsageError("flight: no step was taken; there is nothing to tell")
-        return flight_of(self._loop, self._scenario, self._flown.history())
+        flown = self._flown or self._integration()
+        return flight_of(self._loop, self._scenario, flown.history())
 
 
 def _numbers(name: str, given: ArrayLike, count: int) -> Array:

@@ -15,7 +15,7 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
-from gibbs_codegen.robot.module_lists import module_lists
+from gibbs_codegen.robot.module_lists import carriers, module_lists
 from gibbs_codegen.robot.names import parameter_prefix
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
 from gibbs_codegen.verification.parameters import bodies, parameter_values
@@ -33,6 +33,7 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         "COORDINATE_UNITS": layout.q.units,
         "VELOCITY_UNITS": layout.v.units,
         **module_lists(robot, getattr(module, "DERIVATIVES", ())),
+        **({"CARRIERS": carriers(robot)} if hasattr(module, "CARRIERS") else {}),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)

@@ -6,6 +6,7 @@ eighth order, but where there is algebra: see the modules that the table names.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
@@ -102,7 +103,8 @@ def _outside_patterns(
     for output, (what, array) in zip(FUNCTIONS[name].outputs, values.items(), strict=True):
         if output.name not in patterns:
             continue
-        matrix = array.reshape(len(array), -1, array.shape[-1]).copy()
+        height = math.prod(array.shape[1:-1])  # Not −1: without columns that is not told.
+        matrix = array.reshape(len(array), height, array.shape[-1]).copy()
         try:
             rows, columns = patterns[output.name]
             matrix[:, rows, columns] = 0.0

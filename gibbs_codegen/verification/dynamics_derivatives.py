@@ -6,6 +6,7 @@ not depend on how well-conditioned it is; where w multiplies them, they cannot b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -63,7 +64,8 @@ class Dynamics:
         if not self.forward:
             return matrix
         with np.errstate(invalid="ignore"):
-            product: Array = self.mass_matrix @ matrix.reshape(*matrix.shape[:2], -1)
+            columns = matrix.reshape(*matrix.shape[:2], math.prod(matrix.shape[2:]))
+            product: Array = self.mass_matrix @ columns
         return product.reshape(matrix.shape)
 
     def inertial(self, matrix: Array) -> Array:

@@ -60,7 +60,7 @@ def integrate_rows(point: Point, values: Mapping[str, Array]) -> Iterator[Deriva
         return call("difference", after, call("integrate", q, displacement))
 
     by_q = point.slopes.along_q(lambda q: moved(q, v), states.q)
-    steps, q = STEP * units.v, states.q[:, None]
+    steps, q = STEP * units.q, states.q[:, None]
     by_v = gradient(lambda step: moved(q, v + step), steps, 1)
     for (what, ours), theirs in zip(values.items(), (by_q, by_v), strict=True):
         size = scaled_size(theirs, units.q, units.q)

@@ -40,3 +40,20 @@ def test_the_worst_is_told_with_its_time(flight: Flight) -> None:
     )
     greatest[3, 6] = 88.0
     assert "(tau_7 was asked for 88 N m of 10 N m at t =" in reached_limits(asked)
+
+
+def test_an_input_that_stays_at_a_limit_is_told_to_be_there(flight: Flight) -> None:
+    least = flight.commanded_least.copy()
+    least[4, 1] = 0.0
+    said = reached_limits(replace(flight, commanded_least=least))
+    assert said == f"F_2 (F_2 came to its limit of 0 N at t = {flight.time[4]:.3g} s)"
+
+
+def test_of_a_rotor_that_is_held_at_nothing_nothing_is_told(flight: Flight) -> None:
+    limits, least = flight.input_limits.copy(), flight.commanded_least.copy()
+    greatest = flight.commanded_greatest.copy()
+    limits[:, 1] = least[:, 1] = greatest[:, 1] = 0.0
+    held = replace(flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
+    assert reached_limits(held) == ""
+    greatest[6, 1] = 3.0
+    assert "F_2 was asked for 3 N of 0 N at" in reached_limits(held)

@@ -64,6 +64,12 @@ def test_a_quaternion_is_normalised_at_the_begin(module: ModuleType) -> None:
     given = arguments(module)
     normal = module.integrate(given["q0"], np.zeros_like(given["v0"]))
     same(rollout(module, **given), rollout(module, **given | {"q0": normal}))
+    if module.ATTITUDE == "quaternion":
+        for factor in (0.0, 1e200):
+            given["q0"][1, 3:7] *= factor
+            with pytest.raises(UsageError, match=r"q0: value 1 of .* not too long to square"):
+                rollout(module, **given)
+            given["q0"][1, 3:7] = 1.0
 
 
 def test_a_controller_is_asked_at_every_sample(module: ModuleType) -> None:

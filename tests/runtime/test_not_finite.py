@@ -27,6 +27,7 @@ NAME = "hexarotor_3link"
 MANY = 2 * 16_384
 LINEAR_IN_V = ("coordinate_rates", "integrate", "frame_velocities", "centroidal_momentum")
 NUMPY_WAYS = ("NumPy, one state", "NumPy, batch")
+STEPS = ("step_euler", "step_rk4")
 C_WAYS = ("C, one state", "C, lists", "C, batch", "C, threads")
 
 
@@ -148,6 +149,42 @@ def test_an_acceleration_that_nothing_resists_is_said(backend: str, tmp_path: Pa
     for q in (np.zeros(8), np.zeros((1, 8))):
         with pytest.warns(RuntimeWarning, match="nothing resists an acceleration"):
             module.forward_dynamics(q, np.zeros(8), np.ones(6))
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A base with a quaternion, and steps of it."""
+    robot, _ = read_robot("quadrotor")
+    assert robot.base.attitude == "quaternion"
+    return emit(robot, tmp_path_factory.mktemp("turning") / "robot", derivatives=STEPS).folder
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-170, 1e200])
+@pytest.mark.parametrize("backend", ["numpy", "c", "jax", "casadi"])
+def test_a_quaternion_without_a_direction_gives_no_pose(
+    backend: str, length: float, turning: Path
+) -> None:
+    """One that is zero has none, and the square of a length may be too small or too large."""
+    if backend == "c":
+        tool("cc")
+    elif backend != "numpy":
+        pytest.importorskip(backend)
+    module = load(turning, backend=backend)
+    if backend == "jax":  # In single precision.
+        length = np.clip(length, length and 1e-30, 1e30)
+    q, v, u = np.array([1, 2, 3, 0, length, 0, 0.0]), np.ones(6), np.ones(4)
+    states = [q] if backend == "casadi" else [q, np.array([[1, 2, 3, 0, 0, 0, 1], q])]
+    for state in states:
+        for name, given in (("integrate", (v,)), *((step, (v, u, 0.01)) for step in STEPS)):
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                found = getattr(module, name)(state, *given)
+            pose = np.array(found[0] if isinstance(found, tuple | list) else found)
+            last = pose.reshape(-1, 7)[-1]
+            assert not np.isfinite(last).any(), (name, last)
+            assert bool(said) == (backend in ("numpy", "c"))
+            assert all("not finite" in str(w.message) for w in said)
+            assert all("a quaternion has no direction, or" in str(w.message) for w in said)
 
 
 def test_flags_of_others_are_not_taken_for_one_s_own(compiled: ModuleType) -> None:

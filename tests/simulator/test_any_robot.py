@@ -16,13 +16,15 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.random_robots import random_tree
 
+from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
+from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.rollouts.rollout import rollout
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
@@ -268,9 +270,17 @@ def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
 
 
 def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
-    """Found from motion alone; the first two joints of the paper's arm have one place."""
+    """The first two joints of the paper's arm have one place; a slide along an axis has none."""
+    mast = RigidBody(0.0, 0.2, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
+    turned = (
+        Link(mast, pose=Pose(), name="mast"),
+        Link(mast, pose=Pose(), joint="prismatic", name="slide"),
+        Link(mast, pose=Pose(), name="other", parent=0),  # So that there is no tip.
+    )
+    machine = emitted_module(Robot("machine", Base(body=mast, origin="base"), turned))
     for module, expected in (
         (compiled("quaternion"), {"joint8": "joint7", "tip": "joint9", "motor3": "O2"}),
+        (machine, {"joint_slide": "joint_mast", "joint_other": "base"}),
         (
             everything,
             {
@@ -303,16 +313,22 @@ def test_a_flight_of_any_robot_is_drawn_and_written(everything: ModuleType, tmp_
 
 
 @pytest.mark.parametrize("attitude", ["quaternion", "zyx"])
-def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude) -> None:
+def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude, tmp_path: Path) -> None:
     body = RigidBody(0.0, 2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     robot = Robot("stone", Base(attitude=attitude, origin="base", body=body), ())
     module = emitted_module(robot)
-    with pytest.raises(AllocationError, match="the rotors cannot command force along x, "):
+    with pytest.raises(AllocationError, match=r'cannot command force along x, .* to "off"'):
         simulate(module, read_scenario("hover", {"duration": 0.2}))
     falling = read_scenario("hover", {"duration": 0.2, "control": {"law": "off"}})
     flight = simulate(module, falling)
     fallen = flight.point("base")[0, 2] - flight.point("base")[-1, 2]
     assert fallen == pytest.approx(robot.gravity * 0.2**2 / 2)
+    assert "inputs" not in {path.stem for path in write_results(flight, tmp_path)}
+    many = rollout(module, None, None, falling, 10, 0.02)
+    assert many.q[0, -1] == pytest.approx(flight.q[-1], abs=1e-9)
+    # Whatever carries it bears its weight but for rounding.
+    off = trim(module, wrenches={"base": [0.0, 1e-15, 2.0 * robot.gravity, 0.0, 0.0, 0.0]})
+    assert off.residual == pytest.approx(0.0, abs=1e-9)
 
 
 def test_series_of_a_held_link_have_its_name() -> None:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gibbs_codegen import view_html
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.control.sensing import Observation
 from gibbs_codegen.simulator.plant.vehicle import Array
+from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.simulator.simulation import simulate
 from gibbs_codegen.simulator.stepping import Simulation
 
@@ -105,8 +109,31 @@ def test_reset(fast: Load) -> None:
     simulation.step(np.ones(4), 0.05)
     assert simulation.flight().q[0] == pytest.approx(q)
     simulation.reset()
-    with pytest.raises(UsageError, match="no step was taken"):
-        simulation.flight()
+    assert simulation.flight().time.tolist() == [0.0]
+
+
+def test_before_the_first_step_a_flight_is_the_start(fast: Load, tmp_path: Path) -> None:
+    module = fast("quadrotor")
+    limits = {"limits": [0.5, 3.68], "time_constant": 0.02}
+    simulation = Simulation(module, hover(motors=limits))
+    simulation.step(np.ones(4), 0.05)
+    q, v = np.array([1.0, 2, 3, 0, 0, 0.6, 0.8]), np.arange(6.0)
+    simulation.reset(q, v)
+    flight = simulation.flight()
+    for name, _, values in flight.columns():
+        assert values.shape == (1,), name
+    assert flight.q[0] == pytest.approx(q)
+    assert flight.commanded.tolist() == [[0.0] * 4]
+    assert flight.applied.tolist() == [[0.5] * 4]
+    assert flight.a[0] == pytest.approx(module.forward_dynamics(q, v, flight.applied[0]))
+    assert flight.work == 0.0
+    write_results(flight, tmp_path, animation="gif")
+    again = read_flight(tmp_path / "flight.npz")
+    assert again.positions.tolist() == flight.positions.tolist()
+    view_html(again).save(tmp_path / "flight.html")
+    assert simulation.stopped == ""
+    simulation.step(np.ones(4), 0.05)
+    assert simulation.flight().commanded[0].tolist() == [1.0] * 4
 
 
 def test_what_is_refused(fast: Load) -> None:
@@ -120,8 +147,9 @@ def test_what_is_refused(fast: Load) -> None:
     for wrong in ([1.0], [np.inf] * 6, "fast"):
         with pytest.raises(UsageError, match="v: must be 6 finite numbers"):
             simulation.reset(v=wrong)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="q: its quaternion has length 0"):
-        simulation.reset(q=np.zeros(7))
+    for length, said in ((0.0, "0"), (1e-170, "1e-170"), (1e200, r"1e\+200")):
+        with pytest.raises(UsageError, match=f"q: its quaternion has length {said} and"):
+            simulation.reset(q=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, length]))
     simulation.reset()
     simulation.step(np.zeros(4), 1.0)
     assert "control is lost" in simulation.stopped

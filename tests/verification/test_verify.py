@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from hypothesis import given, settings
+from support.compiled import compile_only
 from support.emitted import emitted_module
 from support.planted_faults import ANY_IN_C, planted
 from support.random_robots import robots
@@ -24,8 +25,9 @@ from support.tools import tool
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.frame_rows import frame_rows
 from gibbs_codegen.verification.free_base import formulated
@@ -70,6 +72,30 @@ def test_shipped_robots_pass_in_both_back_ends_as_the_command_compares_them(
     found = verify(Path(shipped(name).__file__ or "").parent)
     assert found.passed, found.failures
     assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
+
+
+@pytest.mark.parametrize("attitude", ["xyz", "quaternion"])
+def test_a_base_that_is_carried_passes_with_derivatives(attitude: Attitude, tmp_path: Path) -> None:
+    """It has no rotors and no joints that move, hence no inputs."""
+    body = RigidBody(0.0, 2.0, inertia=(0.03, 0.03, 0.05, 0.0, 0.0, 0.0))
+    mast = RigidBody(0.0, 0.2, inertia=(1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0))
+    links = (
+        Link(mast, pose=Pose((0.0, 0.0, 0.1)), joint="fixed"),
+        Link(mast, pose=Pose((0.1, 0.0, 0.1)), joint="fixed", constrained=True),
+    )
+    robot = Robot("carried", Base(attitude=attitude, origin="base", body=body), links)
+    steps = ("step_euler", "step_euler_derivatives", "step_rk4_derivatives")
+    names = ("integrate_derivatives", "input_forces_hessian", *steps)
+    _, folder = generate_robot(robot, robot_text(robot), tmp_path, derivatives=names)
+    found = verify(folder, backends=["numpy"])
+    assert found.passed, found.failures
+    compile_only("gcc", [], [str(folder / "carried_casadi.c")], tmp_path)
+    pytest.importorskip("casadi")
+    state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])[-len(load(folder).COORDINATES) :]
+    given = state, 0.1 * np.ones(6), np.zeros(0), 0.01
+    there, here = (load(folder, x).step_rk4_derivatives(*given) for x in ("casadi", "numpy"))
+    for theirs, ours in zip(there, here, strict=True):
+        assert theirs.full().reshape(ours.shape) == pytest.approx(ours, abs=1e-12)
 
 
 @pytest.fixture(scope="module")

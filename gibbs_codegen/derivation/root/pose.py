@@ -60,26 +60,27 @@ def displaced(
 
     With θ = |turn|, the attitude is turned by the quaternion of half that angle, and the step is ν
     + (1 − cos θ)/θ²·turn×ν + (θ − sin θ)/θ³·turn×(turn×ν). A quaternion that is not of unit length
-    is normalised. Of q and −q the result is the one on the side of the quaternion that it starts
-    from.
+    is normalised; where the square of its length is zero or overflows, the pose is not finite. Of q
+    and −q the result is the one on the side of the quaternion that it starts from.
     """
     let = tape.let
-    with tape.group("the quaternion, of unit length"):
-        inverse = let(1 / let(sp.sqrt(let(sp.Add(*(part * part for part in q))))))
-        q = _scaled(tape, inverse, q)
     square, cosine, share = half_angle(tape, turn)
     with tape.group("angle of the displacement, and its functions"):
         first = let(2 * share * share)
         second = let(let(1 - 2 * share * cosine) * let(1 / square))
+    with tape.group("the quaternion, of unit length, on the side of the new one"):
+        squared = let(sp.Add(*(part * part for part in q)))
+        # Not 1/√, which would make of a quaternion that is too long one that is zero.
+        inverse = let(let(sp.sqrt(squared)) * let(1 / squared))
+        q = _scaled(tape, let(inverse * let(sp.sign(cosine))), q)
     with tape.group("position after the displacement"):
         once = cross(tape, turn, step)
         twice = cross(tape, turn, once)
         way = add(tape, step, scale(tape, first, once), scale(tape, second, twice))
         moved = add(tape, position, turned(tape, rotation_columns(tape, q), way))
     with tape.group("attitude after the displacement"):
-        side = let(sp.sign(cosine))
-        x, y, z = scale(tape, let(side * share), turn)
-        return _product(tape, q, (x, y, z, let(side * cosine))), moved
+        x, y, z = scale(tape, share, turn)
+        return _product(tape, q, (x, y, z, cosine)), moved
 
 
 def displacement(

@@ -51,10 +51,12 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
             "commands three moments",
             missing,
         )
+    remedy = 'tilt some thrusts in the robot file, add rotors, or set control.law to "open_loop"'
+    if not vehicle.rotors:
+        remedy = 'add rotors to the robot file, or set control.law to "off", and it falls'
     raise AllocationError(
         f"{purpose}control, the rotors must command all directions, or the force along one axis "
-        f"and three moments, {lacks}{_posture(vehicle, q)} tilt some thrusts in the robot file, "
-        'add rotors, or set control.law to "open_loop"',
+        f"and three moments, {lacks}{_posture(vehicle, q)} {remedy}",
         missing,
     )
 

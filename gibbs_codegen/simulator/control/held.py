@@ -75,6 +75,7 @@ class HeldInputs:
         """Forget all commands, before a flight."""
         self._pending.clear()
         self._times, self._commands = [], []
+        self.held = np.zeros_like(self.held)
 
     def instants(self, begin: float, end: float) -> Array:
         """Times after `begin` and before `end`, s, at which a command takes effect, in order."""
@@ -101,9 +102,12 @@ class HeldInputs:
         self._commands.append(command)
 
     def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Inputs u (…, nu) that were commanded at times (…), s, whatever state and memory were."""
+        """Inputs u (…, nu) that were commanded at times (…), s, whatever state and memory were.
+
+        They are 0 where no command was given.
+        """
         places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
-        commanded: Array = np.array(self._commands)[places]
+        commanded: Array = np.array(self._commands or [self.held])[places]
         return commanded
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:

@@ -4,9 +4,6 @@ A rotor of inertia J that spins at Ω about its thrust's direction d has the ang
 h = J Ω d, and does the torque −ω × h to the body that holds it, ω being the angular velocity of
 that body. Ω follows from the thrust, Ω = k √T. The torque −J dΩ/dt along d, by which a rotor
 resists a change of its speed, is left out.
-
-What such a torque does to the coordinates depends on d alone: any body in which d stays where it is
-may take it, and gives the same generalised forces.
 """
 
 from __future__ import annotations
@@ -17,11 +14,6 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
-# Angles and travels of joints, rad and m, by which it is told which frames move with a rotor.
-_FIRST_JOINT, _NEXT_JOINT = 0.3, 0.37
-# How far a direction may seem to turn in a frame that moves with it.
-_SAME_DIRECTION = 1e-9
-
 
 class RotorSpin:
     """The g rotors that have a spin inertia, and the frames that take their torques.
@@ -29,29 +21,33 @@ class RotorSpin:
     `places` (g) are numbers of the frames, `axes` (g, 3) the directions of the thrusts in their
     axes. `spins` (N) are as of `Actuators`, negative for a rotor that spins clockwise seen from the
     tip of its thrust, 0 for one without inertia. Raises `UsageError` for a rotor on a link that has
-    no frame.
+    no frame, and for a module that does not say what carries its rotors.
     """
 
     def __init__(self, vehicle: Vehicle, spins: Array) -> None:
         self.rotors: NDArray[np.intp] = np.flatnonzero(spins)
         self.spins = spins[self.rotors]
-        joints = _FIRST_JOINT + _NEXT_JOINT * np.arange(vehicle.joints)
-        # Where parameters differ along an axis, one robot tells the directions of all.
-        q = np.tile(vehicle.neutral, (3, 1, 1))
-        q[1:, 0, vehicle.arm] = joints, -joints[::-1]
-        thrusts = np.swapaxes(vehicle.thrust_wrenches(q)[:, 0, :3][..., self.rotors], -1, -2)
-        world = thrusts @ np.swapaxes(vehicle.base_rotation(q[:, 0]), -1, -2)
-        seen = np.einsum("sfij,sgi->sgfj", vehicle.frame_poses(q)[:, 0, :, :3, :3], world)
-        stays = np.all(np.abs(seen - seen[:1]) < _SAME_DIRECTION, axis=(0, 3))
-        for rotor, frames in zip(self.rotors, stays, strict=True):
+        centre, carriers = vehicle.points.index(vehicle.centre), vehicle.carriers
+        # The first frame is the base's, and the others are the last points.
+        others = carriers[len(vehicle.points) - len(vehicle.frames) + 1 :]
+        moves_with = carriers[centre + 1 + self.rotors, np.newaxis] == [centre, *others]
+        for rotor, frames in zip(self.rotors, moves_with, strict=True):
+            if carriers[centre + 1 + rotor] < 0:
+                raise UsageError(
+                    f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, and the module, which "
+                    "an earlier version generated, does not say what carries it; generate it again"
+                )
             if not np.any(frames):
                 raise UsageError(
                     f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, but no frame moves "
                     "with it: add a [[frame]] on the link that carries it, and generate the "
                     "module again"
                 )
-        self.places: NDArray[np.intp] = np.argmax(stays, axis=1)
-        axes = seen[0, np.arange(len(self.rotors)), self.places]
+        self.places: NDArray[np.intp] = np.argmax(moves_with, axis=1)
+        # Where parameters differ along an axis, one robot tells the directions of all.
+        q = vehicle.neutral[np.newaxis]
+        world = vehicle.base_rotation(q[0]) @ vehicle.thrust_wrenches(q)[0, :3, self.rotors].T
+        axes = np.einsum("gij,ig->gj", vehicle.frame_poses(q)[0, self.places, :3, :3], world)
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
     def add(self, wrenches: Array, poses: Array, velocities: Array, inputs: Array) -> None:

@@ -22,10 +22,6 @@ from gibbs_codegen.simulator.plant.kinematics import kinematics_of
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Angles and travels of joints, rad and m, apart by which it is told whether rotors move with them.
-_FIRST_JOINT, _NEXT_JOINT = 0.3, 0.37
-# Share of a wrench by which rotors that do not move may seem to.
-_ROUNDING = 1e-12
 # Angles, rad, that count as the same.
 _SAME_ANGLE = 1e-9
 
@@ -171,14 +167,25 @@ class Vehicle:
         return 0.5 * (forward - backward)
 
     @cached_property
+    def carriers(self) -> NDArray[np.intp]:
+        """By point (k) the place of the point that carries it: that of a joint, or the base centre.
+
+        −1 where a module of an earlier version does not say, which has no CARRIERS.
+        """
+        centre = self.points.index(self.centre)
+        if names := getattr(self.module, "CARRIERS", ()):
+            return np.array([self.points.index(name) for name in names])
+        found = np.full(len(self.points), centre)
+        # Rods are of the base, with their rotors.
+        told = centre + 1 + (self.rotors if self.centre == "O2" else 0)
+        found[told:] = -1 if self.joints else centre
+        return found
+
+    @cached_property
     def rotors_move(self) -> bool:
-        """Whether thrusts load joints, or their wrench on the base depends on the joints."""
-        q = self.neutral
-        q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
-        here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
-        loads = self.input_matrix(q)[..., self.arm_rates, : self.rotors]
-        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
-        return bool(np.any(loads) or np.any(moves))
+        """Whether joints move rotors, or may do so for all that the module says."""
+        centre = self.points.index(self.centre)
+        return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
 
 
 def _check(module: ModuleType) -> None:

@@ -53,10 +53,12 @@ class FormText:
 class LengthText:
     """A time step whose derivatives by its length are computed.
 
-    `vectors` have entries for each of VELOCITIES, and `places` for each of COORDINATES.
+    `vectors` have entries for each of VELOCITIES, and `places` for each of COORDINATES. No array of
+    C has as few as no `input_entries`.
     """
 
     name: str
+    input_entries: str
     vectors: Lines
     places: Lines
     lines: Lines
@@ -139,7 +141,7 @@ def casadi_text(model: Model) -> CasadiText:
         [
             _length_text(model, name)
             for name in METHODS
-            if f"{name}_derivatives" in model.derivatives
+            if {name, f"{name}_derivatives"} <= {*model.derivatives}
         ],
         texts,
     )
@@ -148,7 +150,8 @@ def casadi_text(model: Model) -> CasadiText:
 def _length_text(model: Model, name: str) -> LengthText:
     """What the template is given of a time step."""
     lines = length_lines(model.robot.name, METHODS[name])
-    return LengthText(name, VECTORS[name], PLACES[name], lines)
+    entries = f"NV * {model.robot.name.upper()}_INPUTS" if model.lists["INPUTS"] else "1"
+    return LengthText(name, entries, VECTORS[name], PLACES[name], lines)
 
 
 def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:

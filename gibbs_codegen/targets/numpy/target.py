@@ -10,7 +10,7 @@ from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.module_lists import module_lists
+from gibbs_codegen.robot.module_lists import carriers, module_lists
 from gibbs_codegen.targets.documentation import (
     attitude_lines,
     calls,
@@ -124,6 +124,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
     listed = module_lists(robot, model.derivatives) | {"DERIVATIVES": model.derivatives}
+    listed["CARRIERS"] = carriers(robot)
     units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
     constants = {name: strings(names) for name, names in (listed | units).items()}
     found = [

@@ -371,6 +371,66 @@ def test_a_rotor_on_a_link_resists_as_the_links_own_turning_says() -> None:
         RotorSpin(vehicle, np.array([0.0, 0.01, 0.0]))
 
 
+# Four links whose turns at joint values in arithmetic progression cancel, and a rotor on the last.
+FOLDED = """
+name = "folded"
+[base]
+mass = 2
+inertia = [0.02, 0.02, 0.03, 0, 0, 0]
+{links}
+[[rotor]]
+on = "link4"
+position = [0.2, 0.1, 0]
+drag = 0.01
+spin_inertia = 1e-4
+speed_per_sqrt_thrust = 300
+[[frame]]
+name = "hand"
+on = "link4"
+"""
+FOLDED_LINK = """
+[[link]]
+name = "link{number}"
+joint = "{joint}"
+axis = "{axis}"
+xyz = [0.1, 0, 0]
+mass = 0.3
+inertia = [0.001, 0.002, 0.003, 0, 0, 0]
+"""
+
+
+def folded(joint: str, axes: tuple[str, ...]) -> Vehicle:
+    links = [FOLDED_LINK.format(number=k, joint=joint, axis=x) for k, x in enumerate(axes, start=1)]
+    return Vehicle(emitted_module(parse_robot(FOLDED.format(links="".join(links)))))
+
+
+def test_a_rotor_gives_its_torque_to_the_link_that_carries_it() -> None:
+    vehicle = folded("revolute", ("y", "-y", "-y", "y"))
+    rng = np.random.default_rng(3)
+    q, v = rng.uniform(-0.9, 0.9, (2, len(vehicle.coordinates)))
+    inputs = np.array([5.0, 0.0, 0.0, 0.0, 0.0])
+    environment = Environment(vehicle, spins=np.array([0.02]))
+    wrenches = environment.wrenches(0.0, q, v, inputs, False, False)
+    turning = vehicle.function("frame_jacobians")(q)[vehicle.frames.index("hand"), 3:]
+    axis = vehicle.frame_poses(q)[vehicle.frames.index("hand"), :3, 2]
+    expected = -turning.T @ np.cross(turning @ v, 0.02 * np.sqrt(5.0) * axis)
+    assert np.abs(expected).max() > 1e-3
+    assert vehicle.wrench_forces(q, wrenches) == pytest.approx(expected, abs=1e-12)
+
+
+def test_rotors_move_with_slides_whose_travels_cancel() -> None:
+    assert folded("prismatic", ("x", "-x", "-x", "x")).rotors_move
+
+
+def test_a_module_that_does_not_say_what_carries_its_rotors_is_asked_for_again() -> None:
+    vehicle = folded("revolute", ("y", "-y", "-y", "y"))
+    vars(vehicle.module).pop("CARRIERS", None)
+    earlier = Vehicle(vehicle.module)
+    assert earlier.rotors_move
+    with pytest.raises(UsageError, match=r"folded: .* earlier version.*; generate it again"):
+        RotorSpin(earlier, np.array([0.02]))
+
+
 # In C
 
 

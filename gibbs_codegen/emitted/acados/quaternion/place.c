@@ -10,8 +10,10 @@ typedef struct {
 
 static void locate(const real *x, Place *at)
 {
-    const real length = sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5] + x[6] * x[6]);
-    const real qx = x[3] / length, qy = x[4] / length, qz = x[5] / length, qw = x[6] / length;
+    const real squared = x[3] * x[3] + x[4] * x[4] + x[5] * x[5] + x[6] * x[6];
+    const real length = sqrt(squared);
+    const real scale = length * (1.0 / squared); /* not finite where the square is 0 or infinite */
+    const real qx = x[3] * scale, qy = x[4] * scale, qz = x[5] * scale, qw = x[6] * scale;
     const real turn[3][3] = {
         {1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qz * qw), 2.0 * (qx * qz - qy * qw)},
         {2.0 * (qx * qy - qz * qw), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz + qx * qw)},
@@ -19,7 +21,7 @@ static void locate(const real *x, Place *at)
     };
     const real spin[3][4] = {{qw, qz, -qy, -qx}, {-qz, qw, qx, -qy}, {qy, -qx, qw, -qz}};
     for (int i = 0; i < NQ; ++i) {
-        at->q[i] = i < 3 || i > 6 ? x[i] : x[i] / length;
+        at->q[i] = i < 3 || i > 6 ? x[i] : x[i] * scale;
     }
     at->length = length;
     for (int i = 0; i < 3; ++i) {
