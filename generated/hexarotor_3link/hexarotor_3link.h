@@ -393,7 +393,8 @@ size_t hexarotor_3link_init_constants_batch(
  *     m], theta_9 [N m], x [N], y [N], z [N]
  * @note 433 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 hexarotor_3link_mass_matrix_and_residual(
@@ -435,7 +436,8 @@ hexarotor_3link_mass_matrix_and_residual_batch_each(
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @note 190 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 hexarotor_3link_mass_matrix(
@@ -475,7 +477,8 @@ hexarotor_3link_mass_matrix_batch_each(
  *     m], theta_9 [N m], x [N], y [N], z [N]
  * @note 268 operations, 6 sine-cosine pairs; about 1456 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 hexarotor_3link_residual(
@@ -514,7 +517,8 @@ hexarotor_3link_residual_batch_each(
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 52 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 7-13.
+ * @par Source
+ * eqs. 7-13.
  */
 void
 hexarotor_3link_input_matrix(
@@ -559,7 +563,8 @@ hexarotor_3link_input_matrix_batch_each(
  *     [m/s^2]
  * @note 384 operations, 6 sine-cosine pairs; about 1808 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 19, solved for the free coordinates.
+ * @par Source
+ * eq. 19, solved for the free coordinates.
  */
 void
 hexarotor_3link_forward_dynamics(
@@ -607,7 +612,8 @@ hexarotor_3link_forward_dynamics_batch_each(
  *     theta_9 [N m], x [N], y [N], z [N]
  * @note 298 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 4-6.
+ * @par Source
+ * eqs. 4-6.
  */
 void
 hexarotor_3link_inverse_dynamics(
@@ -651,7 +657,8 @@ hexarotor_3link_inverse_dynamics_batch_each(
  *     both
  * @note 232 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 15, 18 and 19.
+ * @par Source
+ * eqs. 15, 18 and 19.
  */
 void
 hexarotor_3link_hybrid_mass_matrix(
@@ -692,7 +699,8 @@ hexarotor_3link_hybrid_mass_matrix_batch_each(
  *     tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
  * @note 311 operations, 6 sine-cosine pairs; about 1712 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 15, 18 and 19.
+ * @par Source
+ * eqs. 15, 18 and 19.
  */
 void
 hexarotor_3link_hybrid_residual(
@@ -731,7 +739,8 @@ hexarotor_3link_hybrid_residual_batch_each(
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 52 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 12, 13 and 18.
+ * @par Source
+ * eqs. 12, 13 and 18.
  */
 void
 hexarotor_3link_hybrid_input_matrix(
@@ -775,7 +784,8 @@ hexarotor_3link_hybrid_input_matrix_batch_each(
  *     tau_prime_6 [N m]
  * @note 67 operations, 3 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 14 and 15.
+ * @par Source
+ * eqs. 14 and 15.
  */
 void
 hexarotor_3link_constraint_torques(
@@ -825,7 +835,8 @@ hexarotor_3link_constraint_torques_batch_each(
  * @param[out] value 1: [W/s]
  * @note 362 operations, 6 sine-cosine pairs; about 1760 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 2 and 3.
+ * @par Source
+ * eqs. 2 and 3.
  */
 void
 hexarotor_3link_gibbs(
@@ -867,7 +878,8 @@ hexarotor_3link_gibbs_batch_each(
  * @param[out] energy 1: [J]
  * @note 152 operations, 6 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 2 with rates for accelerations.
+ * @par Source
+ * eq. 2 with rates for accelerations.
  */
 void
 hexarotor_3link_kinetic_energy(
@@ -904,7 +916,8 @@ hexarotor_3link_kinetic_energy_batch_each(
  * @param[out] energy 1: [J]
  * @note 23 operations, 6 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: gravity times the first moment of mass.
+ * @par Source
+ * gravity times the first moment of mass.
  */
 void
 hexarotor_3link_potential_energy(
@@ -941,7 +954,8 @@ hexarotor_3link_potential_energy_batch_each(
  *     theta_9 [N m], x [N], y [N], z [N]
  * @note 54 operations, 6 sine-cosine pairs; about 768 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5 and 6 at rest.
+ * @par Source
+ * eqs. 5 and 6 at rest.
  */
 void
 hexarotor_3link_gravity_forces(
@@ -980,7 +994,8 @@ hexarotor_3link_gravity_forces_batch_each(
  *     theta_9 [N m], x [N], y [N], z [N]
  * @note 197 operations, 6 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 7.
+ * @par Source
+ * eq. 7.
  */
 void
 hexarotor_3link_wrench_forces(
@@ -1027,7 +1042,8 @@ hexarotor_3link_wrench_forces_batch_each(
  *     [m/s^2]
  * @note 522 operations, 6 sine-cosine pairs; about 2512 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 19, solved for the free coordinates.
+ * @par Source
+ * eq. 19, solved for the free coordinates.
  */
 void
 hexarotor_3link_forward_dynamics_with_wrenches(
@@ -1083,7 +1099,8 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
  *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
  * @note 445 operations, 6 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 6 and 14, all six components.
+ * @par Source
+ * eqs. 6 and 14, all six components.
  */
 void
 hexarotor_3link_joint_wrenches(
@@ -1127,7 +1144,8 @@ hexarotor_3link_joint_wrenches_batch_each(
  *     joint8, joint9, tip [m]
  * @note 96 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_positions(
@@ -1164,7 +1182,8 @@ hexarotor_3link_positions_batch_each(
  * @param[out] pose 4 x 4: axes [1] and position [m]
  * @note 74 operations, 6 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_tip_pose(
@@ -1200,7 +1219,8 @@ hexarotor_3link_tip_pose_batch_each(
  * @param[out] jacobian 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
  * @note 111 operations, 6 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_tip_jacobian(
@@ -1239,7 +1259,8 @@ hexarotor_3link_tip_jacobian_batch_each(
  * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
  * @note 140 operations, 6 sine-cosine pairs; about 992 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_tip_bias_acceleration(
@@ -1276,7 +1297,8 @@ hexarotor_3link_tip_bias_acceleration_batch_each(
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
  * @note 83 operations, 6 sine-cosine pairs; about 880 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_frame_poses(
@@ -1313,7 +1335,8 @@ hexarotor_3link_frame_poses_batch_each(
  *     a block for each of base, tip
  * @note 127 operations, 6 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_frame_jacobians(
@@ -1350,7 +1373,8 @@ hexarotor_3link_frame_jacobians_batch_each(
  *     base, tip
  * @note 136 operations, 6 sine-cosine pairs; about 1024 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_frame_velocities(
@@ -1393,7 +1417,8 @@ hexarotor_3link_frame_velocities_batch_each(
  *     for each of base, tip
  * @note 201 operations, 6 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 hexarotor_3link_frame_bias_accelerations(
@@ -1430,7 +1455,8 @@ hexarotor_3link_frame_bias_accelerations_batch_each(
  * @param[out] position 3: [m]
  * @note 32 operations, 6 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: the first moment of mass.
+ * @par Source
+ * the first moment of mass.
  */
 void
 hexarotor_3link_centre_of_mass(
@@ -1466,7 +1492,8 @@ hexarotor_3link_centre_of_mass_batch_each(
  * @param[out] jacobian 3 x 9: [m/rad or 1]
  * @note 86 operations, 6 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: the first moment of mass.
+ * @par Source
+ * the first moment of mass.
  */
 void
 hexarotor_3link_centre_of_mass_jacobian(
@@ -1504,7 +1531,8 @@ hexarotor_3link_centre_of_mass_jacobian_batch_each(
  * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
  * @note 208 operations, 6 sine-cosine pairs; about 1408 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 6 with rates for accelerations.
+ * @par Source
+ * eq. 6 with rates for accelerations.
  */
 void
 hexarotor_3link_centroidal_momentum(
@@ -1546,7 +1574,8 @@ hexarotor_3link_centroidal_momentum_batch_each(
  *     [rad/s], theta_9 [rad/s], x [m/s], y [m/s], z [m/s]
  * @note 0 operations, 0 sine-cosine pairs; about 272 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: kinematics of the base.
+ * @par Source
+ * kinematics of the base.
  */
 void
 hexarotor_3link_coordinate_rates(
@@ -1588,7 +1617,8 @@ hexarotor_3link_coordinate_rates_batch_each(
  *     [rad], theta_9 [rad], x [m], y [m], z [m]
  * @note 9 operations, 0 sine-cosine pairs; about 416 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: sums, or the exponential map of SE(3) for a quaternion with its position.
+ * @par Source
+ * sums, or the exponential map of SE(3) for a quaternion with its position.
  */
 void
 hexarotor_3link_integrate(
@@ -1631,7 +1661,8 @@ hexarotor_3link_integrate_batch_each(
  *     [rad], theta_9 [rad], x [m], y [m], z [m]
  * @note 9 operations, 0 sine-cosine pairs; about 416 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: differences, or the logarithm of SE(3) for a quaternion with its position.
+ * @par Source
+ * differences, or the logarithm of SE(3) for a quaternion with its position.
  */
 void
 hexarotor_3link_difference(

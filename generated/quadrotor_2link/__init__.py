@@ -8,6 +8,7 @@
 from .numpy_module import (
     ATTITUDE,
     BODIES,
+    CARRIERS,
     COORDINATE_UNITS,
     COORDINATES,
     DERIVATIVES,
@@ -56,6 +57,7 @@ from .numpy_module import (
 __all__ = [
     "ATTITUDE",
     "BODIES",
+    "CARRIERS",
     "COORDINATE_UNITS",
     "COORDINATES",
     "DERIVATIVES",

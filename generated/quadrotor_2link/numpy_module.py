@@ -83,6 +83,9 @@ BODIES = (
 )
 DERIVATIVES = (
 )
+CARRIERS = (
+    "O2", "O2", "O2", "O2", "O2", "O2", "O2", "joint5", "joint6",
+)
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
@@ -457,9 +460,9 @@ def sqrt(x: Any) -> Any:
         x: A number, or an array of them.
 
     Returns:
-        A float for a float, else an array.
+        A float for a float of Python, else what NumPy has, which knows how to divide by zero.
     """
-    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+    return math.sqrt(x) if type(x) is float else np.sqrt(x)
 
 
 def atan(x: Any) -> Any:
@@ -568,6 +571,31 @@ class Evaluator:
         except FloatingPointError:
             return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
 
+    def composed(
+        self,
+        function: str,
+        compute: Callable[[], tuple[NDArray[np.float64], ...]],
+        arguments: Mapping[str, NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Results of a function that calls others, which warns in their place.
+
+        Args:
+            function: Its name.
+            compute: Calls the others, which do not warn meanwhile.
+            arguments: The arguments by name, which the warning tells.
+
+        Returns:
+            What `compute` returns, arrays (..., rows).
+        """
+        batch_shape(arguments)
+        with np.errstate(all="ignore"):
+            results = compute()
+        first = results[0].ndim - 1
+        finite = [np.isfinite(each).all(axis=(*range(first, each.ndim),)) for each in results]
+        if not np.all(finite):
+            self._report(function, arguments, np.logical_and.reduce(finite), 5)
+        return results
+
     def _differ(self, k: tuple[Any, ...]) -> bool:
         """Whether constants differ from state to state. Raises TypeError for another module's."""
         alike = isinstance(k, tuple) and len(k) == len(self._default)
@@ -627,6 +655,8 @@ class NotFiniteReport:
         self._labels = {"q": coordinates, "u": inputs, "u_dot": inputs, "h": ["the step"]}
         self._labels["W"] = [frame for frame in frames for _ in range(6)]
         self._velocities = velocities
+        turns = ", a quaternion has no direction" if "qw" in coordinates else ""
+        self._causes = f"numbers overflow{turns}, or nothing resists an acceleration"
 
     def __call__(
         self,
@@ -663,8 +693,8 @@ class NotFiniteReport:
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (
-            f"{self._module}.{function} is not finite{where} though its arguments are: numbers "
-            f"overflow, or nothing resists an acceleration (largest there: {place}, {largest:g})"
+            f"{self._module}.{function} is not finite{where} though its arguments are: "
+            f"{self._causes} (largest there: {place}, {largest:g})"
         )
         if mode == "raise":
             raise FloatingPointError(message)

@@ -338,7 +338,8 @@ size_t quadrotor_2link_init_constants_batch(
  *     m], x [N], y [N], z [N]
  * @note 313 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 quadrotor_2link_mass_matrix_and_residual(
@@ -380,7 +381,8 @@ quadrotor_2link_mass_matrix_and_residual_batch_each(
  * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @note 132 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 quadrotor_2link_mass_matrix(
@@ -420,7 +422,8 @@ quadrotor_2link_mass_matrix_batch_each(
  *     m], x [N], y [N], z [N]
  * @note 198 operations, 5 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
+ * @par Source
+ * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
 void
 quadrotor_2link_residual(
@@ -459,7 +462,8 @@ quadrotor_2link_residual_batch_each(
  * @param[out] input_matrix 8 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 19 operations, 3 sine-cosine pairs; about 496 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 7-13.
+ * @par Source
+ * eqs. 7-13.
  */
 void
 quadrotor_2link_input_matrix(
@@ -502,7 +506,8 @@ quadrotor_2link_input_matrix_batch_each(
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @note 248 operations, 5 sine-cosine pairs; about 1280 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 19, solved for the free coordinates.
+ * @par Source
+ * eq. 19, solved for the free coordinates.
  */
 void
 quadrotor_2link_forward_dynamics(
@@ -549,7 +554,8 @@ quadrotor_2link_forward_dynamics_batch_each(
  *     x [N], y [N], z [N]
  * @note 225 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 4-6.
+ * @par Source
+ * eqs. 4-6.
  */
 void
 quadrotor_2link_inverse_dynamics(
@@ -593,7 +599,8 @@ quadrotor_2link_inverse_dynamics_batch_each(
  *     both
  * @note 156 operations, 5 sine-cosine pairs; about 1040 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 15, 18 and 19.
+ * @par Source
+ * eqs. 15, 18 and 19.
  */
 void
 quadrotor_2link_hybrid_mass_matrix(
@@ -633,7 +640,8 @@ quadrotor_2link_hybrid_mass_matrix_batch_each(
  *     tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
  * @note 230 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 15, 18 and 19.
+ * @par Source
+ * eqs. 15, 18 and 19.
  */
 void
 quadrotor_2link_hybrid_residual(
@@ -672,7 +680,8 @@ quadrotor_2link_hybrid_residual_batch_each(
  * @param[out] input_matrix 14 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
  * @note 19 operations, 3 sine-cosine pairs; about 496 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 12, 13 and 18.
+ * @par Source
+ * eqs. 12, 13 and 18.
  */
 void
 quadrotor_2link_hybrid_input_matrix(
@@ -713,7 +722,8 @@ quadrotor_2link_hybrid_input_matrix_batch_each(
  * @param[out] torque 3: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
  * @note 54 operations, 3 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 14 and 15.
+ * @par Source
+ * eqs. 14 and 15.
  */
 void
 quadrotor_2link_constraint_torques(
@@ -762,7 +772,8 @@ quadrotor_2link_constraint_torques_batch_each(
  * @param[out] value 1: [W/s]
  * @note 257 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 2 and 3.
+ * @par Source
+ * eqs. 2 and 3.
  */
 void
 quadrotor_2link_gibbs(
@@ -804,7 +815,8 @@ quadrotor_2link_gibbs_batch_each(
  * @param[out] energy 1: [J]
  * @note 115 operations, 5 sine-cosine pairs; about 912 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 2 with rates for accelerations.
+ * @par Source
+ * eq. 2 with rates for accelerations.
  */
 void
 quadrotor_2link_kinetic_energy(
@@ -841,7 +853,8 @@ quadrotor_2link_kinetic_energy_batch_each(
  * @param[out] energy 1: [J]
  * @note 18 operations, 5 sine-cosine pairs; about 608 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: gravity times the first moment of mass.
+ * @par Source
+ * gravity times the first moment of mass.
  */
 void
 quadrotor_2link_potential_energy(
@@ -878,7 +891,8 @@ quadrotor_2link_potential_energy_batch_each(
  *     x [N], y [N], z [N]
  * @note 44 operations, 5 sine-cosine pairs; about 672 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 5 and 6 at rest.
+ * @par Source
+ * eqs. 5 and 6 at rest.
  */
 void
 quadrotor_2link_gravity_forces(
@@ -917,7 +931,8 @@ quadrotor_2link_gravity_forces_batch_each(
  *     x [N], y [N], z [N]
  * @note 186 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 7.
+ * @par Source
+ * eq. 7.
  */
 void
 quadrotor_2link_wrench_forces(
@@ -962,7 +977,8 @@ quadrotor_2link_wrench_forces_batch_each(
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @note 392 operations, 5 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 19, solved for the free coordinates.
+ * @par Source
+ * eq. 19, solved for the free coordinates.
  */
 void
 quadrotor_2link_forward_dynamics_with_wrenches(
@@ -1016,7 +1032,8 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch_each(
  *     base_arm2, base_arm3, base_arm4, link1, link2
  * @note 255 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eqs. 6 and 14, all six components.
+ * @par Source
+ * eqs. 6 and 14, all six components.
  */
 void
 quadrotor_2link_joint_wrenches(
@@ -1059,7 +1076,8 @@ quadrotor_2link_joint_wrenches_batch_each(
  * @param[out] position 9 x 3: O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
  * @note 62 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_positions(
@@ -1096,7 +1114,8 @@ quadrotor_2link_positions_batch_each(
  * @param[out] pose 4 x 4: axes [1] and position [m]
  * @note 58 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_tip_pose(
@@ -1132,7 +1151,8 @@ quadrotor_2link_tip_pose_batch_each(
  * @param[out] jacobian 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
  * @note 83 operations, 5 sine-cosine pairs; about 736 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_tip_jacobian(
@@ -1171,7 +1191,8 @@ quadrotor_2link_tip_jacobian_batch_each(
  * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
  * @note 119 operations, 5 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_tip_bias_acceleration(
@@ -1208,7 +1229,8 @@ quadrotor_2link_tip_bias_acceleration_batch_each(
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
  * @note 67 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_frame_poses(
@@ -1245,7 +1267,8 @@ quadrotor_2link_frame_poses_batch_each(
  *     a block for each of base, tip
  * @note 99 operations, 5 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_frame_jacobians(
@@ -1282,7 +1305,8 @@ quadrotor_2link_frame_jacobians_batch_each(
  *     base, tip
  * @note 123 operations, 5 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_frame_velocities(
@@ -1325,7 +1349,8 @@ quadrotor_2link_frame_velocities_batch_each(
  *     for each of base, tip
  * @note 177 operations, 5 sine-cosine pairs; about 1056 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: forward kinematics.
+ * @par Source
+ * forward kinematics.
  */
 void
 quadrotor_2link_frame_bias_accelerations(
@@ -1362,7 +1387,8 @@ quadrotor_2link_frame_bias_accelerations_batch_each(
  * @param[out] position 3: [m]
  * @note 26 operations, 5 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: the first moment of mass.
+ * @par Source
+ * the first moment of mass.
  */
 void
 quadrotor_2link_centre_of_mass(
@@ -1398,7 +1424,8 @@ quadrotor_2link_centre_of_mass_batch_each(
  * @param[out] jacobian 3 x 8: [m/rad or 1]
  * @note 69 operations, 5 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: the first moment of mass.
+ * @par Source
+ * the first moment of mass.
  */
 void
 quadrotor_2link_centre_of_mass_jacobian(
@@ -1436,7 +1463,8 @@ quadrotor_2link_centre_of_mass_jacobian_batch_each(
  * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
  * @note 156 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: eq. 6 with rates for accelerations.
+ * @par Source
+ * eq. 6 with rates for accelerations.
  */
 void
 quadrotor_2link_centroidal_momentum(
@@ -1478,7 +1506,8 @@ quadrotor_2link_centroidal_momentum_batch_each(
  *     [rad/s], x [m/s], y [m/s], z [m/s]
  * @note 0 operations, 0 sine-cosine pairs; about 256 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: kinematics of the base.
+ * @par Source
+ * kinematics of the base.
  */
 void
 quadrotor_2link_coordinate_rates(
@@ -1520,7 +1549,8 @@ quadrotor_2link_coordinate_rates_batch_each(
  *     [rad], x [m], y [m], z [m]
  * @note 8 operations, 0 sine-cosine pairs; about 384 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: sums, or the exponential map of SE(3) for a quaternion with its position.
+ * @par Source
+ * sums, or the exponential map of SE(3) for a quaternion with its position.
  */
 void
 quadrotor_2link_integrate(
@@ -1562,7 +1592,8 @@ quadrotor_2link_integrate_batch_each(
  *     [rad], x [m], y [m], z [m]
  * @note 8 operations, 0 sine-cosine pairs; about 384 bytes of stack for one state of doubles,
  *     optimised.
- * @par Source: differences, or the logarithm of SE(3) for a quaternion with its position.
+ * @par Source
+ * differences, or the logarithm of SE(3) for a quaternion with its position.
  */
 void
 quadrotor_2link_difference(

@@ -67,7 +67,7 @@ class SteadyMotion:
         return missing
 
     def size(self, q: Array) -> float:
-        """The largest component of the wrenches on the base, needed and acting, N or N m, or else 1."""
+        """The largest component of the wrenches on the base, needed and acting, N or N m; or 1."""
         parts = self.force(q), self.vehicle.wrench_forces(q, self.wrenches)
         return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
 

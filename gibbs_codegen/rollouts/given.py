@@ -183,7 +183,7 @@ class Given:
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
     def normalised(self, name: str, q: Any) -> Any:
-        """Coordinates (…, nq) with unit quaternions; `UsageError` if one has no finite direction."""
+        """Coordinates (…, nq) with unit quaternions; `UsageError` if one has no direction."""
         if not self.layout.is_quaternion:
             return q
         still = self.xp.zeros((*q.shape[:-1], self.layout.v.size))
