@@ -28,7 +28,7 @@ from pathlib import Path
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
-from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.program.model import Derivatives, Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot

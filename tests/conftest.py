@@ -34,10 +34,10 @@ ROOT = Path(__file__).parent.parent
 # Tests that take long: how many of their cases the default run has, so that it stays within
 # minutes, and how many more of them CI runs. The rest is for `pytest -m exhaustive`.
 CASES = {
-    "analysis/test_linear_model.py": {
+    "flight/analysis/test_linear_model.py": {
         "test_deviations_grow_as_the_model_says": (1, 1),
     },
-    "analysis/test_reach.py": {
+    "flight/analysis/test_reach.py": {
         "test_thrusts_within_the_limits_stay_inside": (1, 1),
         "test_vertices_are_attained_by_thrusts_at_their_limits": (1, 0),
     },
@@ -127,7 +127,7 @@ CASES = {
     "figures/test_coupling.py": {
         "test_texts_are_large_enough_inside_and_apart": (3, 1),
     },
-    "figures/test_flight_figures.py": {
+    "flight/figures/test_flight_figures.py": {
         "test_axes_have_labels_with_units": (3, 0),
     },
     "figures/test_machine_and_chains.py": {
@@ -136,7 +136,7 @@ CASES = {
         "test_machine_stands_where_its_frames_are": (1, 0),
         "test_other_machines_can_be_drawn": (3, 2),
     },
-    "figures/test_results.py": {
+    "flight/figures/test_results.py": {
         "test_everything_is_written_and_named": (0, 0),
     },
     "files/test_module_writer.py": {
@@ -246,10 +246,10 @@ CASES = {
     "robustness/test_soak.py": {
         "test_robots_that_agree_are_counted": (0, 1),
     },
-    "rollouts/test_in_c.py": {
+    "flight/rollouts/test_in_c.py": {
         "test_no_warning_and_no_byte_out_of_place": (2, 2),
     },
-    "rollouts/test_traced.py": {
+    "flight/rollouts/test_traced.py": {
         "test_a_controller_is_traced": (0, 1),
         "test_everything_is_as_in_numpy": (1, 1),
         "test_it_is_differentiated_and_transformed": (0, 1),
@@ -286,11 +286,11 @@ CASES = {
     "runtime/test_not_finite.py": {
         "test_an_acceleration_that_nothing_resists_is_said": (1, 0),
     },
-    "simulator/plant/test_actuators.py": {
+    "flight/plant/test_actuators.py": {
         "test_motors_that_are_off_have_no_least_thrust": (0, 0),
         "test_the_robot_file_tells_what_the_scenario_does_not": (0, 1),
     },
-    "simulator/test_any_robot.py": {
+    "flight/test_any_robot.py": {
         "test_a_flight_of_any_robot_is_drawn_and_written": (0, 0),
         "test_a_quaternion_flies_as_angles_do": (0, 0),
         "test_an_offset_hover_is_reached": (0, 0),
@@ -299,17 +299,17 @@ CASES = {
         "test_hydrus_hovers_in_open_loop": (0, 0),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
-    "simulator/integration/test_block_loop.py": {
+    "flight/integration/test_block_loop.py": {
         "test_each_flight_is_that_of_the_loop_of_one_state": (2, 2),
         "test_plant_and_model_may_differ_from_flight_to_flight": (0, 1),
         "test_the_source_compiles_silently": (1, 1),
         "test_threads_make_no_difference": (1, 1),
     },
-    "simulator/integration/test_compiled_loop.py": {
+    "flight/integration/test_compiled_loop.py": {
         "test_every_step_is_that_of_python": (2, 1),
         "test_sanitizers_find_nothing_in_random_flights": (0, 1),
     },
-    "simulator/integration/test_integrate.py": {
+    "flight/integration/test_integrate.py": {
         "test_a_flight_at_limits_gets_to_its_end": (1, 0),
         "test_a_lost_flight_ends_with_its_reason": (1, 1),
         "test_a_stiff_flight_ends_with_the_reason": (0, 0),
@@ -323,27 +323,27 @@ CASES = {
         "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 0),
         "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 0),
     },
-    "simulator/control/test_inverse_dynamics.py": {
+    "flight/control/test_inverse_dynamics.py": {
         "test_constraint_torques_along_the_paper_flight_agree_with_pinocchio": (0, 1),
         "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": (1, 0),
     },
-    "simulator/desired/test_inverse_kinematics.py": {
+    "flight/desired/test_inverse_kinematics.py": {
         "test_a_full_turn_through_the_singularity_is_refused": (0, 1),
         "test_arms_point_where_they_should_on_and_on": (1, 1),
         "test_arms_with_prismatic_joints": (2, 1),
         "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
     },
-    "simulator/plant/test_push.py": {
+    "flight/plant/test_push.py": {
         "test_momentum_changes_as_gravity_and_the_push_say": (0, 0),
     },
-    "simulator/test_simulation.py": {
+    "flight/test_simulation.py": {
         "test_more_rotors_fly_it_with_the_least_thrusts": (0, 0),
         "test_the_paper_flight_is_tracked": (1, 0),
     },
-    "simulator/desired/test_trajectory.py": {
+    "flight/desired/test_trajectory.py": {
         "test_slowed_down_it_is_flown": (0, 0),
     },
-    "sweeps/test_deaths.py": {
+    "flight/sweeps/test_deaths.py": {
         "test_a_pool_that_breaks_does_not_end_the_sweep": (0, 0),
         "test_a_sweep_killed_at_any_moment_goes_on": (0, 1),
         "test_a_worker_that_dies_twice_loses_nothing": (0, 1),
@@ -352,7 +352,7 @@ CASES = {
         "test_executorlib_flies_the_same": (0, 1),
         "test_workers_end_when_the_program_is_killed": (0, 1),
     },
-    "sweeps/test_sweep.py": {
+    "flight/sweeps/test_sweep.py": {
         "test_robots_cross_and_what_is_no_module_is_generated_once": (0, 1),
     },
     "targets/test_c_source.py": {
@@ -424,7 +424,7 @@ CASES = {
         "test_planted_faults_are_found": (1, 0),
         "test_random_trees_pass": (0, 1),
     },
-    "simulator/control/test_geometric.py": {
+    "flight/control/test_geometric.py": {
         "test_it_recovers_from_any_attitude": (3, 17),
     },
     "verification/test_verify.py": {

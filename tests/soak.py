@@ -41,7 +41,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import find_targets, render_module
 from gibbs_codegen.verification.comparison import failure_text
-from gibbs_codegen.verification.free_base import formulated
+from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import compare_module

@@ -60,13 +60,13 @@ DATA = """
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
-    simulator/native/allocation.h simulator/native/bounded.h simulator/native/environment.h
-    simulator/native/geometric.h simulator/native/integral.h simulator/native/kinematics.h
-    simulator/native/lag.h simulator/native/laws.h
-    simulator/native/loop.h simulator/native/number.h simulator/native/plant.h
-    simulator/native/ranges.h
-    simulator/native/reference.h
-    simulator/native/rk4.c simulator/native/vectors.h
+    flight/native/allocation.h flight/native/bounded.h flight/native/environment.h
+    flight/native/geometric.h flight/native/integral.h flight/native/kinematics.h
+    flight/native/lag.h flight/native/laws.h
+    flight/native/loop.h flight/native/number.h flight/native/plant.h
+    flight/native/ranges.h
+    flight/native/reference.h
+    flight/native/rk4.c flight/native/vectors.h
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml

@@ -24,12 +24,11 @@ import gibbs_codegen
 from gibbs_codegen import generate
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import Table
+from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.tables import RobotTable
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.file import parse_scenario
-from gibbs_codegen.scenario.tables import ScenarioTable
 
 # Pages that need a package more, each with a test file that runs it and asserts what comes out.
 RUN_ELSEWHERE = {

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.flight.scenario.file import ScenarioTable
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LISTS, Row
 from gibbs_codegen.robot.tables import RobotTable
-from gibbs_codegen.scenario.tables import ScenarioTable
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

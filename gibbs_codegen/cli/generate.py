@@ -57,7 +57,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 def _generate(options: argparse.Namespace) -> int:
     robot, text = robot_argument.chosen_robot(options)
     from gibbs_codegen import pipeline
-    from gibbs_codegen.program.operations import count_operations
+    from gibbs_codegen.program.nodes import count_operations
     from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
     what = robot, text, options.out, options.target or DEFAULT_TARGETS, options.all_parameters

@@ -65,8 +65,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 def _import(options: argparse.Namespace) -> int:
     from pathlib import Path
 
-    from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-    from gibbs_codegen.exchange.report import opening_comment
+    from gibbs_codegen.exchange.importing import ImportOptions, import_robot, opening_comment
     from gibbs_codegen.files.module_writer import write_new_file
     from gibbs_codegen.robot.model import ATTITUDES
     from gibbs_codegen.robot.text import robot_text
@@ -144,7 +143,7 @@ def _print_report(told: Sequence[Told]) -> None:
     from rich.text import Text
 
     from gibbs_codegen.cli.terminal import plain_table, width
-    from gibbs_codegen.exchange.report import in_order
+    from gibbs_codegen.exchange.importing import in_order
 
     table = plain_table("", "done", "what", "how", show_header=False)
     for kind, found in itertools.groupby(in_order(told), key=lambda line: line.kind):

@@ -23,8 +23,8 @@ def _schema(options: argparse.Namespace) -> int:
     # Late, so that help is fast.
     import json
 
+    from gibbs_codegen.flight.scenario.file import ScenarioTable
     from gibbs_codegen.robot.tables import RobotTable
-    from gibbs_codegen.scenario.tables import ScenarioTable
 
     table = RobotTable if options.file == "robot" else ScenarioTable
     print(json.dumps(table.json_schema(), indent=2))

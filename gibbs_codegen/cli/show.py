@@ -42,7 +42,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 def _show(options: argparse.Namespace) -> int:
     robot, _ = robot_argument.chosen_robot(options)
-    from gibbs_codegen.equations.layout import LEAST_WIDTH, MOST_WIDTH, as_latex, as_text
+    from gibbs_codegen.equations.pages import LEAST_WIDTH, MOST_WIDTH, as_latex, as_text
     from gibbs_codegen.equations.show import SHORT, chain_equation
 
     with terminal.progress() as progress:

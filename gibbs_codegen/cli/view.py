@@ -13,7 +13,7 @@ from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import UsageError, printable
 
 if TYPE_CHECKING:
-    from gibbs_codegen.viewer.view import Viewed
+    from gibbs_codegen.flight.viewer.view import Viewed
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -57,8 +57,8 @@ def _view(options: argparse.Namespace) -> int:
     require("viser", "the viewer", "viewer")
     if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--html: {printable(options.html)}: give a name that ends in .html")
-    from gibbs_codegen.viewer.page import beside
-    from gibbs_codegen.viewer.view import view, view_html
+    from gibbs_codegen.flight.viewer.page import beside
+    from gibbs_codegen.flight.viewer.view import view, view_html
 
     if options.html is not None:
         # Before long work: told if nothing can be written there.
@@ -78,8 +78,8 @@ def _view(options: argparse.Namespace) -> int:
 @contextmanager
 def _viewed(word: str) -> Iterator[Viewed]:
     """The flight or the module that a word names; a module that is generated goes in the end."""
+    from gibbs_codegen.flight.viewer.view import flight_file
     from gibbs_codegen.runtime.load import load
-    from gibbs_codegen.viewer.view import flight_file
 
     if flight := flight_file(word):
         yield flight

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.motion import Acceleration
-from gibbs_codegen.symbolic.quick import times
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, times
 
 # Products in a line.
 _PRODUCTS = 3

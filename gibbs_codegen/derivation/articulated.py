@@ -20,8 +20,7 @@ from gibbs_codegen.derivation.inertia_forces import link_wrench
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
-from gibbs_codegen.symbolic.quick import times
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,

@@ -9,6 +9,32 @@ that a unit of each other joint's effort, or of a wrench on the root, makes at t
 
 So columns for wrenches on the root, for its angular velocity, for efforts, and for the changes of
 coordinates and rates are carried outwards, a joint at a time, all of one kind one after the other.
+
+What a subtree feels when all of it is turned at an additional rate: its Coriolis force.
+
+Every point that moves with ẋ is accelerated by 2ε×ẋ more when all turns at the rate ε besides. With
+P = ∫ẋdm and D = ∫ρẋᵀdm about a joint, that takes the force ε×2P and the moment 2(tr D·1 − Dᵀ)ε:
+two 3×3 matrices, which move like a wrench with three columns. Velocities are against that of the
+root's origin, the same for all links, so nothing changes when the sum passes a joint; a free joint
+takes its direction out, as it does with the articulated inertia.
+
+Velocity couplings of all subtrees: velocities outwards, and couplings inwards.
+
+All velocities are against that of the root's origin, and doubled, as the couplings take them.
+
+What a change of a joint's coordinate or rate does, seen by all that turns with the joint.
+
+Let a joint's coordinate change, and look on from what it carries. Nothing there has moved; but all
+of it turns at an additional rate ε, and what would be at rest against the parent has an additional
+acceleration ψ = (r̈, ω̇). In e, the joint's axis, which moves with ω, A and r̈ of the parent:
+
+    revolute:   ε = ė = ω×e, ψ = (r̈×e + 2V×ė, ë) for the angle;  ε = e, ψ = (2V×e, 2ė) for its rate
+    prismatic:  ε = 0, ψ = (ë, 0) for the travel;                 ε = 0, ψ = (2ė, 0) for its rate
+
+with ë = Ae, and V the velocity of the joint against that of the root's origin, which the velocity
+couplings count from. The parent feels a wrench: of ψ by the articulated inertia, of ε by the
+coupling, of a spring or a damper by the joint's equation; and the wrench on what is carried is
+turned or moved with it.
 """
 
 from __future__ import annotations
@@ -20,22 +46,332 @@ from typing import Literal, get_args
 import sympy as sp
 
 from gibbs_codegen.derivation.acceleration_column import AccelerationColumn, sum_of_products
-from gibbs_codegen.derivation.articulated import Articulation, SolvedJoint
-from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
-from gibbs_codegen.derivation.convected_perturbations import JointPerturbations, Perturbation
-from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.articulated import (
+    ArticulatedBody,
+    Articulation,
+    JointAcceleration,
+    SolvedJoint,
+    root_turn,
+)
+from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia, Block, rotated_block
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.operational_inertia import passed_out, response, with_joint
-from gibbs_codegen.derivation.velocity_coupling import VelocityCoupling
-from gibbs_codegen.symbolic.quick import times
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.derivation.parameters import PassiveSymbols
+from gibbs_codegen.symbolic.tape import Scalars, times
 from gibbs_codegen.symbolic.vectors import (
     ZERO,
     Rotation,
     Transform,
     Vector,
+    Z,
+    add,
     axis_vector,
+    cross,
     dot,
+    moved,
+    scale,
 )
+
+
+@dataclass(frozen=True)
+class VelocityCoupling:
+    """The matrices by rows: force and moment for a rate ε."""
+
+    force: Block
+    moment: Block
+
+    @classmethod
+    def rigid(
+        cls, tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector
+    ) -> VelocityCoupling:
+        """Of a rigid body about a point; `omega` and `velocity` are twice its ω and the point's."""
+        first = inertia.moment
+        x, y, z = add(tape, cross(tape, omega, first), scale(tape, inertia.mass, velocity))
+        spins = [cross(tape, omega, _row(inertia, i)) for i in range(3)]
+        d = [add(tape, spins[i], scale(tape, first[i], velocity)) for i in range(3)]
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if i != j:
+                return -d[j][i]
+            return tape.let(d[i - 2][i - 2] + d[i - 1][i - 1])
+
+        zero = sp.S.Zero
+        return cls(
+            ((zero, z, -y), (-z, zero, x), (y, -x, zero)),
+            _block([[entry(i, j) for j in range(3)] for i in range(3)]),
+        )
+
+    @property
+    def rows(self) -> list[Vector]:
+        """All six rows."""
+        return [*self.force, *self.moment]
+
+    def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
+        """Of both subtrees about one point, in one frame."""
+        return _of_rows([add(tape, a, b) for a, b in zip(self.rows, other.rows, strict=True)])
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> VelocityCoupling:
+        """The same in another frame, to which `rotation` takes components."""
+        if rotation.is_identity:
+            return self
+        return VelocityCoupling(
+            rotated_block(tape, rotation, self.force), rotated_block(tape, rotation, self.moment)
+        )
+
+    def shifted(self, tape: Scalars, arm: Vector) -> VelocityCoupling:
+        """The same about another point; `arm` is the old point from the new one (m)."""
+        if arm == ZERO:
+            return self
+        force, moment = self.force, self.moment
+        rows = [
+            [
+                tape.let(
+                    moment[i][j]
+                    + times(arm[i - 2], force[i - 1][j])
+                    - times(arm[i - 1], force[i - 2][j])
+                )
+                for j in range(3)
+            ]
+            for i in range(3)
+        ]
+        return VelocityCoupling(force, _block(rows))
+
+    def without(
+        self, tape: Scalars, direction: int, ratios: Sequence[sp.Expr], left: Vector
+    ) -> VelocityCoupling:
+        """What the parent feels while a joint, of direction 0 … 5, is free.
+
+        `ratios` are those of its solved equation, row by row. `left` is what is left of the joint's
+        own row, zero without armature: written as a difference it would cancel.
+        """
+        own = self.rows[direction]
+        return _of_rows(
+            [
+                left if i == direction else add(tape, row, scale(tape, -ratio, own))
+                for i, (row, ratio) in enumerate(zip(self.rows, ratios, strict=True))
+            ]
+        )
+
+
+NO_COUPLING = VelocityCoupling((ZERO,) * 3, (ZERO,) * 3)
+
+
+def _row(inertia: Inertia, i: int) -> Vector:
+    return (inertia.entry(i, 0), inertia.entry(i, 1), inertia.entry(i, 2))
+
+
+def _of_rows(rows: Sequence[Vector]) -> VelocityCoupling:
+    return VelocityCoupling((rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5]))
+
+
+def _block(rows: Sequence[Sequence[sp.Expr]]) -> Block:
+    x, y, z = ((a, b, c) for a, b, c in rows)
+    return (x, y, z)
+
+
+_TWO = sp.Integer(2)
+
+
+def doubled_velocities(
+    tape: Scalars,
+    articulation: Articulation,
+    motions: Sequence[Motion],
+    rates: Sequence[sp.Expr],
+) -> list[Acceleration]:
+    """2V and 2ω of every segment's joint against the root's origin, in its working frame.
+
+    Those of the root are where its system is solved. `motions` are in the working frames too.
+    """
+    tree = articulation.tree
+    turn = root_turn(tree).inverse
+    found = [Acceleration(ZERO, scale(tape, _TWO, turn.vector(tape, motions[0].omega)))]
+    for k, segment in enumerate(tree.segments[1:], start=1):
+        with tape.group(f"velocity of {segment.joint_name}"):
+            there = found[segment.parent].passed_out(tape, articulation.transforms[k - 1])
+            linear = there.linear
+            if segment.joint == "prismatic":
+                linear = add(tape, linear, axis_vector(Z, tape.let(2 * rates[k - 1])))
+            found.append(Acceleration(linear, scale(tape, _TWO, motions[k].omega)))
+    return found
+
+
+def couplings_inward(
+    tape: Scalars, articulation: Articulation, doubled: Sequence[Acceleration]
+) -> tuple[VelocityCoupling, list[tuple[VelocityCoupling, Vector]]]:
+    """Velocity couplings of all subtrees, from the leaves inwards.
+
+    The first is that of the whole tree where the root's system is solved; then comes for each joint
+    after the root, in the segment's working frame, what the parent feels, with the ratios of the
+    joint's acceleration to −ε. `doubled` is as of `doubled_velocities`.
+    """
+    tree = articulation.tree
+    received = [NO_COUPLING for _ in tree.segments]
+    felt: list[tuple[VelocityCoupling, Vector]] = []
+    for k in range(tree.joints, -1, -1):
+        with tape.group(f"velocity coupling of {tree.subtree_about_joint(k)}"):
+            inertia = tree.working_inertia(tape, k)
+            if k == 0:
+                inertia = inertia.rotated(tape, root_turn(tree).inverse)
+            twice = doubled[k]
+            own = VelocityCoupling.rigid(tape, inertia, twice.angular, twice.linear)
+            whole = own.plus(tape, received[k])
+            if k == 0:
+                break
+            joint, parent = articulation.joints[k - 1], tree.segments[k].parent
+            ratios = scale(tape, joint.lightness, whole.rows[joint.direction])
+            left = scale(tape, joint.armature, ratios)
+            freed = whole.without(tape, joint.direction, joint.ratios, left)
+            felt.insert(0, (freed, ratios))
+            passed = moved(tape, freed, articulation.transforms[k - 1])
+            received[parent] = received[parent].plus(tape, passed)
+    return whole, felt
+
+
+_E = axis_vector(Z)
+_NO_WRENCH = [sp.S.Zero] * 6
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """A change at a joint, per unit, in the working frame of the joint's segment.
+
+    `acceleration` is ψ and `turning` is ε; `effort` is what a spring or a damper adds to the joint,
+    and `wrench` what the parent feels of it all, about the joint.
+    """
+
+    acceleration: Acceleration
+    turning: Vector
+    effort: sp.Expr
+    wrench: list[sp.Expr]
+
+
+@dataclass(frozen=True)
+class JointPerturbations:
+    """The changes of a joint's coordinate and of its rate; and ratios of its equation to ε."""
+
+    coordinate: Perturbation
+    rate: Perturbation
+    turning_ratios: Vector
+
+
+def convected_perturbations(
+    tape: Scalars,
+    articulation: Articulation,
+    motions: Sequence[Motion],
+    rates: Sequence[sp.Expr],
+    accelerations: Sequence[JointAcceleration],
+    passive: Sequence[PassiveSymbols],
+) -> tuple[VelocityCoupling, list[JointPerturbations]]:
+    """Velocity coupling of the whole tree, and the changes of the joints after the root.
+
+    The coupling is where the root's system is solved. `motions` are what the rates alone make of
+    the segments, in their working frames; `accelerations` are as of `accelerations_outward`.
+    """
+    doubled = doubled_velocities(tape, articulation, motions, rates)
+    whole, couplings = couplings_inward(tape, articulation, doubled)
+    found = []
+    for k, segment in enumerate(articulation.tree.segments[1:], start=1):
+        coupling, ratios = couplings[k - 1]
+        joint, felt = articulation.joints[k - 1], articulation.felt[k - 1]
+        carried, own = accelerations[k - 1].carried, passive[k - 1]
+        is_revolute = segment.joint == "revolute"
+        with tape.group(f"changes of {segment.joint_name} and of its rate"):
+            if is_revolute:
+                angle = _angle_change(tape, motions[k], doubled[k].linear, carried)
+                rate = Acceleration(cross(tape, doubled[k].linear, _E), _axis_rate(doubled[k])), _E
+            else:
+                angle = Acceleration(_axis_acceleration(tape, motions[k], carried), ZERO), ZERO
+                rate = Acceleration(_axis_rate(doubled[k]), ZERO), ZERO
+            moving = _moving_along(tape, is_revolute, felt, carried)
+            parts = (joint, felt, coupling)
+            found.append(
+                JointPerturbations(
+                    _perturbation(tape, *parts, *angle, -own.stiffness, moving),
+                    _perturbation(tape, *parts, *rate, -own.damping, _NO_WRENCH),
+                    ratios,
+                )
+            )
+    return whole, found
+
+
+def _axis_rate(twice: Acceleration) -> Vector:
+    """ω×e, or twice that."""
+    x, y, _ = twice.angular
+    return (y, -x, sp.S.Zero)
+
+
+def _axis_acceleration(tape: Scalars, motion: Motion, carried: Acceleration) -> Vector:
+    """ë = Ae, with what the accelerations add to A."""
+    return add(tape, motion.gradient[Z], cross(tape, carried.angular, _E))
+
+
+def _angle_change(
+    tape: Scalars, motion: Motion, doubled: Vector, carried: Acceleration
+) -> tuple[Acceleration, Vector]:
+    """ψ and ε for the angle of a revolute joint.
+
+    `motion` is what the rates alone make of the segment, `doubled` twice the velocity of the joint,
+    and `carried` what the accelerations add, the joint's own left out; all in one frame.
+    """
+    x, y, _ = motion.omega
+    turning = (y, -x, sp.S.Zero)
+    acceleration = add(tape, motion.acceleration, carried.linear)
+    linear = add(tape, cross(tape, acceleration, _E), cross(tape, doubled, turning))
+    return Acceleration(linear, _axis_acceleration(tape, motion, carried)), turning
+
+
+def _moving_along(
+    tape: Scalars, is_revolute: bool, felt: ArticulatedBody, carried: Acceleration
+) -> list[sp.Expr]:
+    """What moves with the joint (6) of the wrench on all that it carries.
+
+    A revolute joint turns the wrench; otherwise its point moves. `carried` is the joint's
+    acceleration without its own.
+    """
+    rows, load, given = felt.inertia.rows, felt.load.entries, carried.entries
+    wrench = [
+        tape.let(sp.Add(*(tape.let(times(e, a)) for e, a in zip(row, given, strict=True))) - p)
+        for row, p in zip(rows, load, strict=True)
+    ]
+    (f_x, f_y, _, n_x, n_y, _), zero = wrench, sp.S.Zero
+    if is_revolute:
+        return [-f_y, f_x, zero, -n_y, n_x, zero]
+    return [zero, zero, zero, -f_y, f_x, zero]
+
+
+def _perturbation(
+    tape: Scalars,
+    joint: SolvedJoint,
+    felt: ArticulatedBody,
+    coupling: VelocityCoupling,
+    acceleration: Acceleration,
+    turning: Vector,
+    effort: sp.Expr,
+    moving: Sequence[sp.Expr],
+) -> Perturbation:
+    """A change with the wrench that the parent feels of it; `acceleration` is ψ, `turning` is ε.
+
+    `effort` is what a spring or a damper adds to the joint, `moving` what moves with it of the
+    wrench.
+    """
+    six = zip(felt.inertia.rows, coupling.rows, joint.ratios, moving, strict=True)
+    wrench = [
+        tape.let(
+            sp.Add(
+                *(
+                    tape.let(times(e, a))
+                    for e, a in zip(inertia, acceleration.entries, strict=True)
+                ),
+                *(tape.let(times(b, e)) for b, e in zip(row, turning, strict=True)),
+                tape.let(times(ratio, effort)),
+                part,
+            )
+        )
+        for inertia, row, ratio, part in six
+    ]
+    return Perturbation(acceleration, turning, effort, wrench)
+
 
 Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
 # What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;

@@ -4,6 +4,11 @@ A thrust F at o_{j,i} along a direction ε gives Ψ·F with Ψ = Jᵀ·R·ε. Th
 applied by moving the thrust, as a wrench, to the root and to the joints it passes. The wrench of a
 rotor about the joint of the link that it is on is constant in the link's own frame, that of a rotor
 on the base in the base's.
+
+What acts on joints by itself: damping, springs, and the inertia of what turns with them alone.
+
+Armature adds to the diagonal of the mass matrix, the rest to the residual: τ − damping·v −
+stiffness·(q − rest) drives a joint.
 """
 
 from __future__ import annotations
@@ -14,11 +19,11 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
+from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.model import Vector3
 from gibbs_codegen.robot.names import rotor_identifier
-from gibbs_codegen.symbolic.exact_angles import structural_number
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
@@ -29,6 +34,7 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     scale,
+    structural_number,
     zeros,
 )
 
@@ -167,3 +173,65 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
     for i, row in enumerate(places.joint_places):
         matrix[row][rotors + i] = sp.S.One
     return matrix
+
+
+def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
+    """Symbols of what acts by itself on each joint that moves."""
+    return [symbolic.parameters.link(i).passive for i in symbolic.robot.moving]
+
+
+def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Inertia of what turns or slides with each joint alone, of those that move (kg m² or kg)."""
+    return [joint.armature for joint in passive_symbols(symbolic)]
+
+
+def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Forces (N m or N) of the joints' dampers and springs: −damping·v − stiffness·(q − rest)."""
+    tape = symbolic.tape
+    q = symbolic.coordinates.values()
+    _, v = symbolic.places.split(symbolic.v)
+    forces = []
+    with tape.group("forces of dampers and springs"):
+        for joint, angle, rate in zip(passive_symbols(symbolic), q, v, strict=True):
+            spring = tape.let(joint.stiffness * _stretch(tape, joint, angle))
+            forces.append(tape.let(-tape.let(joint.damping * rate) - spring))
+    return forces
+
+
+def passive_gibbs_function(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Terms (W/s) of armature, dampers and springs in S: ½ armature·a² − force·a."""
+    tape = symbolic.tape
+    _, a = symbolic.places.split(symbolic.a)
+    pairs = zip(a, passive_forces(symbolic), strict=True)
+    return [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
+
+
+def armature_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Terms (J) of the kinetic energy of what turns with the joints alone."""
+    return _squares(symbolic, symbolic.places.split(symbolic.v)[1])
+
+
+def spring_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Terms (J) of the potential energy of the springs, ½ stiffness·(q − rest)²."""
+    tape = symbolic.tape
+    q = symbolic.coordinates.values()
+    terms = []
+    for joint, angle in zip(passive_symbols(symbolic), q, strict=True):
+        stretch = _stretch(tape, joint, angle)
+        terms.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
+    return terms
+
+
+def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
+    """How far a spring is from rest; zero where there is none."""
+    return tape.let(angle - joint.rest) if joint.stiffness != 0 else sp.S.Zero
+
+
+def _squares(symbolic: SymbolicRobot, rates: list[sp.Expr]) -> list[sp.Expr]:
+    """½ armature times the square of a rate, for each joint."""
+    tape = symbolic.tape
+    return [
+        tape.let(joint.armature * tape.let(rate * rate) / 2)
+        for joint, rate in zip(passive_symbols(symbolic), rates, strict=True)
+        if joint.armature != 0
+    ]

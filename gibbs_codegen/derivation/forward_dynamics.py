@@ -27,18 +27,17 @@ from gibbs_codegen.derivation.composite_inertia import (
     joint_space_inertia,
     with_armatures,
 )
-from gibbs_codegen.derivation.forces import thrust_wrenches
-from gibbs_codegen.derivation.frame_wrenches import frame_loads
+from gibbs_codegen.derivation.forces import armatures, passive_forces, thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.motion import Acceleration, Motion
-from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import free_motions
+from gibbs_codegen.derivation.wrenches import frame_loads
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations
-from gibbs_codegen.robot.coordinates import coordinate_text
+from gibbs_codegen.robot.layout import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (

@@ -16,9 +16,12 @@ from gibbs_codegen.derivation.articulated import (
     root_in_group_frame,
     root_turn,
 )
-from gibbs_codegen.derivation.articulated_derivatives import ArticulatedDerivatives
+from gibbs_codegen.derivation.articulated_derivatives import (
+    ArticulatedDerivatives,
+    convected_perturbations,
+)
 from gibbs_codegen.derivation.base_columns import BaseColumns
-from gibbs_codegen.derivation.convected_perturbations import convected_perturbations
+from gibbs_codegen.derivation.forces import passive_symbols
 from gibbs_codegen.derivation.forward_dynamics import (
     about_base_centre,
     articulation_of,
@@ -27,7 +30,6 @@ from gibbs_codegen.derivation.forward_dynamics import (
     refused_as_singular,
 )
 from gibbs_codegen.derivation.operational_inertia import inertia_is_shorter
-from gibbs_codegen.derivation.passive import passive_symbols
 from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import Places

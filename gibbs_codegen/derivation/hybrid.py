@@ -5,24 +5,28 @@ in its constrained form (eq. 15), added entry by entry where the coupling map sa
 other is what the emitted code uses: the chains' inertia is summed at the root before it is
 projected, so the free rows are those of the reduced system, and each constrained joint adds its own
 row.
+
+Links that constraint torques hold: their rows of the hybrid system, and the torques (eq. 14).
+
+They come from the tree that has these joints, too, at rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import joint_space_inertia
 from gibbs_codegen.derivation.forces import (
+    armatures,
     input_matrix,
     motor_torque_about_rod,
+    passive_forces,
     rotor_column,
 )
-from gibbs_codegen.derivation.held_links import held_rows, torques_on_held_links
 from gibbs_codegen.derivation.inertia_forces import link_wrench
-from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
@@ -32,10 +36,88 @@ from gibbs_codegen.derivation.tree_dynamics import (
     tree_motions,
 )
 from gibbs_codegen.robot.chains import Chain, coupling_map
-from gibbs_codegen.robot.coordinates import held_coordinate, hybrid_coordinates
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import held_coordinate, hybrid_coordinates, inputs, layout_of
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import Matrix, Wrench, zeros
+
+
+@dataclass(frozen=True)
+class HeldRow:
+    """The row of a joint that holds a link: number `place` of the hybrid system.
+
+    `entries` are those of the mass matrix by their column in the hybrid system, `inputs` those of
+    the rotors' thrusts.
+    """
+
+    place: int
+    entries: dict[int, sp.Expr]
+    residual: sp.Expr
+    inputs: list[sp.Expr]
+
+
+def held_rows(symbolic: SymbolicRobot) -> list[HeldRow]:
+    """The rows of the joints that hold links, in order."""
+    places = _held_places(symbolic)
+    if not places:
+        return []
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
+    state = symbolic.state_of(symbolic.held_bodies)
+    matrix = mass_matrix(tape, root, tree)
+    minus_r = generalised_inertia_forces(tape, root, tree, state.unaccelerated)
+    columns = _thrust_columns(symbolic)
+    everywhere = _places_of_held_tree(symbolic)
+    return [
+        HeldRow(
+            everywhere[i],
+            dict(zip(everywhere, matrix[i], strict=True)),
+            -minus_r[i],
+            [column[i] for column in columns],
+        )
+        for i in places
+    ]
+
+
+def torques_on_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """τ' (N m) of the joints that hold links, in order, given the free accelerations and inputs."""
+    places = _held_places(symbolic)
+    if not places:
+        return []
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
+    state = symbolic.state_of(symbolic.held_bodies)
+    forces = generalised_inertia_forces(tape, root, tree, state)
+    columns = _thrust_columns(symbolic)
+    thrusts = symbolic.u[: len(columns)]
+    torques = []
+    for i in places:
+        with tape.group("constraint torques of links"):
+            pairs = zip(columns, thrusts, strict=True)
+            active = [tape.let(column[i] * thrust) for column, thrust in pairs]
+            torques.append(tape.let(forces[i] - sp.Add(*active)))
+    return torques
+
+
+def _thrust_columns(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+    """What each rotor's unit thrust does in the tree with held joints."""
+    tree, bodies = symbolic.held_tree, symbolic.held_bodies
+    return [rotor_column(symbolic, tree, bodies, k) for k in range(1, symbolic.robot.rotors + 1)]
+
+
+def _held_places(symbolic: SymbolicRobot) -> list[int]:
+    """Places of the held joints among the coordinates of the tree that has them."""
+    robot, numbers = symbolic.robot, symbolic.held_bodies.numbers
+    joints = symbolic.root.places(len(numbers)).joint_places
+    return [place for place, i in zip(joints, numbers, strict=True) if i in robot.constrained]
+
+
+def _places_of_held_tree(symbolic: SymbolicRobot) -> list[int]:
+    """Where the coordinates of the tree with held joints stand among the hybrid unknowns."""
+    robot, layout = symbolic.robot, layout_of(symbolic.robot)
+    names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
+    joints = [names.index(coordinate_of(robot, i)) for i in symbolic.held_bodies.numbers]
+    base, _ = symbolic.places.split(layout.free)
+    return symbolic.root.places(len(joints)).joined(base, joints)
 
 
 @dataclass(frozen=True)
@@ -250,3 +332,59 @@ def _chain_inputs(
     for i, row in rows.items():
         matrix[row][symbolic.robot.rotors + symbolic.robot.moving.index(i)] = sp.S.One
     return matrix
+
+
+Filling = tuple[tuple[tuple[int, ...], ...], ...]
+_Open = list[list[list[int]]]
+
+
+@dataclass(frozen=True)
+class FilledEntries:
+    """For each entry of I_H, R_H and B_H, the chains that add something to it (Figs. 7–9).
+
+    `matrix` and `inputs` are by rows and columns; `residual` has one column.
+    """
+
+    matrix: Filling
+    residual: Filling
+    inputs: Filling
+
+
+def filled_matrix(robot: Robot) -> Filling:
+    """For each entry of I_H, the chains, by number, whose own matrix (eq. 15) is not zero there."""
+    symbolic, size = SymbolicRobot.of(robot, Tape()), len(hybrid_coordinates(robot))
+    matrix = _no_entries(size, size)
+    for number, places in enumerate(coupling_map(robot), start=1):
+        _note(matrix, number, chain_matrix(symbolic, number), places, places)
+    return _frozen(matrix)
+
+
+def filled_entries(robot: Robot) -> FilledEntries:
+    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map."""
+    symbolic = SymbolicRobot.of(robot, Tape())
+    size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
+    matrix, residual, thrust = (_no_entries(size, columns) for columns in (size, 1, width))
+    for number, places in enumerate(coupling_map(robot), start=1):
+        system = chain_system(symbolic, number)
+        _note(matrix, number, system.matrix, places, places)
+        _note(residual, number, [[entry] for entry in system.residual], places, (0,))
+        _note(thrust, number, system.inputs, places, range(width))
+    return FilledEntries(*map(_frozen, (matrix, residual, thrust)))
+
+
+def _no_entries(rows: int, columns: int) -> _Open:
+    return [[[] for _ in range(columns)] for _ in range(rows)]
+
+
+def _note(
+    filling: _Open, number: int, entries: Matrix, rows: Iterable[int], columns: Sequence[int]
+) -> None:
+    """Note chain `number` in `filling` at `rows` and `columns`, where its entries are not zero."""
+    for row, values in zip(rows, entries, strict=True):
+        for column, entry in zip(columns, values, strict=True):
+            if entry != 0:
+                filling[row][column].append(number)
+
+
+def _frozen(filling: _Open) -> Filling:
+    return tuple(tuple(tuple(chains) for chains in row) for row in filling)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.derivation.passive import armatures, passive_forces
+from gibbs_codegen.derivation.forces import armatures, passive_forces
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 

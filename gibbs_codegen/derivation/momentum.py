@@ -8,7 +8,7 @@ from __future__ import annotations
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import composites_inward, whole_inertia
-from gibbs_codegen.derivation.frames import combined, segment_frames
+from gibbs_codegen.derivation.forward_kinematics import combined, segment_frames
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot

@@ -16,8 +16,7 @@ from gibbs_codegen.derivation.articulated import SolvedJoint
 from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.symbolic.quick import times
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, times
 from gibbs_codegen.symbolic.vectors import Rotation, Transform, minus, moved
 
 Rows = Sequence[Sequence[sp.Expr]]

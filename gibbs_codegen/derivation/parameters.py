@@ -14,8 +14,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
-from gibbs_codegen.symbolic.inline_tape import InlineTape
-from gibbs_codegen.symbolic.tape import Scalars, Stage
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
 from gibbs_codegen.symbolic.vectors import ZERO, Vector
 
 

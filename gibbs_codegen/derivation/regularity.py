@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
-from gibbs_codegen.robot.coordinates import coordinate_text
-from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.magnitude import size_fault
+from gibbs_codegen.robot.layout import coordinate_text, layout_of
 from gibbs_codegen.robot.model import Body, Link, Robot, Rod
 from gibbs_codegen.robot.placement import arm_frame, joint_frame, turn_about
+from gibbs_codegen.robot.rigid_body import size_fault
 
 Array = NDArray[np.float64]
 Motion = tuple[str, ...]

@@ -8,23 +8,19 @@ from functools import cached_property
 
 import sympy as sp
 
+from gibbs_codegen.derivation.group_passage import regrouped
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies, jointed_bodies
 from gibbs_codegen.derivation.parameters import Parameters
-from gibbs_codegen.derivation.regrouping import regrouped
 from gibbs_codegen.derivation.root.choice import root_of
 from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
-from gibbs_codegen.derivation.tree_builder import tree_of_links
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import Places, layout_of
-from gibbs_codegen.robot.local_names import local_names
+from gibbs_codegen.robot.layout import Places, layout_of, local_names
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.exact_angles import gather
-from gibbs_codegen.symbolic.inline_tape import InlineTape
-from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Rotation, Vector, axis_vector
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Rotation, Vector, axis_vector, gather
 
 
 @dataclass(frozen=True)

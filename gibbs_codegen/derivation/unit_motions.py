@@ -18,11 +18,10 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from gibbs_codegen.derivation.articulated_inertia import Moments
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.moments import Moments
 from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.symbolic.quick import times
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, times
 from gibbs_codegen.symbolic.vectors import (
     ZERO,
     Rotation,

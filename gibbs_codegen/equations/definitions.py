@@ -13,9 +13,8 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.equations.notation import Kind, Name, name
-from gibbs_codegen.symbolic.quick import signed
-from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.equations.typeset import Kind, Name, name
+from gibbs_codegen.symbolic.tape import Tape, signed
 
 Definition = tuple[sp.Symbol, sp.Expr]
 

@@ -24,7 +24,7 @@ from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.runtime.load import load, require
 
 if TYPE_CHECKING:
-    from gibbs_codegen.examples.flight import TrackedPath
+    from gibbs_codegen.examples.controller import TrackedPath
 
 # Length of a step, s: 50 steps a second.
 STEP = 0.02
@@ -45,9 +45,8 @@ def track(
     is refused, and another `GibbsCodegenError` if the robot is.
     """
     require("casadi", "this example")
-    from gibbs_codegen.examples import prediction
-    from gibbs_codegen.examples.controller import Controller, solver_plugin
-    from gibbs_codegen.examples.flight import control_steps, fly
+    from gibbs_codegen.examples import tracking_problem as prediction
+    from gibbs_codegen.examples.controller import Controller, control_steps, fly, solver_plugin
 
     # What cannot be done is told before what takes long.
     plugin = solver_plugin(plugin)

@@ -9,16 +9,43 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.analysis.given import numbers, real
-from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.examples.circular_path import CircularPath
+from gibbs_codegen.flight.analysis.arguments import numbers, real
+from gibbs_codegen.flight.analysis.trim import trim
+from gibbs_codegen.flight.desired.posture import hanging_posture
+from gibbs_codegen.flight.plant.actuators import Actuators, robot_file_actuators
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.simulator.desired.hanging import hanging_posture
-from gibbs_codegen.simulator.plant.actuators import Actuators, robot_file_actuators
-from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+
+
+@dataclass(frozen=True)
+class CircularPath:
+    """A level circle that begins and ends at rest at `start` (3), m."""
+
+    start: Array
+    radius: float
+    duration: float
+
+    def __call__(self, time: Array) -> Array:
+        """Positions (…, 3), m."""
+        angle, _ = self._turned(time)
+        moved = np.stack([1 - np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+        return np.asarray(self.start + self.radius * moved)
+
+    def velocity(self, time: Array) -> Array:
+        """Velocities (…, 3), m/s."""
+        angle, rate = self._turned(time)
+        along = np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
+        return np.asarray(self.radius * rate[..., None] * along)
+
+    def _turned(self, time: Array) -> tuple[Array, Array]:
+        """The angle, rad, and its rate, rad/s, with the shape of the times."""
+        s = np.clip(np.asarray(time, dtype=np.float64) / self.duration, 0.0, 1.0)
+        angle = 2 * np.pi * s**3 * (10 + s * (6 * s - 15))
+        return angle, 60 * np.pi * (s * (1 - s)) ** 2 / self.duration
+
 
 # What is as bad as the point being off by a share of the reach: angles, rad; rates, of angles
 # and of the reach, 1/s; and inputs, as a share of their largest in hover.

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal, get_args
 
-from gibbs_codegen.exchange.export_names import with_free_names
 from gibbs_codegen.exchange.mjcf_export import mjcf_text
-from gibbs_codegen.exchange.robot_source import ROOT, source_of
+from gibbs_codegen.exchange.robot_source import ROOT, source_of, with_free_names
 from gibbs_codegen.exchange.source import Source, SourceJoint
-from gibbs_codegen.exchange.urdf_text import urdf_text
+from gibbs_codegen.exchange.urdf_export import urdf_text
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label
 

@@ -11,13 +11,13 @@ welded                SourceTree → Robot, and what was done
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.snapping import snapped_source
-from gibbs_codegen.exchange.source import Source, Told
+from gibbs_codegen.exchange.source import Kind, Source, Told, snapped_source
 from gibbs_codegen.exchange.tree import (
     SourceTree,
     check_kinds,
@@ -75,7 +75,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Told]]
 def _read(path: Path, options: ImportOptions) -> Source:
     data, file = read_bytes(path), str(path)
     if path.suffix.lower() == ".xacro":
-        from gibbs_codegen.exchange.xacro import expanded
+        from gibbs_codegen.exchange.xml_file import expanded
 
         data = expanded(path)
     tag = parse_xml(data, file).tag
@@ -106,3 +106,39 @@ def _rotor_lines(source: Source) -> list[Told]:
         hint = f"; these joints turn without end: {endless}" if endless else ""
         lines.append(Told("note", "rotors", f"none were found; --rotors FILE gives them{hint}"))
     return lines
+
+
+# In the order of a report, with what they mean.
+KINDS: dict[Kind, str] = {
+    "base": "the flying base",
+    "welded": "part of what carries it",
+    "locked": "a joint held fast",
+    "snapped": "made exact",
+    "rotor": "taken for a rotor",
+    "left out": "not imported",
+    "note": "worth a look",
+}
+_WIDTH = 99
+
+
+def in_order(told: Sequence[Told]) -> list[Told]:
+    """Lines of a report, by what was done."""
+    order = list(KINDS)
+    return sorted(told, key=lambda line: order.index(line.kind))
+
+
+def opening_comment(source: str, told: Sequence[Told]) -> str:
+    """The comment with which an imported robot file begins, with an empty line after it."""
+    lines = [f"Imported from {printable(source, 80)} by gibbs-codegen import."]
+    for kind in KINDS:
+        found = [line for line in told if line.kind == kind]
+        if kind in ("welded", "locked", "snapped") and found:
+            names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in found))
+            lines.append(f"{kind.capitalize()}: {names}.")
+        elif kind != "rotor" and found:
+            each = [f"{printable(line.subject, 60)} ({printable(line.detail)})" for line in found]
+            lines.append(f"{kind.capitalize()}: {', '.join(each)}.")
+    wrapped = [
+        part for line in lines for part in textwrap.wrap(line, _WIDTH - 2, subsequent_indent="  ")
+    ]
+    return "".join(f"# {line}\n" for line in wrapped) + "\n"

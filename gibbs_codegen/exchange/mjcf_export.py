@@ -1,20 +1,37 @@
 """MJCF of a robot: rotors are sites with motors whose gears are a force and the torque with it.
 
 MuJoCo has no moving body without mass: such links give their joints to the link that follows.
+
+MJCF with no more in it than masses, joints, sites and motors.
+
+MuJoCo's compiler then opens no file but meshes that masses are computed from, and what has no part
+in the equations of motion, such as pictures and sensors, cannot fail for want of a file.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.export_names import Names
+from gibbs_codegen.errors import Fault, UsageError, printable
 from gibbs_codegen.exchange.placement import HERE, Placement
-from gibbs_codegen.exchange.source import Inertial, Source, SourceJoint, SourceRotor
-from gibbs_codegen.exchange.urdf_text import numbers
+from gibbs_codegen.exchange.robot_source import Names
+from gibbs_codegen.exchange.source import (
+    Inertial,
+    Source,
+    SourceFileError,
+    SourceJoint,
+    SourceRotor,
+    Told,
+)
+from gibbs_codegen.exchange.urdf import child, children, described
+from gibbs_codegen.exchange.urdf_export import numbers
+from gibbs_codegen.exchange.xml_file import Element, parse_xml, read_bytes
 from gibbs_codegen.robot.rigid_body import inertia_fault
 
 
@@ -185,3 +202,191 @@ def _quaternion(pose: Placement) -> str:
             cr * cp * sy - sr * sp * cy,
         )
     )
+
+
+_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator")
+_PICTURES = ("texture", "material", "skin", "light", "camera", "hfield", "plugin", "flexcomp")
+_LEFT_OUT = {
+    "equality": "equality constraints, such as closed loops",
+    "tendon": "tendons and their springs",
+    "contact": "contacts",
+    "sensor": "sensors",
+    "keyframe": "keyframes",
+    "deformable": "deformable bodies",
+    "extension": "plugins, and what they do to the motion",
+    "custom": "data for other programs",
+    "visual": "settings of pictures",
+    "statistic": "settings of pictures",
+    "size": "settings of memory",
+}
+# What a compiler may be told; versions differ in what else they know.
+_SETTINGS = {
+    *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
+    *("meshdir", "assetdir", "exactmeshinertia", "alignfree"),
+}
+_CHANGING = {"balanceinertia", "boundmass", "boundinertia", "settotalmass"}
+_MOST_INCLUDES = 50
+_MOST_COPIES = 1000
+_TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", "model", "joint"}
+
+
+def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
+    """What a file and its includes have of mass, motion and drives, and what was left out."""
+    root = parse_xml(data, str(path))
+    _include(root, path)
+    _check(root, str(path))
+    counts: Counter[str] = Counter()
+    for section in children(root):
+        if section.tag not in _KEPT:
+            words = _LEFT_OUT.get(section.tag, "a section that import does not know")
+            # Some sections have all that they say in attributes of their own.
+            counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section) or bool(
+                section.attrib
+            )
+            root.remove(section)
+    told = [Told("left out", words, f"{count}") for words, count in counts.items() if count]
+    for element in [found for found in root.iter() if isinstance(found, Element)]:
+        element.attrib.pop("material", None)
+        for picture in children(element):
+            if picture.tag in _PICTURES:
+                element.remove(picture)
+    shapes = _Shapes(root)
+    for world in root.iter("worldbody"):
+        if isinstance(world, Element):
+            shapes.strip(world, "", True)
+    if shapes.count:
+        told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
+    told += _only_motors(root)
+    told += _settle(root, path)
+    return ET.tostring(root, encoding="unicode"), told
+
+
+def _include(root: Element, path: Path) -> None:
+    """Put the contents of included files in place of `<include>`.
+
+    Raises `SourceFileError` if files include too many others.
+    """
+    for _ in range(_MOST_INCLUDES):
+        found = next(((p, e) for p in root.iter() for e in p if e.tag == "include"), (None, None))
+        if found[0] is None or found[1] is None:
+            return
+        parent, element = found
+        place = [*parent].index(element)
+        parent.remove(element)
+        file = path.parent / element.get("file", "")
+        for number, fresh in enumerate(parse_xml(read_bytes(file), str(file))):
+            parent.insert(place + number, fresh)
+    fault = Fault("<include>", f"more than {_MOST_INCLUDES} files are included")
+    raise SourceFileError(str(path), [fault])
+
+
+def _check(root: Element, file: str) -> None:
+    """Refuse what would keep the compiler busy without end, or is no number."""
+    faults, copies = [], 1
+    for element in root.iter():
+        line = element.line if isinstance(element, Element) else None
+        where = described(element) if isinstance(element, Element) else ""
+        if element.tag == "replicate":
+            count = element.get("count", "1")
+            copies *= int(count) if count.isdigit() and len(count) < 6 else _MOST_COPIES + 1
+            if copies > _MOST_COPIES:
+                faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
+        if element.tag == "composite":
+            faults.append(Fault(where, "composite bodies are not imported", line))
+        if element.tag == "mesh" and "builtin" in element.attrib:
+            faults.append(Fault(where, "builtin meshes are not imported; give a file", line))
+        for key, text in element.attrib.items():
+            words = text.lower().replace("+", "").replace("-", "").split()
+            if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:
+                faults.append(Fault(where, f"{key} must be finite, not {printable(text)}", line))
+    if faults:
+        raise SourceFileError(file, faults)
+
+
+class _Shapes:
+    """Removes shapes that give no mass, and counts them."""
+
+    def __init__(self, root: Element) -> None:
+        self.count = 0
+        self._computed = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
+        self._masses: dict[str, str | None] = {}
+        for default in children(root):
+            if default.tag == "default":
+                self._read(default, None)
+
+    def _read(self, default: Element, mass: str | None) -> None:
+        """Learn the mass of shapes of each class, which a class within a class inherits."""
+        geom = child(default, "geom")
+        mass = mass if geom is None else geom.get("mass", mass)
+        self._masses[default.get("class", "main")] = mass
+        for inner in children(default):
+            if inner.tag == "default":
+                self._read(inner, mass)
+
+    def strip(self, element: Element, kind: str, weighed: bool) -> None:
+        """Remove the shapes of an element, a body or what holds some, and of the bodies in it.
+
+        `kind` is the class of shapes that name no other; `weighed` whether the mass is given, so
+        that no shape counts.
+        """
+        for found in children(element):
+            inner = found.get("childclass", kind)
+            if found.tag == "body":
+                given = child(found, "inertial") is not None
+                self.strip(found, inner, given and not self._computed)
+            elif found.tag in ("frame", "replicate"):
+                self.strip(found, inner, weighed)
+            elif found.tag == "geom":
+                given_class = found.get("class", kind) or "main"
+                mass = found.get("mass", self._masses.get(given_class))
+                if weighed or _is_zero(mass):
+                    element.remove(found)
+                    self.count += 1
+
+
+def _is_zero(text: str | None) -> bool:
+    try:
+        return text is not None and float(text) == 0.0
+    except ValueError:
+        return False
+
+
+def _only_motors(root: Element) -> Iterator[Told]:
+    """Remove actuators that are no motors at a site or joint, and tell of them."""
+    for section in root.iter("actuator"):
+        for actuator in [found for found in section if isinstance(found, Element)]:
+            acts = "site" in actuator.attrib or "joint" in actuator.attrib
+            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
+                section.remove(actuator)
+                name = printable(actuator.get("name", "without a name"), 60)
+                yield Told("left out", name, f"<{printable(actuator.tag, 40)}>, which is no motor")
+
+
+def _settle(root: Element, path: Path) -> Iterator[Told]:
+    """Leave the compiler no choice: no welding, and folders by their full paths.
+
+    Tells of settings with which MuJoCo changes masses or inertias.
+    """
+    meshes = any("mesh" in found.attrib for found in root.iter("geom"))
+    for section in children(root):
+        if section.tag == "asset" and not meshes:
+            root.remove(section)
+        if section.tag == "option":
+            section.attrib = {k: v for k, v in section.attrib.items() if k == "gravity"}
+            section[:] = []
+    if root.find("compiler") is None:
+        root.insert(0, Element("compiler"))
+    for compiler in root.iter("compiler"):
+        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+        for key in sorted(_CHANGING & set(compiler.attrib)):
+            setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
+            yield Told("note", key, printable(setting))
+        kept = (
+            _SETTINGS
+            | _CHANGING
+            | ({"coordinate"} if compiler.get("coordinate") == "global" else set())
+        )
+        compiler.attrib = {key: text for key, text in compiler.attrib.items() if key in kept}
+        compiler.attrib.pop("assetdir", None)
+        compiler.set("meshdir", str(path.parent.absolute() / folder))
+        compiler.set("fusestatic", "false")

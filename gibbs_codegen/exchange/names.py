@@ -6,7 +6,7 @@ import itertools
 
 from gibbs_codegen.exchange.source import Told
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
-from gibbs_codegen.robot.taken_names import NamedKind, TakenNames
+from gibbs_codegen.robot.references import NamedKind, TakenNames
 
 
 class Namer:

@@ -18,11 +18,10 @@ from gibbs_codegen.exchange.placement import of_quaternion, vector
 from gibbs_codegen.exchange.source import SourceFileError, SourceRotor
 from gibbs_codegen.exchange.tree import SourceTree, near
 from gibbs_codegen.exchange.xml_file import read_bytes
-from gibbs_codegen.files.fields import Tables
-from gibbs_codegen.files.table import Table
+from gibbs_codegen.files.table import Table, Tables
 from gibbs_codegen.files.toml import checked
 from gibbs_codegen.robot.model import MAX_ROTORS
-from gibbs_codegen.robot.placed_tables import RotorTable
+from gibbs_codegen.robot.tables import RotorTable
 
 _MOST_YAML = 100_000
 

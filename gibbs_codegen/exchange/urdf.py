@@ -2,17 +2,25 @@
 
 What other readers drop is kept: thrust of rotors and Gazebo's motor plugins. What has no part in
 the equations of motion, such as meshes and transmissions, is left out and told.
+
+Rotors in URDF, which has no element for them: Gazebo's motor plugins, and JSK's convention.
+
+Both push along z of a link. A drag is negative for a rotor that spins counter-clockwise, seen from
+the tip of its thrust.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.errors import printable
-from gibbs_codegen.exchange.placement import vector
+from gibbs_codegen.errors import Fault, printable
+from gibbs_codegen.exchange.placement import Placement, degrees, vector
 from gibbs_codegen.exchange.source import (
     Inertial,
     Source,
@@ -20,14 +28,202 @@ from gibbs_codegen.exchange.source import (
     SourceJoint,
     SourceKind,
     SourceLink,
+    SourceRotor,
     Told,
     endless,
 )
-from gibbs_codegen.exchange.urdf_rotors import is_motor, urdf_rotors
-from gibbs_codegen.exchange.urdf_values import Values, child, children
 from gibbs_codegen.exchange.xml_file import Element, parse_xml
 from gibbs_codegen.robot.model import JointLimits, Passive, Vector3
-from gibbs_codegen.robot.rigid_body import inertia_matrix
+from gibbs_codegen.robot.rigid_body import LEAST, MOST, inertia_matrix
+
+# What some exporters write for no limit.
+_ENDLESS = 1e15
+
+
+class Values:
+    """Reads values of elements and collects `faults`; a faulty value counts as its default."""
+
+    def __init__(self) -> None:
+        self.faults: list[Fault] = []
+
+    def fault(self, element: Element, message: str) -> None:
+        """Note a fault of an element: what is wrong, and what would be right."""
+        self.faults.append(Fault(described(element), message, element.line))
+
+    def name(self, element: Element, attribute: str = "name") -> str:
+        """A name, or an empty text if there is none, which is a fault."""
+        text = element.get(attribute, "").strip()
+        if not text:
+            self.fault(element, f"has no {attribute}")
+        elif not text.isprintable() or len(text) > 200:
+            self.fault(element, f"{attribute} must be at most 200 printable characters")
+        return text
+
+    def number(
+        self, element: Element | None, attribute: str, default: float | None = None
+    ) -> float:
+        """A finite number, which must be there unless it has a default."""
+        if element is None:
+            return default or 0.0
+        if (text := element.get(attribute)) is None:
+            if default is None:
+                self.fault(element, f"has no {attribute}")
+            return default or 0.0
+        return self.of_text(element, attribute, text)
+
+    def of_text(self, element: Element, what: str, text: str) -> float:
+        """The number that a text holds, 0 if it is faulty; `what` is what it is called."""
+        try:
+            value = float(text) if "_" not in text else math.nan
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= MOST:
+            self.fault(
+                element,
+                f"{what} must be a finite number up to {MOST:g} in size, not {printable(text, 40)}",
+            )
+            return 0.0
+        return value if abs(value) >= LEAST else 0.0
+
+    def positive(self, element: Element | None, attribute: str) -> float:
+        """A number that is at least 0, and 0 by default."""
+        value = self.number(element, attribute, 0.0)
+        if value < 0.0 and element is not None:
+            self.fault(element, f"{attribute} must be at least 0, not {value:g}")
+        return max(value, 0.0)
+
+    def bound(self, element: Element | None, attribute: str) -> float | None:
+        """A limit; what is left out or endless is None."""
+        text = None if element is None else element.get(attribute)
+        if element is None or text is None:
+            return None
+        if text.strip().lower().lstrip("+-") in ("inf", "infinity"):
+            return None
+        value = self.of_text(element, attribute, text)
+        return value if abs(value) < _ENDLESS else None
+
+    def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
+        """Three numbers."""
+        text = None if element is None else element.get(attribute)
+        if element is None or text is None:
+            return default
+        words = text.split()
+        if len(words) != 3:
+            self.fault(element, f"{attribute} must have 3 numbers, not {len(words)}")
+            return default
+        return vector([self.of_text(element, attribute, word) for word in words])
+
+    def placement(self, element: Element | None) -> Placement:
+        """The pose that an `<origin>` gives, or that of one left out."""
+        xyz = self.vector(element, "xyz", (0.0, 0.0, 0.0))
+        roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
+        return Placement(xyz, (roll, pitch, yaw))
+
+
+def child(element: Element, tag: str) -> Element | None:
+    """The first child of a tag, or None."""
+    return next((found for found in children(element) if found.tag == tag), None)
+
+
+def children(element: Element) -> list[Element]:
+    """The children of an element, in order."""
+    return [found for found in element if isinstance(found, Element)]
+
+
+def described(element: Element) -> str:
+    """An element in words for messages, such as `<joint "rotor1">`."""
+    name = element.get("name")
+    tag = printable(element.tag, 40)
+    return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
+
+
+_THRUST = "thrust"
+
+
+def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
+    """The rotors under `<robot>`, in the order of their numbers or of the file."""
+    motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
+    numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
+    gazebo = _by_number(numbered)
+    taken = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
+    jsk = _jsk(root, values)
+    return gazebo + [r for r in jsk if r.joint not in taken and r.on not in taken]
+
+
+def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
+    """Whether a joint is a rotor by the convention of JSK, in a file without a common rate.
+
+    `link` is what it carries, and `prefix` how the links of rotors begin.
+    """
+    return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
+
+
+def _by_number(numbered: Sequence[tuple[float, SourceRotor]]) -> list[SourceRotor]:
+    return [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
+
+
+def is_motor(plugin: Element) -> bool:
+    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
+    kind = child(plugin, "motorType")
+    if kind is not None and (kind.text or "").strip() != "velocity":
+        return False
+    return child(plugin, "linkName") is not None and child(plugin, "motorConstant") is not None
+
+
+def _gazebo(plugin: Element, values: Values) -> tuple[float, SourceRotor]:
+    """The rotor of a motor plugin, with its number."""
+    texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
+
+    def number(tag: str) -> float:
+        return values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
+
+    turning = texts.get("turningDirection", "")
+    if turning not in ("cw", "ccw"):
+        values.fault(plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}")
+    moment = number("momentConstant")
+    most = number("motorConstant") * number("maxRotVelocity") ** 2
+    joint, link = texts.get("jointName"), texts["linkName"]
+    rotor = SourceRotor(
+        name=link,
+        on=link,
+        drag=-moment if turning == "ccw" else moment,
+        limits=(0.0, most) if most > 0.0 else None,
+        time_constant=number("timeConstantUp") or None,
+        joint=joint,
+        found_by="Gazebo",
+    )
+    return number("motorNumber"), rotor
+
+
+def _jsk(root: Element, values: Values) -> list[SourceRotor]:
+    """Rotors by the convention of JSK: joints rotor1, rotor2 …, whose limits are of the thrust.
+
+    A joint may have an `<m_f_rate>` of its own, as `export` writes it: then it is a rotor by any
+    name, and there need not be one rate for all.
+    """
+    common = child(root, "m_f_rate")
+    thrust = child(root, "thrust_link")
+    prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
+    numbered = []
+    for joint in children(root):
+        if joint.tag != "joint":
+            continue
+        own, link = child(joint, "m_f_rate"), child(joint, "child")
+        name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
+        by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
+        if own is None and not by_name:
+            continue
+        rate = values.number(own if own is not None else common, "value", 0.0)
+        z = values.vector(child(joint, "axis"), "xyz", (0.0, 0.0, 1.0))[2]
+        limit = child(joint, "limit")
+        low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
+        rotor = SourceRotor(name, on, joint=name, found_by="JSK")
+        drag = (z > 0.0) * rate - (z < 0.0) * rate
+        limits = None if low is None or high is None or low >= high else (low, high)
+        number = int(name.removeprefix("rotor")) if own is None else 0
+        numbered.append((number, replace(rotor, drag=drag, limits=limits)))
+    return _by_number(numbered)
+
 
 _KINDS: dict[str, SourceKind] = {
     "revolute": "revolute",

@@ -13,8 +13,7 @@ import numpy as np
 
 from gibbs_codegen.exchange.names import Namer
 from gibbs_codegen.exchange.placement import HERE, Array, Placement, vector
-from gibbs_codegen.exchange.snapping import quiet, quiet_inertia
-from gibbs_codegen.exchange.source import Inertial, SourceJoint, Told
+from gibbs_codegen.exchange.source import Inertial, SourceJoint, Told, quiet, quiet_inertia
 from gibbs_codegen.exchange.tree import SourceTree
 from gibbs_codegen.robot.model import (
     BASE,

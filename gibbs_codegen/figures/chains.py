@@ -30,8 +30,7 @@ from gibbs_codegen.figures.marks import (
 )
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.coordinates import has_default_tip
-from gibbs_codegen.robot.layout import QUATERNION
+from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.placement import Array
 

@@ -17,15 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from matplotlib.path import Path
 
-from gibbs_codegen.derivation.filling import Filling, filled_entries
+from gibbs_codegen.derivation.hybrid import Filling, filled_entries
 from gibbs_codegen.equations.chain_names import hybrid_names
-from gibbs_codegen.equations.notation import Name, accelerated
 from gibbs_codegen.equations.show import chain_equation
+from gibbs_codegen.equations.typeset import Name, accelerated
 from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import COLOURS, DARK, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import hybrid_coordinates, inputs, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 

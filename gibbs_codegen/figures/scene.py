@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from matplotlib.text import Annotation, Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator, NullFormatter
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from gibbs_codegen.figures.marks import ABOVE_ALL, QUIET, draw_name
+from gibbs_codegen.figures.style import DARK
 from gibbs_codegen.robot.placement import Array
-from gibbs_codegen.scenario.paths import plane
 
 # Elevation above the horizon and azimuth from which a robot looks like one, degrees.
 VIEW = (22.0, -62.0)
-_WALL = "#8a6d3b"
 _METRES = ("$x$ (m)", "$y$ (m)", "$z$ (m)")
 
 
@@ -79,31 +80,6 @@ def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> N
     axes.apply_aspect()
 
 
-def draw_plane(
-    axes: Any, box: tuple[Array, Array], point: Array, normal: Array, label: str
-) -> None:
-    """Draw as much of a plane as is in a box, behind all else.
-
-    `box` has the lowest and highest coordinates (3); the plane's normal (3) may have any length.
-    """
-    corners = np.array(list(itertools.product(*np.transpose(box))))
-    across = np.array(plane(normal))
-    heights = (corners - point) @ normal
-    # An edge joins corners that differ in one coordinate, and crosses the plane or does not.
-    crossings = [
-        corners[i] + heights[i] / (heights[i] - heights[j]) * (corners[j] - corners[i])
-        for i, j in itertools.combinations(range(8), 2)
-        if (i ^ j) in (1, 2, 4) and heights[i] * heights[j] < 0.0
-    ]
-    if not crossings:
-        return
-    flat = (np.array(crossings) - np.mean(crossings, axis=0)) @ across.T
-    ring = np.array(crossings)[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
-    axes.add_collection3d(Poly3DCollection([ring], facecolor=_WALL, alpha=0.25, zorder=-1))
-    edge = np.vstack([ring, ring[:1]]).T
-    axes.plot(*edge, color=_WALL, linewidth=0.8, label=label or None, zorder=-1)
-
-
 def project(axes: Any, points: Array) -> Array:
     """Positions (…, 2), in data units of the axes, of points (…, 3) of a scene on their plane."""
     matrix = axes.get_proj()
@@ -131,3 +107,100 @@ def seen_from(view: tuple[float, float]) -> Array:
             [cos_e * cos_a, cos_e * sin_a, sin_e],
         ]
     )
+
+
+# How far a name may be from its place beyond touching it, points, and at which angles from the
+# direction that is wanted, degrees.
+_DISTANCES = (3.0, 8.0, 15.0, 24.0, 36.0)
+_ANGLES = (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
+# What it costs to lie on another name or on a fortieth of a line, and to be turned and far away.
+_ON_NAME, _ON_LINE, _PER_DEGREE, _PER_POINT = 1000.0, 5.0, 0.1, 1.0
+_POINTS_OF_A_LINE = 40
+_ROOM = 1.5
+
+
+@dataclass
+class Names:
+    """Names that are waiting for a place in 3-D axes whose place in the figure is settled."""
+
+    axes: Any
+    _wanted: list[tuple[Annotation, Array, Array]] = field(default_factory=list)
+    _points: list[Array] = field(default_factory=list)
+    _boxes: list[Array] = field(default_factory=list)
+
+    def add(self, text: str, place: Array, away: Array, colour: str = DARK) -> None:
+        """Ask for a name at a point (3) of the scene, off in the direction `away` (3)."""
+        mark = draw_name(self.axes, text, project(self.axes, place), colour)
+        at, there = self._on_page(np.array([place, place + away]))
+        self._wanted.append((mark, at, there - at))
+
+    def line(self, start: Array, end: Array) -> None:
+        """Say that a line is drawn between points (3), which names should not lie on."""
+        shares = np.linspace(0.0, 1.0, _POINTS_OF_A_LINE)[:, np.newaxis]
+        self._points.append(self._on_page(start + shares * (end - start)))
+
+    def mark(self, place: Array, size: float) -> None:
+        """Say that a mark of a size in points is drawn, which names must not lie on."""
+        (at,) = self._on_page(place[np.newaxis])
+        self._boxes.append(np.array([at - size / 2.0, at + size / 2.0]))
+
+    def settle(self) -> None:
+        """Put every name where it hides least, those that were asked for first at first."""
+        points = np.concatenate([*self._points, np.empty((0, 2))])
+        for mark, at, away in self._wanted:
+            extent = np.array(Text.get_window_extent(mark).size) * 72.0 / self.axes.figure.dpi
+            length = float(np.hypot(*away))
+            first = np.arctan2(away[1], away[0]) if length > 1e-6 else np.pi / 2.0
+            options = [
+                (self._cost(at, step, extent, points) + aside, distance, step)
+                for distance in _DISTANCES
+                for angle in _ANGLES
+                for step in [_step(first + np.deg2rad(angle), distance, extent)]
+                for aside in [_PER_DEGREE * abs(angle) + _PER_POINT * distance]
+            ]
+            _, distance, best = min(options, key=lambda option: option[0])
+            mark.set_position((float(best[0]), float(best[1])))
+            if distance > _DISTANCES[1]:
+                self._lead(mark, best)
+            self._boxes.append(np.array([at + best - extent / 2.0, at + best + extent / 2.0]))
+
+    def _lead(self, mark: Annotation, step: Array) -> None:
+        """Draw a thin line from a place to its name, a step (2), in points, off."""
+        line = {"arrowstyle": "-", "color": QUIET, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        self.axes.annotate(
+            "",
+            xy=mark.xy,
+            xytext=(float(step[0]), float(step[1])),
+            textcoords="offset points",
+            arrowprops=line,
+            zorder=ABOVE_ALL - 1,
+        )
+
+    def _cost(self, at: Array, step: Array, extent: Array, points: Array) -> float:
+        """What a name would hide, in points that it could be farther away for it.
+
+        All is in points: the place on the page that it names, the step (2) to its middle, its width
+        and height, and points (k, 2) of lines.
+        """
+        low, high = at + step - extent / 2.0 - _ROOM, at + step + extent / 2.0 + _ROOM
+        names = sum(np.all((low < box[1]) & (box[0] < high)) for box in self._boxes)
+        on_lines = np.count_nonzero(np.all((points > low) & (points < high), axis=1))
+        size = self.axes.figure.get_size_inches() * 72.0
+        outside = np.any(low < 0.0) or np.any(high > size)
+        return float(_ON_NAME * (names + outside) + _ON_LINE * on_lines)
+
+    def _on_page(self, places: Array) -> Array:
+        """Where points (k, 3) of the scene are on the page (k, 2), in points."""
+        pixels = self.axes.transData.transform(project(self.axes, places))
+        points: Array = pixels * 72.0 / self.axes.figure.dpi
+        return points
+
+
+def _step(angle: float, distance: float, extent: Array) -> Array:
+    """Step (2), points, from a place to the middle of a name, whose box is at a distance from it.
+
+    `angle`, rad, is the direction; `extent` the name's width and height, points.
+    """
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    step: Array = direction * (distance + np.abs(direction) @ extent / 2.0)
+    return step

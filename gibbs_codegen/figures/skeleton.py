@@ -10,8 +10,7 @@ import numpy as np
 
 from gibbs_codegen.figures.robot_artists import Shapes, disc_corners, disc_radius
 from gibbs_codegen.robot.chains import decompose
-from gibbs_codegen.robot.coordinates import frames_of
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import BASE, Link, Robot, as_rigid_body
 from gibbs_codegen.robot.placement import Array, mounted_rotors
 from gibbs_codegen.robot.posture import RobotFrames, robot_frames

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import textwrap
+import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Annotation
 
-from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.errors import OutputError, cause_of, printable
 
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2
@@ -76,41 +76,6 @@ def style() -> Iterator[None]:
         yield
 
 
-def add_heading(figure: Figure, flight: Flight) -> Text:
-    """Name robot and scenario above a figure, and why the flight stopped if it did so early."""
-    lines = [f"{flight.robot}, {flight.scenario}"]
-    if flight.stopped:
-        lines += textwrap.wrap(f"stopped {flight.stopped}", int(20 * figure.get_size_inches()[0]))
-    colour = "#b00000" if flight.stopped else "0.35"
-    return figure.suptitle("\n".join(lines), color=colour, parse_math=False)
-
-
-def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
-    """Head the figure of 3-D axes, and explain below what their lines, which have labels, show.
-
-    Returns left, bottom, width and height of the rest of the figure, in shares of it.
-    """
-    figure: Any = axes.figure
-    heading = add_heading(figure, flight)
-    handles, _ = axes.get_legend_handles_labels()
-    anchor = (0.5, _bottom(figure, heading) - 0.005)
-    # As few rows as the width of the figure allows.
-    for rows in range(1, len(handles) + 1):
-        columns = -(-len(handles) // rows)
-        row = figure.legend(
-            handles=handles, loc="upper center", bbox_to_anchor=anchor, ncols=columns
-        )
-        if columns == 1 or row.get_window_extent().width < 0.96 * figure.bbox.width:
-            break
-        row.remove()
-    return 0.01, 0.01, 0.98, _bottom(figure, row) - 0.015
-
-
-def _bottom(figure: Figure, artist: Artist) -> float:
-    """The height (0 to 1) in a figure down to which an artist of it reaches."""
-    return float(artist.get_window_extent().transformed(figure.transFigure.inverted()).y0)
-
-
 def spread(axes: Axes) -> None:
     """Move the names at the ends of curves apart, as little as can be; leave some of too many out.
 
@@ -136,3 +101,33 @@ def spread(axes: Axes) -> None:
         ]
         place = np.clip(max(means), low, high - len(kept) + 1.0) + rank
         kept[index].set_position((_NAME_DISTANCE, float(place - ends[index]) * _NAME_HEIGHT))
+
+
+# A date would make every file another.
+_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+
+def save_figures(
+    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str] = ("png", "pdf")
+) -> list[Path]:
+    """Write figures, given with their names, in every format, and return the files in order.
+
+    Raises `OutputError` if the folder, which is made if need be, cannot hold them.
+    """
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures:
+            for suffix in formats:
+                path = folder / f"{name}.{suffix}"
+                # A writer of PDF loses what the disk said; memory takes it whole.
+                drawn = io.BytesIO()
+                with style():
+                    figure.savefig(drawn, format=suffix, metadata=_METADATA.get(suffix))
+                path.write_bytes(drawn.getbuffer())
+                paths.append(path)
+    except OSError as error:
+        raise OutputError(
+            f"{printable(folder)}: cannot hold the figures: {cause_of(error)}"
+        ) from None
+    return paths

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.files.toml_depth import MAX_DEPTH
+from gibbs_codegen.files.toml_text import MAX_DEPTH
 
 
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:

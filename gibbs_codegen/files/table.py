@@ -7,15 +7,90 @@ default and description. Faults, suggestions and the JSON schema for editors fol
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    ValidationError,
+    WrapValidator,
+    model_validator,
+)
+from pydantic import GetJsonSchemaHandler as JsonHandler
 from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import ErrorDetails, core_schema
+from pydantic_core import (
+    CoreSchema,
+    ErrorDetails,
+    InitErrorDetails,
+    PydanticCustomError,
+    core_schema,
+)
 
-from gibbs_codegen.files.faults import FAULT, IN_NAME, Place, kind_of, not_one_of, refusal, shown
+# Keys and list places, from a table inwards.
+Place = tuple[str | int, ...]
+
+# Pydantic's types of what validators here raise: faults in words, and those in the name of an entry
+# of a table rather than in its value.
+FAULT, IN_NAME = "fault", "fault_in_name"
+_KINDS = {str: "a string", list: "a list", dict: "a table", int: "a number", float: "a number"}
+
+
+def fault(words: str, kind: str = FAULT) -> PydanticCustomError:
+    """What a validator of one value raises; `kind` is `IN_NAME` if it is the name of an entry."""
+    # In a message template braces would be read as fields.
+    return PydanticCustomError(kind, "{words}", {"words": words})
+
+
+def refusal(faults: Collection[tuple[Place, str]]) -> ValidationError:
+    """What a validator raises that finds faults at several places, relative to its value."""
+    details = [
+        InitErrorDetails(type=fault(words), loc=place, input=None) for place, words in faults
+    ]
+    return ValidationError.from_exception_data("table", details)
+
+
+def kind_of(value: object) -> str:
+    """Kind of a TOML value in words, such as "a list"."""
+    if isinstance(value, bool):
+        return "a boolean"
+    return _KINDS.get(type(value), "a date or time")
+
+
+def shown(value: object) -> str:
+    """A value of a file in at most 80 characters of ASCII, for a message."""
+    if isinstance(value, list | dict):  # What is in it may be as deep or as long as it likes.
+        return kind_of(value)
+    if isinstance(value, int) and abs(value) > 10**20:
+        return "a huge number"
+    return ascii(value[:80] if isinstance(value, str) else value)[:80]
+
+
+def not_one_of(value: object, choices: Collection[str]) -> str:
+    """Words for a value that is none of those it may be, with the nearest one."""
+    near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"must be one of {', '.join(map(repr, choices))}, not {shown(value)}{hint}"
+
+
+def key_path(place: Place) -> str:
+    """Key path of a place from the top of the file, such as `link[0].mass`.
+
+    A key that is no identifier, or is long, stands in quotes.
+    """
+    parts = [f"[{key}]" if isinstance(key, int) else f".{_shown_key(key)}" for key in place]
+    return "".join(parts).removeprefix(".")
+
+
+def _shown_key(key: str) -> str:
+    return key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
+
 
 # To look for what a key may have been meant to be takes time, and a flood of keys is no slip.
 _MOST_SUGGESTIONS = 20
@@ -158,3 +233,119 @@ class _Schema(GenerateJsonSchema):
         if "patternProperties" in found:
             found["additionalProperties"] = False
         return found
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Metadata of a number: its least and greatest value, and the unit and end of a message."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    unit: str = ""
+    remedy: str = ""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_wrap_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
+        limits = {"minimum": self.least, "maximum": self.most}
+        return handler(schema) | {key: v for key, v in limits.items() if math.isfinite(v)}
+
+    def _checked(self, value: Any, handler: core_schema.ValidatorFunctionWrapHandler) -> Any:
+        number = handler(value)
+        if self.least <= number <= self.most:
+            return number
+        if math.isinf(self.most):
+            right = f"at least {self.least:g}"
+        elif math.isinf(self.least):
+            right = f"at most {self.most:g}"
+        else:
+            right = f"from {self.least:g} to {self.most:g}"
+        raise fault(f"must be {right}{self.unit}, not {shown(value)}{self.remedy}")
+
+
+def list_of(value: object, length: int, what: str = "numbers") -> Any:
+    """The value, if it is a list of so many `what`. Raises `PydanticCustomError` otherwise."""
+    if not isinstance(value, list):
+        raise fault(f"must be a list of {length} {what}, not {kind_of(value)}")
+    if len(value) != length:
+        raise fault(f"must have {length} {what}, not {len(value)}")
+    return value
+
+
+def listed(length: int, what: str = "numbers") -> BeforeValidator:
+    """Metadata of a tuple that a file gives as a list of so many `what`."""
+    return BeforeValidator(lambda value: tuple(list_of(value, length, what)))
+
+
+def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
+    """Metadata of a value of the right type that must meet a condition.
+
+    `otherwise` says what is wrong else, and what would be right.
+    """
+
+    def check(value: Any) -> Any:
+        if not is_right(value):
+            raise fault(otherwise)
+        return value
+
+    return AfterValidator(check)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Metadata of the array of tables `key`: at most `most` of them, which are `what`.
+
+    `form` says how to write them, if not as `[[key]]`.
+    """
+
+    key: str
+    most: int
+    what: str
+    form: str = ""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
+        return handler(schema) | {"maxItems": self.most}
+
+    def _checked(self, value: object) -> object:
+        if not isinstance(value, list):
+            form = self.form or f"an array of tables, [[{self.key}]]"
+            raise fault(f"must be {form}, not {kind_of(value)}")
+        return at_most(value, self.most, self.what)
+
+
+def at_most(value: list[Any], most: int, what: str) -> list[Any]:
+    """The list; its entries are looked at afterwards.
+
+    Raises `PydanticCustomError` for more than `most` entries.
+    """
+    if len(value) > most:
+        raise fault(f"{len(value)} {what}; give at most {most}")
+    return value
+
+
+def by_kind(*models: type[Table], default: str | None = None) -> WrapValidator:
+    """Metadata of a table that is one of several, as its key `kind`, a literal in each, tells.
+
+    `default` is the kind of a table without it; None where the key is required.
+    """
+    known = {get_args(model.model_fields["kind"].annotation)[0]: model for model in models}
+
+    def choose(value: Any, _: object) -> Table:
+        if not isinstance(value, dict):
+            raise fault(f"must be a table, not {kind_of(value)}")
+        kind = value.get("kind", default)
+        if kind is None:
+            raise refusal([(("kind",), f"missing; one of {', '.join(known)}")])
+        if not isinstance(kind, str) or kind not in known:
+            raise refusal([(("kind",), not_one_of(kind, known))])
+        return known[kind].model_validate(value)
+
+    return WrapValidator(choose)

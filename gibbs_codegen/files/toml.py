@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from gibbs_codegen.errors import Fault, RefusedFileError, printable
 from gibbs_codegen.files.changes import changed_paths, merged, nothing_to_remove
-from gibbs_codegen.files.toml_depth import TOO_DEEP, too_deep_line
-from gibbs_codegen.files.toml_lines import key_lines, line_of
+from gibbs_codegen.files.toml_text import TOO_DEEP, key_lines, line_of, too_deep_line
 
 if TYPE_CHECKING:
     from gibbs_codegen.files.table import Table
@@ -33,7 +32,7 @@ def checked(
     Raises `refused` with every fault, in the order of the file, which messages call `source`.
     `changes` come in place of what the text says, table by table.
     """
-    from gibbs_codegen.files.faults import key_path  # Late, as it imports pydantic.
+    from gibbs_codegen.files.table import key_path  # Late, as it imports pydantic.
 
     if line := too_deep_line(text):
         raise refused(source, [Fault("", TOO_DEEP, line)])

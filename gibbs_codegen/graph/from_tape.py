@@ -9,8 +9,7 @@ from contextlib import contextmanager
 import sympy as sp
 
 from gibbs_codegen.graph.graph import Graph, Ref
-from gibbs_codegen.symbolic.quick import whole_power
-from gibbs_codegen.symbolic.tape import Stage, Tape
+from gibbs_codegen.symbolic.tape import Stage, Tape, whole_power
 
 
 class ImportedTape:

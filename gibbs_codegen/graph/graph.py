@@ -18,7 +18,7 @@ first.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from typing import TypeAlias
 
@@ -252,3 +252,23 @@ class Graph:
         for node in {ref >> 1 for ref in outputs}:
             counts[node] += 2
         return counts
+
+
+def in_order(graph: Graph, outputs: Sequence[Ref], origins: Mapping[int, int]) -> list[int]:
+    """Nodes that a function computes, inputs included, each in the place of what it was made for.
+
+    `origins` has for each node that a pass has made the one in whose place it stands. A node comes
+    after those that it is made of.
+    """
+    nodes = graph.reached_varying(outputs)
+    stack = sorted(nodes, key=lambda node: (origins.get(node, node), node), reverse=True)
+    found: dict[int, None] = {}
+    while stack:
+        node = stack[-1]
+        operands = [ref >> 1 for ref in graph.operands[node]]
+        missing = [n for n in operands if n not in found and not graph.constant[n]]
+        if missing:
+            stack.extend(reversed(missing))
+        else:
+            found.setdefault(stack.pop())
+    return list(found)

@@ -2,6 +2,10 @@
 
 Derivatives are those of a displacement in the tangent space: `_dq` belongs to the function that
 takes a displacement d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
+
+The rows of the table, generated on request only, in which bodies' numbers are what varies.
+
+By the base parameters the equations are linear; by the parameters of the robot file they are not.
 """
 
 from __future__ import annotations
@@ -243,5 +247,239 @@ DERIVATIVES = (
         "C v = residual(q, 0) - residual(q, v), without dampers, and the rate of M less 2 C is "
         "skew-symmetric. The same matrix as Pinocchio's computeCoriolisMatrix gives.",
         on_request=True,
+    ),
+)
+
+
+KINEMATIC_DERIVATIVES = (
+    Row(
+        "frame_poses_derivatives",
+        "q",
+        (
+            Output(
+                "poses",
+                "f44",
+                "1 or m",
+                "frame_poses",
+                "axes [1] and position [m], a block for each of {frames}",
+            ),
+            Output(
+                "poses_dq",
+                "f44v",
+                "1 or m",
+                "frame_poses_dq",
+                "[{unit}]" + BY_Q,
+                "q",
+            ),
+        ),
+        "Homogeneous transforms from the frames to the world, and their derivatives by q.",
+        "forward kinematics, differentiated",
+        TANGENT,
+        on_request=True,
+        derivative_of="frame_poses",
+        kind="jacobian",
+    ),
+    Row(
+        "frame_velocities_derivatives",
+        "qv",
+        (
+            Output(
+                "velocities",
+                "f6",
+                "m/s or rad/s",
+                "frame_velocities",
+                "[m/s] in the first three, [rad/s] in the others, a row for each of {frames}",
+            ),
+            Output(
+                "velocities_dq",
+                "f6v",
+                "m/s or rad/s",
+                "frame_velocities_dq",
+                "[{unit}]" + BY_Q,
+                "q",
+            ),
+            Output(
+                "velocities_dv",
+                "f6v",
+                "m/rad, rad/m or 1",
+                "frame_velocities_dv",
+                "[{unit}]" + BY_V,
+                "v",
+            ),
+        ),
+        "Velocities of the frames, linear entries first, and their derivatives by q and v.",
+        "forward kinematics, differentiated",
+        TANGENT + " Those by v are frame_jacobians.",
+        on_request=True,
+        derivative_of="frame_velocities",
+        kind="jacobian",
+    ),
+    Row(
+        "integrate_derivatives",
+        "qv",
+        (
+            Output("coordinates_dq", "vv", "1, rad/m or m/rad", "integrated_dq", by="q"),
+            Output("coordinates_dv", "vv", "1, rad/m or m/rad", "integrated_dv", by="v"),
+        ),
+        "Derivatives of integrate(q, v) by q and v, in the tangent spaces at q and at the result.",
+        "sums, or the exponential map of SE(3) for a quaternion with its position",
+        "The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
+        "coordinates_dq d, one of v by coordinates_dv d.",
+        on_request=True,
+        derivative_of="integrate",
+        kind="jacobian",
+    ),
+)
+
+
+PARAMETERS = (
+    Row(
+        "regressor",
+        "qva",
+        (
+            Output(
+                "regressor",
+                "vn",
+                "N m or N",
+                "regressor",
+                "{forces}, each by each of BASE_PARAMETERS",
+            ),
+        ),
+        "Matrix whose product with the base parameters is the inertial part of M a - R.",
+        "eqs. 4-6, which are linear in the inertias",
+        "regressor(q, v, a) base_parameters() = inverse_dynamics(q, v, a) without dampers, springs "
+        "and armature. No column is a combination of the others at every state.",
+        on_request=True,
+    ),
+    Row(
+        "base_parameters",
+        "",
+        (
+            Output(
+                "parameters",
+                "n",
+                "kg, kg m or kg m^2",
+                "base_parameters",
+                "{base_parameters}",
+            ),
+        ),
+        "The fewest numbers of the bodies that determine the equations of motion.",
+        "regrouping of the inertias",
+        "Mass, first moment and second moments (integrals of r r^T dm, not moments of inertia) "
+        "about the joint, with z along it. The numbers that are missing here are added to those of "
+        "the parent: of a body that turns, its mass and what is along the joint; of a body that "
+        "slides, its second moments.",
+        on_request=True,
+    ),
+    Row(
+        "inverse_dynamics_parameters",
+        "qva",
+        (
+            Output(
+                "force_dp",
+                "vp",
+                "N m or N",
+                "inverse_dynamics_dp",
+                "{forces}, each by each of PARAMETERS",
+            ),
+        ),
+        "Derivatives of the generalised forces M a - R by the parameters.",
+        "eqs. 4-6, differentiated",
+        on_request=True,
+        derivative_of="inverse_dynamics",
+        kind="parameters",
+    ),
+    Row(
+        "forward_dynamics_parameters_vjp",
+        ("q", "v", "u", "w"),
+        (
+            Output(
+                "p_bar",
+                "p",
+                "rad/s^2 or m/s^2, by the unit of the parameter",
+                "forward_dynamics_p_bar",
+                "[{unit}], with w without units, by each of PARAMETERS",
+            ),
+        ),
+        "Gradient of w^T forward_dynamics(q, v, u) by the parameters.",
+        "eq. 19, solved for the free coordinates and differentiated",
+        on_request=True,
+        derivative_of="forward_dynamics",
+        kind="parameters",
+    ),
+)
+
+
+_ENTRIES = "[{unit}]; rows belong to q_next and then to v_next"
+_SLOPES = (
+    Output(
+        "A",
+        "ss",
+        "1, s, 1/s, rad/m or m/rad",
+        entries=f"{_ENTRIES}, columns to q and then to v",
+    ),
+    Output("B", "su", "rad or m, or their rates, by N or N m", entries=f"{_ENTRIES}, columns to u"),
+)
+
+
+def _step(name: str, method: str, composed: dict[str, int], details: str) -> tuple[Row, Row]:
+    """Rows of a time step by itself, and with its derivatives.
+
+    `method` is the numerical method in words; `composed` says how often it calls forward_dynamics
+    and integrate, `details` what is to be said of the method.
+    """
+    after = (
+        Output("q_next", "q", "rad or m", entries="{coordinates}"),
+        Output("v_next", "v", "rad/s or m/s", entries="{velocities}"),
+    )
+    moves = composed["integrate"]
+    with_derivatives = {
+        "forward_dynamics_derivatives": composed["forward_dynamics"],
+        "integrate": moves,
+        "integrate_derivatives": moves,
+    }
+    source = "eq. 19, integrated over a step of time"
+    return (
+        Row(
+            name,
+            "qvuh",
+            after,
+            f"Coordinates and velocities after a step of time, by {method}.",
+            source,
+            details,
+            on_request=True,
+            composed=composed,
+        ),
+        Row(
+            f"{name}_derivatives",
+            "qvuh",
+            (*after, *_SLOPES),
+            f"What {name} gives, and its derivatives by q, v and u.",
+            source,
+            "A displacement d of q and v together and one e of u move the result by A d + B e, "
+            "with displacements of q and q_next in the tangent space, as integrate applies them.",
+            on_request=True,
+            composed=with_derivatives,
+            derivative_of=name,
+            kind="jacobian",
+        ),
+    )
+
+
+STEPS = (
+    *_step(
+        "step_euler",
+        "the semi-implicit Euler method",
+        {"forward_dynamics": 1, "integrate": 1},
+        "Inputs are constant in the step. v_next = v + h a, and q_next = integrate(q, h v_next). "
+        "The method is of first order.",
+    ),
+    *_step(
+        "step_rk4",
+        "a Runge-Kutta method of fourth order",
+        {"forward_dynamics": 4, "integrate": 5},
+        "Inputs are constant in the step. With attitude angles it is the classical method. A "
+        "quaternion moves by exponentials alone, without commutators (Celledoni, Marthinsen and "
+        "Owren, 2003), which keeps the order, and the unit length.",
     ),
 )

@@ -12,12 +12,14 @@ inputs; digits stand for themselves.
 
 from __future__ import annotations
 
-from gibbs_codegen.interface.derivatives import DERIVATIVES
-from gibbs_codegen.interface.kinematic_derivatives import KINEMATIC_DERIVATIVES
+from gibbs_codegen.interface.derivatives import (
+    DERIVATIVES,
+    KINEMATIC_DERIVATIVES,
+    PARAMETERS,
+    STEPS,
+)
 from gibbs_codegen.interface.kinematics import KINEMATICS
-from gibbs_codegen.interface.parameters import PARAMETERS
 from gibbs_codegen.interface.rows import Argument, Kind, Output, Row
-from gibbs_codegen.interface.steps import STEPS
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold, of
 # which floats are half as long, so that their blocks have twice as many.

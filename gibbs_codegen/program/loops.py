@@ -15,23 +15,241 @@ than processors fetch in time. They come with long arms, and pay in C only. Rero
 optional: whoever gives the schedule to `allocate_scratch` as it is gets the same function without
 loops. The C target makes that choice in one place, where it allocates scratch: it keeps loops for
 one state at a time only, and only where they stand for at least `_FEWEST_ROLLED` steps.
+
+Repeated blocks in a schedule: blocks one after the other that do the same with other names.
+
+    u0 = c*x0 - s*y0
+    w0 = s*x0 + c*y0
+    u1 = c*x1 - s*y1
+    w1 = c*y1 + s*x1
+    …
+    u19 = c*x19 - s*y19
+    w19 = s*x19 + c*y19
+
+are twenty isomorphic blocks of two steps. Blocks may differ in names, in the order of terms and
+factors, and in signs. In each step a name is either defined earlier in its block (as nothing here
+is), or the same in all blocks (`c`, `s`), or another in each (`x0`, `x1` …).
+
+Rows: names that a loop reads or writes one an iteration, and that must lie side by side.
+
+    for i in 0 … 7:  u[i] = c*x[i]          x: x0 x1 … x7
+    for i in 0 … 7:  w[i] = c*z[i]          z: x1 … x7 p
+
+Slots that keep their distances form a tuple. The first row makes one of `x0` to `x7`, and the
+second extends it, since both read the same `x1`. But `p` is an input and has no slot, so it is
+copied before the loop, and the copy lies after `x7`. A loop that would need many copies, or whose
+rows cannot lie side by side at all, is left unrolled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from itertools import chain, count
+import heapq
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count, groupby
 from math import prod
 
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
-from gibbs_codegen.program.repeated_blocks import (
-    RepeatedBlocks,
-    Term,
-    find_repeated_blocks,
-    is_profitable,
-)
-from gibbs_codegen.program.steps import Item, Loop, Step, Store
+from gibbs_codegen.program.steps import Item, Loop, Step, Store, defined_names
+
+# Fewer blocks, or fewer steps in all, are not worth a loop.
+_FEWEST_BLOCKS = 4
+_FEWEST_STEPS = 40
+_LONGEST_BLOCK = 48
+# Stretches in which steps are the same as those one block further: there, a byte is 1.
+_RUNS = re.compile(b"\x01+")
+
+Factor = str | float
+Term = tuple[int, tuple[Factor, ...]]
+Terms = tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class RepeatedBlocks:
+    """Blocks of `length` steps from `start`, with the terms of each step in matching order."""
+
+    start: int
+    length: int
+    blocks: tuple[tuple[Terms, ...], ...]
+
+    @property
+    def stop(self) -> int:
+        """Where the steps after the blocks begin."""
+        return self.start + self.length * len(self.blocks)
+
+
+def is_profitable(count: int, length: int) -> bool:
+    """Whether `count` blocks of `length` steps are worth a loop."""
+    return count >= _FEWEST_BLOCKS and count * length >= _FEWEST_STEPS
+
+
+def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
+    """Repeated blocks of a schedule worth a loop, in order; they do not overlap.
+
+    Candidates that cover most are tried first.
+    """
+    matcher = _Matcher(steps)
+    queue = list(matcher.candidates())
+    heapq.heapify(queue)
+    taken = [False] * len(steps)
+    found = []
+    while queue:
+        covered, length, start = heapq.heappop(queue)
+        count = -covered // length
+        free = [not any(taken[start + r * length : start + (r + 1) * length]) for r in range(count)]
+        rest = [(start, count - 1)]
+        if not all(free):
+            rest = _free_stretches(free, start, length)
+        elif match := matcher.match(start, length, count):
+            found.append(match)
+            taken[match.start : match.stop] = [True] * (match.stop - match.start)
+            rest = [(start, count - len(match.blocks))]
+        for new_start, new_count in rest:
+            if is_profitable(new_count, length):
+                heapq.heappush(queue, (-new_count * length, length, new_start))
+    return sorted(found, key=lambda match: match.start)
+
+
+def _free_stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int, int]]:
+    """First step and number of blocks of each stretch of blocks of which no step is taken.
+
+    `free` says that of each block; the first block begins at step `start`.
+    """
+    found = []
+    for is_free, group in groupby(free):
+        count = len(list(group))
+        if is_free:
+            found.append((start, count))
+        start += count * length
+    return found
+
+
+class _Matcher:
+    """Steps and what matching needs of them."""
+
+    def __init__(self, steps: Sequence[Step]) -> None:
+        self._steps = steps
+        self._terms = [_terms(step.value) for step in steps]
+        self._defined = {s.name: i for i, s in enumerate(steps) if isinstance(s, Statement)}
+        self._names = [frozenset(names_in(step.value)) for step in steps]
+        self._sources = [sorted(self._defined.get(n, -1) for n in names) for names in self._names]
+
+    def candidates(self) -> Iterator[tuple[int, int, int]]:
+        """Stretches in which signatures repeat: minus the steps covered, block length, start."""
+        numbers: dict[object, int] = {}
+        signatures = map(_signature, self._steps, self._terms)
+        ids = [numbers.setdefault(signature, len(numbers)) for signature in signatures]
+        for length in range(1, _LONGEST_BLOCK + 1):
+            same = bytes(map(int.__eq__, ids, ids[length:]))
+            for run in _RUNS.finditer(same):
+                for first in range(run.start(), min(run.start() + length, run.end())):
+                    count = (run.end() - first) // length + 1
+                    if not is_profitable(count, length):
+                        break
+                    yield -count * length, length, first
+
+    def _same_sources(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
+        """Whether two blocks agree in what they read of shared names and of their own.
+
+        This is quickly told, and mostly false. `first` is the first step of one block, `last` that
+        of the last; `shared` has for each step of a block the names that all blocks read.
+        """
+        return all(
+            names <= self._names[first + i]
+            and [s - first for s in self._sources[first + i] if s >= first]
+            == [s - last for s in self._sources[last + i] if s >= last]
+            for i, names in enumerate(shared)
+        )
+
+    def match(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
+        """Match the last blocks of a candidate, as many as do the same independently.
+
+        It begins at step `start`, and its blocks are of one signature. None if they are not worth a
+        loop.
+        """
+        last = start + (count - 1) * length
+        shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
+        for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
+            if not self._same_sources(first, last, shared):
+                return None
+        pattern: list[object] = []
+        blocks: list[tuple[Terms, ...]] = []
+        places: list[list[int]] = []
+        used_later: set[str] = set()
+        for first in range(last, start - 1, -length):
+            block = self._steps[first : first + length]
+            forms, terms = [], []
+            for i, names in enumerate(shared, first):
+                parts = self._terms[i]
+                if parts is None:
+                    return None
+                form, ordered = _canonical(parts, self._defined, first, names)
+                forms.append(form)
+                terms.append(ordered)
+            pattern = pattern or [*forms]
+            places.append([step.place for step in block if isinstance(step, Store)])
+            defined = {step.name for step in block if isinstance(step, Statement)}
+            if forms != pattern or defined & used_later or not _is_affine(places[-3:]):
+                break
+            used_later.update(*self._names[first : first + length])
+            used_later -= defined
+            blocks.append(tuple(terms))
+        if not is_profitable(len(blocks), length):
+            return None
+        return RepeatedBlocks(last - (len(blocks) - 1) * length, length, tuple(reversed(blocks)))
+
+
+def _terms(value: Node) -> Terms | None:
+    """A sum of products of names and numbers; None for anything else."""
+    terms = []
+    for sign, term in value.terms if isinstance(value, Sum) else ((1, value),):
+        factors: list[Factor] = []
+        for factor in term.factors if isinstance(term, Product) else (term,):
+            if not isinstance(factor, Name | Number):
+                return None
+            factors.append(factor.name if isinstance(factor, Name) else factor.value)
+        terms.append((sign, tuple(factors)))
+    return tuple(terms)
+
+
+def _signature(step: Step, terms: Terms | None) -> object:
+    """What steps have in common that may do the same in two blocks."""
+    if terms is None:
+        return step
+    output = step.output if isinstance(step, Store) else None
+    numbers = (sorted(f for f in factors if isinstance(f, float)) for _, factors in terms)
+    return output, tuple(
+        sorted((len(factors), *n) for (_, factors), n in zip(terms, numbers, strict=True))
+    )
+
+
+def _canonical(
+    parts: Terms, defined: Mapping[str, int], first: int, shared: frozenset[str]
+) -> tuple[object, Terms]:
+    """What must be equal in all blocks, and terms in an order that isomorphic blocks share.
+
+    Names that are others in each block go by age, which is a guess, and any order is right.
+    `defined` has the step that defines a name, `first` is the first of the block.
+    """
+
+    def key(factor: Factor) -> tuple[int, float, str]:
+        if isinstance(factor, float):
+            return (0, factor, "")
+        age = defined.get(factor, -1)
+        if age >= first:
+            return (1, age - first, "")
+        return (2, 0, factor) if factor in shared else (3, age, "")
+
+    terms = [(tuple(sorted(factors, key=key)), sign) for sign, factors in parts]
+    terms.sort(key=lambda term: [key(factor) for factor in term[0]])
+    form = [[k if k[0] < 3 else 3 for k in map(key, factors)] for factors, _ in terms]
+    return form, tuple((sign, factors) for factors, sign in terms)
+
+
+def _is_affine(places: Sequence[Sequence[int]]) -> bool:
+    """Whether the places of each store have one stride over three blocks."""
+    return len(places) < 3 or all(2 * b == a + c for a, b, c in zip(*places, strict=True))
 
 
 def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
@@ -192,3 +410,112 @@ def _sum(terms: list[tuple[int, Node]]) -> Node:
     if len(terms) == 1 and terms[0][0] > 0:
         return terms[0][1]
     return Sum(tuple(sorted(terms, key=lambda term: -term[0])))
+
+
+# A loop may have one operand in so many copied.
+_OPERANDS_PER_COPY = 8
+
+
+class SlotTuples:
+    """Tuples of slots: names with offsets, at fixed distances from each other.
+
+    `members` has the names at each offset of each tuple; those at one offset share a slot.
+    """
+
+    def __init__(self) -> None:
+        self.members: dict[int, dict[int, list[str]]] = {}
+        self._places: dict[str, tuple[int, int]] = {}
+
+    def add(self, name: str) -> None:
+        """Put a name into a tuple of its own, unless it is in one."""
+        if name not in self._places:
+            number = len(self._places)
+            self._places[name] = (number, 0)
+            self.members[number] = {0: [name]}
+
+    def keep(self, names: Container[str]) -> None:
+        """Forget all names but some."""
+        for number, members in self.members.items():
+            kept = {offset: [n for n in there if n in names] for offset, there in members.items()}
+            self.members[number] = {offset: there for offset, there in kept.items() if there}
+        self.members = {number: members for number, members in self.members.items() if members}
+
+    def coalesce(
+        self, first: str, second: str, distance: int, can_share: Callable[[str, str], bool]
+    ) -> bool:
+        """Join the tuples of two names, unless names would share a slot that cannot.
+
+        `distance` is in slots from the first to the second; the result tells whether it holds now.
+        """
+        (number, offset), (other, other_offset) = self._places[first], self._places[second]
+        shift = offset + distance - other_offset
+        kept, moved = self.members[number], self.members[other]
+        if number == other:
+            return shift == 0
+        for place, names in moved.items():
+            there = kept.get(place + shift, [])
+            if not all(can_share(a, b) for a in there for b in names):
+                return False
+        for place, names in moved.items():
+            kept.setdefault(place + shift, []).extend(names)
+            self._places.update(dict.fromkeys(names, (number, place + shift)))
+        del self.members[other]
+        return True
+
+
+def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item], dict[str, str]]:
+    """Put copies before the loops whose operands do not lie side by side, or unroll the loops.
+
+    `tuples` takes the rows of all loops that are kept; the second result says what each copy is a
+    copy of.
+    """
+    defined = {name for item in items for name in defined_names(item)}
+    placed: list[Item] = []
+    copies: dict[str, str] = {}
+    for item in items:
+        if not isinstance(item, Loop):
+            placed.append(item)
+            continue
+        here: dict[str, str] = {}
+        operands: dict[str, tuple[str, ...]] = {}
+        for i, (name, row) in enumerate(item.operands.items()):
+            own = {name for name in row if name in defined}
+            operands[name] = _place_row(row, f"{row[-1]}_{len(copies)}_{i}_", own, here, tuples)
+        fits = all(operands.values())
+        if not fits or len(here) * _OPERANDS_PER_COPY > item.count * len(operands):
+            placed += item.unrolled
+            continue
+        for row in item.results.values():
+            _place_row(row, "", set(row), here, tuples)
+        copies |= here
+        placed += [Statement(copy, Name(name), item.group) for copy, name in here.items()]
+        placed.append(replace(item, operands=operands))
+    return placed, copies
+
+
+def _place_row(
+    row: tuple[str, ...], prefix: str, defined: set[str], copies: dict[str, str], tuples: SlotTuples
+) -> tuple[str, ...]:
+    """Put a row, one name an iteration, into one tuple, with copies of names that cannot lie in it.
+
+    `defined` are the names of the row that steps define, which therefore can have slots. Empty if
+    the place of a copy is not free.
+    """
+    found: list[str] = []
+    for i, name in enumerate(reversed(row)):
+        copy = f"{prefix}{i}"
+        for candidate in (name, copy) if name in defined and name not in found else (copy,):
+            tuples.add(candidate)
+            anchor = found[0] if found else candidate
+            if tuples.coalesce(anchor, candidate, -i, _never_share):
+                found.append(candidate)
+                break
+        else:
+            return ()
+        if found[-1] == copy:
+            copies[copy] = name
+    return tuple(reversed(found))
+
+
+def _never_share(_first: str, _second: str) -> bool:
+    return False

@@ -21,10 +21,9 @@ from itertools import islice
 import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
-from gibbs_codegen.graph.graph import Graph, Kind, Ref
-from gibbs_codegen.graph.optimise import operations as graph_operations
-from gibbs_codegen.graph.optimise import optimised
-from gibbs_codegen.graph.order import in_order
+from gibbs_codegen.graph.graph import Graph, Kind, Ref, in_order
+from gibbs_codegen.graph.shortening import operations as graph_operations
+from gibbs_codegen.graph.shortening import optimised
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,

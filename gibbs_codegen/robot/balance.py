@@ -2,12 +2,241 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from gibbs_codegen.robot.hover import Hover, hangs, holding_efforts, hover
-from gibbs_codegen.robot.mass_properties import base_properties
-from gibbs_codegen.robot.model import Robot, as_rigid_body
+from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
 from gibbs_codegen.robot.names import coordinate_of, rotor_label
+from gibbs_codegen.robot.placement import Array, mounted_rotors
+from gibbs_codegen.robot.posture import (
+    AT_ORIGIN,
+    base_properties,
+    frames_on,
+    rounded,
+    whole_properties,
+)
+from gibbs_codegen.robot.wrenches import directions
+
+# Fewer times better is a matter of taste.
+_FAR_BETTER = 3.0
+# Configurations that are tried where the arrangement depends on the joints, and how far joints
+# without limits move in them, rad or m.
+_TRIED, _TRAVEL = 20, 1.0
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
+
+    `missing` names the directions that no combination of thrusts can push in, about the base centre
+    in the base's axes.
+    """
+
+    rank: int
+    condition: float
+    missing: tuple[str, ...]
+
+
+def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -> Array:
+    """Force, then moment (6, N), m, of each unit thrust about the base centre, in the base's axes.
+
+    `joints` are those that move, rad or m, zero if None.
+    """
+    frames = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints)
+    drags = np.array([*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)])
+    moments = np.cross(frames.motors, frames.thrusts) + drags[:, np.newaxis] * frames.thrusts
+    return np.concatenate([frames.thrusts, moments], axis=1).T
+
+
+def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> Arrangement:
+    """Rank and conditioning of the rotors' arrangement, in N and N m about the base centre.
+
+    `joints` are those that move, rad or m, zero if None.
+    """
+    left, values, _ = np.linalg.svd(wrench_matrix(robot, joints))
+    rank = int(np.sum(values > 1e-9 * values[0])) if values.any() else 0
+    full = rank == len(left)
+    condition = float(values[0] / values[-1]) if full else float("inf")
+    return Arrangement(rank, condition, directions(left[:, rank:]))
+
+
+def carried_rotors(robot: Robot) -> tuple[int, ...]:
+    """Numbers, from 1, of rotors that a joint moves against the base."""
+    moved = {BASE: False}
+    for i, link in enumerate(robot.links, start=1):
+        moved[i] = link.moves or moved[robot.parents[i - 1]]
+    return tuple(k for k, rotor in enumerate(robot.thrusters, start=1) if moved[rotor.on])
+
+
+def ranks_in_motion(robot: Robot) -> tuple[int, int] | None:
+    """Least and greatest rank of the arrangement as the joints move, within their limits.
+
+    They are over some configurations that are always the same; None where no joint moves a rotor.
+    """
+    if not carried_rotors(robot):
+        return None
+    limits = [robot.links[i - 1].limits for i in robot.moving]
+    low = [-_TRAVEL if bounds.low is None else bounds.low for bounds in limits]
+    high = [_TRAVEL if bounds.high is None else bounds.high for bounds in limits]
+    shares = np.random.default_rng(0).random((_TRIED, len(limits)))
+    tried = low + shares * (np.array(high) - np.array(low))
+    ranks = [arrangement(robot, joints).rank for joints in tried]
+    return min(ranks), max(ranks)
+
+
+@dataclass(frozen=True)
+class TiltHint:
+    """Motors 1 … N whose tilts had better have the other sign, and the condition number then."""
+
+    motors: tuple[int, ...]
+    condition: float
+
+    def text(self) -> str:
+        """The hint in words."""
+        which = f"motor {self.motors[0]}" if len(self.motors) == 1 else "motors "
+        if len(self.motors) > 1:
+            which += f"{', '.join(map(str, self.motors[:-1]))} and {self.motors[-1]}"
+        return (
+            f"with the thrust of {which} tilted to the other side (x and y of opposite sign) the "
+            f"condition number would be {self.condition:.4g}; arm 1's x axis runs to the base "
+            "centre, those of the others away from it"
+        )
+
+
+def tilt_hint(robot: Robot) -> TiltHint | None:
+    """Signs of the tilts that condition the arrangement far better, if there are such.
+
+    Tried are those with which alternating tilts go wrong: arm 1's axes point the other way round,
+    and the arms may have to alternate. That is so by the paper's rule for rods only.
+    """
+    if not robot.base.rotors or robot.base.azimuth_deg is not None:
+        return None
+    now = arrangement(robot)
+    every_second = set(range(2, robot.rotors + 1, 2))
+    found = []
+    for motors in ({1}, every_second, every_second ^ {1}):
+        condition = arrangement(_mirrored(robot, motors)).condition
+        found.append(TiltHint(tuple(sorted(motors)), condition))
+    best = min(found, key=lambda hint: hint.condition)
+    return best if best.condition * _FAR_BETTER < now.condition else None
+
+
+def _mirrored(robot: Robot, motors: Collection[int]) -> Robot:
+    """The robot with the thrusts of some motors tilted to the other side."""
+    thrust = tuple(
+        (-x, -y, z) if k in motors else (x, y, z)
+        for k, (x, y, z) in enumerate(robot.base.thrust, start=1)
+    )
+    return replace(robot, base=replace(robot.base, thrust=thrust))
+
+
+@dataclass(frozen=True)
+class Hover:
+    """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
+
+    Where none do although some carry the weight, `moment` (N m, about the base centre, in the
+    base's axes) is what these leave at least. `margin` is how many times its weight the robot may
+    have before a rotor meets its limits, None where they are not all given or do not let it hover
+    at any weight, or where it was not asked for. `beyond` are the numbers of the rotors whose
+    limits the thrusts of least norm break.
+    """
+
+    thrusts: tuple[float, ...] | None
+    margin: float | None
+    beyond: tuple[int, ...]
+    moment: tuple[float, ...] | None = None
+
+
+def hangs(robot: Robot) -> bool:
+    """Whether hovering is taken with the arm's centre of mass beneath the base centre.
+
+    So it is for the paper's form of file, whose joints at zero stretch the arm out sideways.
+    Otherwise all joints are at zero.
+    """
+    return bool(robot.base.rotors)
+
+
+def hover(robot: Robot, margin: bool = True) -> Hover:
+    """Hovering of a robot; for its margin SciPy is imported."""
+    needed, matrix = _weight(robot), wrench_matrix(robot)
+    size = float(np.abs(needed).max())
+    thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
+    if not robot.rotors or np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
+        return Hover(None, None, (), _moment_left(matrix, needed) if robot.rotors else None)
+    found = tuple(map(float, rounded(thrusts, size)))
+    limits = [rotor.limits for rotor in robot.thrusters]
+    beyond = [
+        k
+        for k, (thrust, bounds) in enumerate(zip(found, limits, strict=False), start=1)
+        if bounds and not bounds[0] <= thrust <= bounds[1]
+    ]
+    given = [bounds for bounds in limits if bounds]
+    limited = margin and size and len(given) == robot.rotors
+    return Hover(found, _margin(matrix, needed, given) if limited else None, tuple(beyond))
+
+
+def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
+    """Torques (N m), forces (N) that hold joints at zero, the base level, under thrusts (N)."""
+    links = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving))).links
+    acting = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
+    for rotor, unit, thrust in zip(
+        mounted_rotors(robot), wrench_matrix(robot).T, thrusts, strict=True
+    ):
+        acting[rotor.on] += thrust * unit
+    for i in range(len(robot.links), 0, -1):
+        body = as_rigid_body(robot.links[i - 1].body)
+        weight = np.array([0.0, 0.0, -robot.gravity * body.mass])
+        acting[i] += *weight, *np.cross(links[i - 1].place(body.com), weight)
+        acting[robot.parents[i - 1]] += acting[i]
+    efforts = []
+    for i in robot.moving:
+        link, frame, (force, moment) = robot.links[i - 1], links[i - 1], np.split(acting[i], 2)
+        turns = link.joint == "revolute"
+        along = moment - np.cross(frame.origin, force) if turns else force
+        efforts.append(-link.passive.stiffness * link.passive.rest - along @ frame.axes @ link.axis)
+    size = robot.gravity * robot.total_mass
+    return list(map(float, rounded(np.array(efforts), size)))
+
+
+def _weight(robot: Robot) -> Array:
+    """Wrench (6) about the base centre that holds the robot, level, in the base's axes."""
+    held = base_properties(robot) if hangs(robot) else whole_properties(robot)
+    x, y, _ = held.mass * np.array(held.com)
+    weight: Array = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
+    return weight
+
+
+def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
+    """The least moment (3), N m, that thrusts leave which carry the weight; None where none do.
+
+    `matrix` (6, N) has wrenches of unit thrusts, `needed` (6) is that of hovering.
+    """
+    forces, moments = matrix[:3], matrix[3:]
+    _, values, right = np.linalg.svd(forces)
+    idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
+    thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
+    if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * np.abs(needed).max():
+        return None
+    left = needed[3:] - moments @ thrusts
+    left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
+    return tuple(map(float, rounded(left, float(np.abs(needed).max()))))
+
+
+def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:
+    """How many times a wrench (6) the rotors can produce within limits, N; None for no multiple.
+
+    `matrix` (6, N) has wrenches of unit thrusts.
+    """
+    from scipy.optimize import linprog  # It takes longer to import than all else here.
+
+    size = np.abs(needed).max()
+    balanced = np.column_stack([matrix, -needed / size])
+    most = np.append(np.zeros(len(limits)), -1.0)
+    found = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*limits, (0.0, None)])
+    return float(found.x[-1] / size) if found.success else None
+
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01

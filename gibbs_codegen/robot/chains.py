@@ -14,12 +14,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gibbs_codegen.robot.coordinates import (
+from gibbs_codegen.robot.layout import (
+    Layout,
     constraint_torque,
     held_coordinate,
     hybrid_coordinates,
+    joint_terms,
 )
-from gibbs_codegen.robot.layout import Layout, joint_terms
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import coordinate_of
 

@@ -1,21 +1,52 @@
-"""What a generated module lists of its robot, by the names of the module's constants."""
+"""What a generated module lists of its robot, by the names of the module's constants.
+
+Base parameters: the fewest numbers of the bodies that determine the equations of motion.
+
+Of a body's ten numbers, mass, first moment and second moments about its joint, a joint only feels
+some; the others are added to those of the parent, as `derivation.regrouping` does it. What is left
+with each body is independent of all others, whatever the lengths: the base flies freely, so its ten
+can all be told apart, and from the leaves inwards so can what each joint feels. The dynamics is
+linear in these parameters.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
-from gibbs_codegen.robot.base_parameters import base_parameters
-from gibbs_codegen.robot.coordinates import (
+from gibbs_codegen.robot.layout import (
+    Coordinate,
     frame_names,
     frames_of,
     hybrid_coordinates,
     inputs,
+    layout_of,
     points,
 )
-from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import BASE, Robot
-from gibbs_codegen.robot.names import default_prefix, identifier
+from gibbs_codegen.robot.model import BASE, LinkKind, Robot
+from gibbs_codegen.robot.names import default_prefix, identifier, parameter_prefix
+
+# The numbers of a body, ∫dm, ∫r dm and ∫rrᵀ dm, in the order of `derivation.inertia.Inertia`.
+NUMBERS = {
+    "mass": "kg",
+    **{f"moment_{axis}": "kg m" for axis in "xyz"},
+    **{f"second_{axes}": "kg m^2" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")},
+}
+# Those that are its parent's, by the joint along z that carries the body.
+GIVEN: dict[LinkKind, tuple[str, ...]] = {
+    "revolute": ("mass", "moment_z", "second_zz"),
+    "prismatic": tuple(name for name in NUMBERS if name.startswith("second")),
+}
+
+
+def base_parameters(robot: Robot) -> tuple[Coordinate, ...]:
+    """The base parameters: of the base, then of each link whose joint moves."""
+    found = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
+    for i in robot.moving:
+        prefix, given = parameter_prefix(robot, i), GIVEN[robot.links[i - 1].joint]
+        kept = {name: unit for name, unit in NUMBERS.items() if name not in given}
+        found += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in kept.items()]
+    return tuple(found)
 
 
 def module_lists(robot: Robot, derivatives: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
@@ -48,7 +79,7 @@ def carriers(robot: Robot) -> tuple[str, ...]:
     for i, link in enumerate(robot.links, start=1):
         of_body[i] = next(joints) if link.moves else of_body[robot.parents[i - 1]]
     base = [BASE] * (2 + rods if rods else 1)
-    placed = [each.on for each in (*robot.thrusters, *frames_of(robot)[1:])]
+    placed = [*(rotor.on for rotor in robot.thrusters), *(f.on for f in frames_of(robot)[1:])]
     thrusters = len(robot.thrusters)
     moving = [robot.parents[i - 1] for i in robot.moving]
     bodies = [*base, *placed[:thrusters], *moving, *placed[thrusters:]]

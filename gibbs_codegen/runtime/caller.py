@@ -20,9 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.runtime.c_library import NATIVE
+from gibbs_codegen.runtime.c_library import NATIVE, Compiler, CompilerError
 from gibbs_codegen.runtime.cache import CacheError, cached_library
-from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 
 _log = logging.getLogger("gibbs_codegen")
 _NAME = "gibbs_codegen.runtime._caller"

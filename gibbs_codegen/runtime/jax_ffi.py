@@ -21,10 +21,16 @@ import jax
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import Signature, module_signatures
-from gibbs_codegen.runtime.c_library import NATIVE, c_files, compiled_library, loaded_library
+from gibbs_codegen.runtime.c_backend import EachLibrary
+from gibbs_codegen.runtime.c_library import (
+    NATIVE,
+    CompilerError,
+    c_files,
+    compiled_library,
+    find_compiler,
+    loaded_library,
+)
 from gibbs_codegen.runtime.cache import CacheError, cached_library
-from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
-from gibbs_codegen.runtime.each_library import EachLibrary
 
 _log = logging.getLogger("gibbs_codegen")
 _SLOW = "%s: XLA compiles all functions, which takes long: %s"

@@ -12,8 +12,7 @@ from functools import cache
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.exact_angles import DIGITS, cos_sin_deg
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, X, Z
+from gibbs_codegen.symbolic.vectors import DIGITS, Rotation, Vector, X, Z, cos_sin_deg
 
 # By rows: takes components in the turned frame to components in the frame it was turned from.
 Turn = tuple[Vector, Vector, Vector]

@@ -6,10 +6,8 @@ import textwrap
 from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
-from gibbs_codegen.program.nodes import Function
-from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.robot.base_parameters import base_parameters
-from gibbs_codegen.robot.coordinates import (
+from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.robot.layout import (
     Coordinate,
     constraint_torque,
     frame_names,
@@ -17,13 +15,13 @@ from gibbs_codegen.robot.coordinates import (
     held_arms,
     hybrid_coordinates,
     inputs,
+    layout_of,
     points,
     reduced_coordinates,
     velocities,
 )
-from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.module_lists import body_names
+from gibbs_codegen.robot.module_lists import base_parameters, body_names
 
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97

@@ -17,10 +17,9 @@ import numpy as np
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
+from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
-from gibbs_codegen.verification.evaluation import Evaluation
-from gibbs_codegen.verification.free_base import formulated
+from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import FAR_SINGLE, Sizes, States

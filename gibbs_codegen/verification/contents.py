@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot.coordinates import frames_of
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
 from gibbs_codegen.robot.module_lists import carriers, module_lists
 from gibbs_codegen.robot.names import parameter_prefix

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.slopes import Slopes, Units
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree

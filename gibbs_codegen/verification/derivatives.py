@@ -14,7 +14,13 @@ import numpy as np
 
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, compared, explained, failed
+from gibbs_codegen.verification.comparison import (
+    Comparison,
+    Evaluation,
+    compared,
+    explained,
+    failed,
+)
 from gibbs_codegen.verification.derivative_row import DerivativeRow, Point
 from gibbs_codegen.verification.dynamics_derivatives import (
     coriolis_rows,
@@ -23,7 +29,6 @@ from gibbs_codegen.verification.dynamics_derivatives import (
     jvp_rows,
     vjp_rows,
 )
-from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.input_derivatives import input_hessian_rows, input_rows
 from gibbs_codegen.verification.motion_derivatives import (
     euler_step,

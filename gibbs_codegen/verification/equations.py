@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, explained
 from gibbs_codegen.verification.displacements import displacement_rows
-from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.frame_rows import Row, frame_rows, mass_rows, wrench_forces
 from gibbs_codegen.verification.states import Sizes, States

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gibbs_codegen.verification.body_wrenches import wrench_sizes
 from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.newton_euler import wrench_sizes
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times

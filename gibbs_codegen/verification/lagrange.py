@@ -14,9 +14,8 @@ import numpy as np
 
 from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.formulation import Quantities
-from gibbs_codegen.verification.joints import Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.tree import Point, Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40

@@ -13,9 +13,14 @@ from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.c_backend import c_module
-from gibbs_codegen.runtime.c_library import c_files, compiled_library
+from gibbs_codegen.runtime.c_library import (
+    Compiler,
+    CompilerError,
+    c_files,
+    compiled_library,
+    find_compiler,
+)
 from gibbs_codegen.runtime.cache import CacheError, cached_library
-from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.runtime.load import BACKENDS, find_module, load
 from gibbs_codegen.verification.c_program import (
     SINGLE_PRECISION,
@@ -28,10 +33,10 @@ from gibbs_codegen.verification.contents import (
     compare_contents,
     compare_robot_file,
 )
-from gibbs_codegen.verification.free_base import formulated
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.invariants import compared_with_themselves
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.rollouts import ROLLOUTS, compare_rollouts
-from gibbs_codegen.verification.self_consistency import compared_with_themselves
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
     QUICK,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.derivative_row import (
     AGREEMENT,
     CURVATURE,
@@ -16,7 +17,6 @@ from gibbs_codegen.verification.derivative_row import (
     scaled_size,
 )
 from gibbs_codegen.verification.differences import STEP, gradient
-from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.slopes import State
 from gibbs_codegen.verification.vectors import Array
 

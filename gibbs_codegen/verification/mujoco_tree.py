@@ -13,9 +13,8 @@ from gibbs_codegen.verification.formulation import (
     Quantities,
     state_by_state,
 )
-from gibbs_codegen.verification.joints import WORLD, Joint, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.tree import WORLD, Joint, Point, Tree
 from gibbs_codegen.verification.vectors import Array
 
 # Of moments of inertia, beside the largest.

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.robot.model import Body, RigidBody, Robot
+from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.derivative_row import EXACT, SLOPE, DerivativeRow, Point
 from gibbs_codegen.verification.dynamics_derivatives import Dynamics
-from gibbs_codegen.verification.evaluation import Evaluation
-from gibbs_codegen.verification.free_base import formulated
+from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import Dimension, mapped, parameter_values
 from gibbs_codegen.verification.states import Sizes, States

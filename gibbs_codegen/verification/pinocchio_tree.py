@@ -6,9 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from gibbs_codegen.verification.formulation import Quantities, state_by_state
-from gibbs_codegen.verification.joints import WORLD, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.tree import WORLD, Point, Tree
 from gibbs_codegen.verification.vectors import Array
 
 _KINDS = {

@@ -13,11 +13,18 @@ import numpy as np
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.rollouts.compiled import compiled_rollout
-from gibbs_codegen.rollouts.plain import plain_rollout
-from gibbs_codegen.rollouts.problem import REALS, Feedback, Method, Motors, Precision, Problem
+from gibbs_codegen.runtime.rollouts import (
+    REALS,
+    Feedback,
+    Method,
+    Motors,
+    Precision,
+    Problem,
+    compiled_rollout,
+    plain_rollout,
+)
 from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
-from gibbs_codegen.verification.self_consistency import conditions
+from gibbs_codegen.verification.invariants import conditions
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.differences import QUADRATIC, STEP, WEIGHTS, gradient
-from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.joints import WORLD, Joint
-from gibbs_codegen.verification.tree import Frames, Tree
+from gibbs_codegen.verification.tree import WORLD, Frames, Joint, Tree
 from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices, times
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.

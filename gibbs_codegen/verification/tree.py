@@ -2,20 +2,296 @@
 
 Coordinates here are those of all joints in the order of the hybrid system, such as θ₋₁, θ₀, θ₁,
 θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z.
+
+The joints of a robot with the bodies that they carry, as its file gives them, in plain numbers.
+
+The position and the attitude of the base are joints without mass, and what constraint torques hold
+are joints like any other. Whatever is welded to a body is carried by the same joint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.joints import WORLD, Assembly, Point
-from gibbs_codegen.verification.passive import PassiveJoints
-from gibbs_codegen.verification.vectors import Array, about, quaternions_of_angles
+from gibbs_codegen.robot.layout import frames_of, layout_of
+from gibbs_codegen.robot.model import BASE, Body, Frame, Link, Pose, Robot, Rod, Vector3
+from gibbs_codegen.verification.vectors import Array, about, cross, quaternions_of_angles
+
+WORLD = -1
+
+
+class Part(NamedTuple):
+    """One of the bodies that a joint carries, in the joint's frame: as `Joint` has all of them.
+
+    `body` is its number, as of `Assembly`.
+    """
+
+    body: int
+    joint: int
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint with the bodies that it carries, as one.
+
+    `parent` is the number of the joint that it hangs on, or `WORLD`; `place` that of its
+    coordinate; `axis` that of its own frame's axis about (revolute) or along which it moves. At
+    coordinate zero, `rotation` (3, 3) leads from its frame's axes to its parent's and `offset`
+    (3,), in m, from the parent's origin to its own. Of the bodies are `mass`, in kg, `com` (3,), in
+    m, and `inertia` (3, 3) about that, in kg m², in the joint's axes.
+    """
+
+    parent: int
+    place: int
+    axis: int
+    revolute: bool = True
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def with_part(self, part: Part) -> Joint:
+        """The joint with one body more."""
+        mass, inertia = self.mass + part.mass, self.inertia + part.inertia
+        if self.mass == 0.0 or mass == 0.0:
+            return replace(self, mass=mass, com=part.com, inertia=inertia)
+        apart = part.com - self.com
+        reduced = self.mass * part.mass / mass
+        inertia = inertia + reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+        return replace(self, mass=mass, com=self.com + part.mass / mass * apart, inertia=inertia)
+
+
+class Point(NamedTuple):
+    """A frame fixed in that of a joint: its origin `local` (3,) in m, and `rotation` (3, 3)."""
+
+    joint: int
+    local: Array
+    rotation: Array = np.eye(3)
+
+    def within(self, rotation: Array, offset: Array) -> Point:
+        """A frame fixed in this one, by the rotation to this one's axes and its origin, in m."""
+        return Point(self.joint, self.local + self.rotation @ offset, self.rotation @ rotation)
+
+
+class Motor(NamedTuple):
+    """The direction of a motor's thrust in the frame of its seat, and its drag in m.
+
+    `body` is the number of the body that it sits on, as of `Assembly`.
+    """
+
+    direction: Array
+    drag: float
+    body: int
+
+
+class Assembly:
+    """A robot put together from the base outwards.
+
+    Bodies have numbers: 0 the base, with the rod that nothing holds against it, i link i, and −k
+    rod k.
+
+    - `joints`: from the world outwards, each after that which it hangs on.
+    - `bodies`: frames that the file gives the base, rods that are held, and links, by their
+      numbers.
+    - `carriers`: for each of these but the base, the number of the body that carries it.
+    - `rods`: where the motors of the rods sit.
+    - `arm`: places of the joints that move, in the order of their links.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        layout = layout_of(robot)
+        count = len(layout.free) + layout.constrained.stop - layout.constrained.start
+        self.joints: list[Joint] = []
+        self.parts: list[Part] = []
+        self.arm = layout.free[layout.v.joints]
+        self._robot = robot
+        self._held = iter(range(count)[layout.constrained])
+        root = WORLD
+        for place, letter in zip(layout.free[layout.v.position], "xyz", strict=True):
+            root = self._add(Joint(root, place, "xyz".index(letter), revolute=False))
+        sequence = "xyz" if layout.is_quaternion else layout.attitude
+        for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
+            root = self._add(Joint(root, place, "xyz".index(letter)))
+        self.centre = Point(root, self._centre())
+        self.bodies = {BASE: self.centre}
+        self.carriers: dict[int, int] = {}
+        if robot.base.body is not None:
+            self._carry(BASE, self.centre, robot.base.body)
+        self.rods = [self._rod(k) for k in range(1, robot.base.rotors + 1)]
+        moving = iter(self.arm)
+        for i, link in enumerate(robot.links, start=1):
+            at = self.bodies[robot.parents[i - 1]].within(*self._placed(i, link))
+            if link.joint != "fixed":
+                at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
+            elif link.constrained:
+                at = self._jointed(at, link.axis, next(self._held))
+            self.bodies[i], self.carriers[i] = at, robot.parents[i - 1]
+            self._carry(i, at, link.body)
+
+    @property
+    def motors(self) -> list[tuple[Point, Motor]]:
+        """Where the motors sit, and what each does there, in the order of the thrusts."""
+        base, rotors = self._robot.base, self._robot.thrusters
+        motors = []
+        for k, (rod, direction) in enumerate(zip(self.rods, base.thrust, strict=True), start=1):
+            body = -k if k > 1 else BASE
+            motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
+        for rotor in rotors:
+            seat = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
+            motors.append((seat, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
+        return motors
+
+    @property
+    def frames(self) -> list[tuple[Frame, Point]]:
+        """The named frames and where they are."""
+        return [
+            (frame, self.bodies[frame.on].within(*_posed(frame.pose)))
+            for frame in frames_of(self._robot)
+        ]
+
+    @property
+    def points(self) -> list[Point]:
+        """The named points, in the order of a module's POINTS."""
+        joints = [self.bodies[i] for i in self._robot.moving]
+        frames = [point for frame, point in self.frames if frame.name != "base"]
+        seats = [seat for seat, _ in self.motors]
+        return [*self.rods[:1], self.centre, *seats, *joints, *frames]
+
+    def _add(self, joint: Joint) -> int:
+        self.joints.append(joint)
+        return len(self.joints) - 1
+
+    def _carry(self, number: int, at: Point, body: Body) -> None:
+        """Add a body, whose frame is at `at`, to the joint that this is fixed on."""
+        if isinstance(body, Rod):
+            mass, length = body.mass_per_length * body.length, body.length
+            thin = mass * length**2 / 12
+            x, y, z = body.section_inertia
+            at_com, inertia = (length / 2, 0.0, 0.0), np.diag([x, y + thin, z + thin])
+        else:
+            xx, yy, zz, xy, xz, yz = body.inertia
+            mass, at_com = body.mass, body.com
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        turn = at.rotation
+        com, inertia = at.local + turn @ np.array(at_com), turn @ inertia @ turn.T
+        part = Part(number, at.joint, mass, com, inertia)
+        self.joints[at.joint] = self.joints[at.joint].with_part(part)
+        self.parts.append(part)
+
+    def _jointed(self, at: Point, axis: Vector3, place: int, revolute: bool = True) -> Point:
+        """Add a joint; return the frame of the body that it carries, fixed on it.
+
+        `at` is the body's frame at coordinate zero, on the joint that carries this one, and `axis`
+        is in the body's frame. The joint's own frame is turned so that its axis is a coordinate
+        axis.
+        """
+        number, turn = _aligned(np.array(axis))
+        joint = self._add(Joint(at.joint, place, number, revolute, at.rotation @ turn, at.local))
+        return Point(joint, np.zeros(3), turn.T)
+
+    def _centre(self) -> Array:
+        """The base centre from the origin of the coordinates, in the base's axes."""
+        base = self._robot.base
+        if base.origin != "motor1":
+            return np.zeros(3)
+        if base.azimuth_deg is None:
+            return np.array([base.arm(1).length, 0.0, 0.0])
+        centre: Array = base.arm(1).length * _turn("z", float(base.azimuth_deg[0]))[:, 0]
+        return -centre
+
+    def _rod(self, k: int) -> Point:
+        """Add a rod of the base; return where its motor sits."""
+        base = self._robot.base
+        end = np.array([base.arm(k).length, 0.0, 0.0])
+        if k == 1 and base.azimuth_deg is None:
+            # It is seen from its motor.
+            motor = self.centre.within(np.eye(3), -end)
+            self._carry(BASE, motor, base.arm(1))
+            return motor
+        angle = -180.0 + 360.0 * (k - 1) / base.rotors
+        if base.azimuth_deg is not None:
+            angle = float(base.azimuth_deg[k - 1])
+        rod = self.centre.within(_turn("z", angle), np.zeros(3))
+        if k > 1:
+            rod = self._jointed(rod, (0.0, 0.0, 1.0), next(self._held))
+            self.bodies[-k], self.carriers[-k] = rod, BASE
+        self._carry(-k if k > 1 else BASE, rod, base.arm(k))
+        return rod.within(np.eye(3), end)
+
+    def _placed(self, i: int, link: Link) -> tuple[Array, Array]:
+        """Rotation and origin of a link's frame in that of its parent, at coordinate zero."""
+        if link.pose is not None:
+            return _posed(link.pose)
+        parent = self._robot.parents[i - 1]
+        before = 0.0 if parent == BASE else self._robot.links[parent - 1].body.length
+        a = before if link.a is None else link.a
+        twist = _turn("x", float(link.alpha_deg))
+        offset = np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d])
+        return twist @ _turn("z", float(link.theta_deg)), offset
+
+
+def _posed(pose: Pose) -> tuple[Array, Array]:
+    """Rotation and origin of a pose."""
+    x, y, z = (_turn(axis, float(a)) for axis, a in zip("xyz", pose.rpy_deg, strict=True))
+    return z @ y @ x, np.array(pose.xyz)
+
+
+def _turn(axis: str, degrees: float) -> Array:
+    return about("xyz".index(axis), np.array(np.deg2rad(degrees)))
+
+
+def _aligned(axis: Array) -> tuple[int, Array]:
+    """Axes of which one is a given axis: its number, and the rotation (3, 3) from them."""
+    along = axis / np.linalg.norm(axis)
+    if along.max() == 1.0:
+        return int(along.argmax()), np.eye(3)
+    across = np.cross(np.eye(3)[np.abs(along).argmin()], along)
+    across /= np.linalg.norm(across)
+    return 2, np.stack([across, np.cross(along, across), along], axis=-1)
+
+
+class PassiveJoints(NamedTuple):
+    """What acts on all joints by themselves, (size,) each: as `robot.model.Passive` has it."""
+
+    damping: Array
+    armature: Array
+    stiffness: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, robot: Robot, size: int, places: Sequence[int]) -> PassiveJoints:
+        """What acts on the joints of a robot: zero for those of the base and those that are held.
+
+        `places` are those of the joints that move among all `size`, in the order of their links.
+        """
+        every = np.zeros((size, len(cls._fields)))
+        for place, i in zip(places, robot.moving, strict=True):
+            every[place] = astuple(robot.links[i - 1].passive)
+        return cls._make(every.T)
+
+    def forces(self, q: Array, v: Array) -> Array:
+        """Forces (…, size), N m and N, of dampers and springs, at q and v of all joints."""
+        forces: Array = -self.damping * v - self.stiffness * (q - self.rest)
+        return forces
+
+    def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Sizes of the terms of these forces (…, size), and of the springs' energy (…), J."""
+        stretch = np.abs(q) + np.abs(self.rest)
+        pulling = np.abs(self.stiffness) * stretch
+        return np.abs(self.damping * v) + pulling, np.sum(pulling * stretch, axis=-1)
+
+    def energies(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Kinetic energy of what turns with joints alone, and the springs' potential, (…), J."""
+        kinetic = 0.5 * np.sum(self.armature * v**2, axis=-1)
+        return kinetic, 0.5 * np.sum(self.stiffness * (q - self.rest) ** 2, axis=-1)
 
 
 class Frames(NamedTuple):
@@ -148,3 +424,59 @@ class Tree:
         poses[..., :3, 3] = positions
         poses[..., 3, 3] = 1.0
         return poses
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of a joint's frame in world axes, each (…, 3)."""
+
+    velocity: Array
+    angular_velocity: Array
+    acceleration: Array
+    angular_acceleration: Array
+
+    def at(self, lever: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration of a point fixed in the frame, m/s and m/s², (…, 3).
+
+        `lever` (…, 3) leads to it from the frame's origin, in m, in world axes.
+        """
+        turning = cross(self.angular_velocity, lever)
+        return (
+            self.velocity + turning,
+            self.acceleration
+            + cross(self.angular_acceleration, lever)
+            + cross(self.angular_velocity, turning),
+        )
+
+
+def joint_motions(tree: Tree, v: Array, a: Array, frames: Frames) -> list[Motion]:
+    """Motions of the joints' frames, from the world outwards.
+
+    Rates `v` and accelerations `a` of all joints are (…, size), in rad and m; leading axes of the
+    frames broadcast against theirs.
+    """
+    still = Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
+    motions: list[Motion] = []
+    for number, joint in enumerate(tree.joints):
+        parent = still if joint.parent == WORLD else motions[joint.parent]
+        axis = frames.rotations[number][..., joint.axis]
+        rate = axis * v[..., joint.place, None]
+        gain = axis * a[..., joint.place, None]
+        dragged = cross(parent.angular_velocity, rate)
+        velocity, acceleration = parent.at(frames.steps[number])
+        if joint.revolute:
+            motion = Motion(
+                velocity,
+                parent.angular_velocity + rate,
+                acceleration,
+                parent.angular_acceleration + gain + dragged,
+            )
+        else:
+            motion = Motion(
+                velocity + rate,
+                parent.angular_velocity,
+                acceleration + gain + 2.0 * dragged,
+                parent.angular_acceleration,
+            )
+        motions.append(motion)
+    return motions

@@ -21,24 +21,21 @@ from types import ModuleType
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
+from gibbs_codegen.verification.comparison import Comparison, Evaluation, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.derivatives import compare_derivatives
 from gibbs_codegen.verification.equations import Expected
-from gibbs_codegen.verification.evaluation import Evaluation
-from gibbs_codegen.verification.formulation import Formulation, NotApplicableError
-from gibbs_codegen.verification.free_base import formulated
-from gibbs_codegen.verification.invariants import compare_invariants
-from gibbs_codegen.verification.lagrange import MOST_POINTS, Lagrange
-from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.own_units import InOwnUnits
-from gibbs_codegen.verification.parameters import prepared
-from gibbs_codegen.verification.self_consistency import (
+from gibbs_codegen.verification.formulation import Formulation, NotApplicableError, formulated
+from gibbs_codegen.verification.invariants import (
     OF_EACH,
     compare_constants_of_each,
+    compare_invariants,
     compare_with_itself,
     without_formulation,
 )
+from gibbs_codegen.verification.lagrange import MOST_POINTS, Lagrange
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import InOwnUnits, prepared
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.variation import variation, variations

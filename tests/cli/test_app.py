@@ -602,7 +602,7 @@ def test_info_of_a_robot_without_limits_does_not_import_scipy(tmp_path: Path) ->
     code = (
         "import sys\nfrom gibbs_codegen.cli.app import main\n"
         "assert main(['info', 'hexarotor_3link']) == 0\n"
-        "assert not {'scipy', 'gibbs_codegen.simulator'} & set(sys.modules)"
+        "assert not {'scipy', 'gibbs_codegen.flight'} & set(sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True

@@ -17,9 +17,9 @@ from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import RefusedFileError
+from gibbs_codegen.flight.scenario.file import parse_scenario, shipped_scenarios
 from gibbs_codegen.robot.file import parse_robot, shipped_robots
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.scenario.file import parse_scenario, shipped_scenarios
 
 READERS = {"robot": parse_robot, "scenario": parse_scenario}
 

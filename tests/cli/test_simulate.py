@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 from support.command import ENVIRONMENT, run
 
-from gibbs_codegen.simulator.record.flight import read_flight
+from gibbs_codegen.flight.record.flight import read_flight
 
 
 @pytest.fixture(scope="module")

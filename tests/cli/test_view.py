@@ -1,4 +1,4 @@
-"""`gibbs-codegen view` as a user runs it; what a browser shows is tested in tests/viewer."""
+"""`gibbs-codegen view` as a user runs it; what a browser shows is tested in tests/flight/viewer."""
 
 from __future__ import annotations
 

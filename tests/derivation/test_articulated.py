@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from benchmarks.family import benchmark_robot
 from support.pinocchio_oracle import Oracle
 from support.random_robots import random_robot, rigid_body
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.articulated import SolvedJoint
 from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.derive import derive
@@ -23,8 +23,7 @@ from gibbs_codegen.derivation.operational_inertia import with_joint
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.nodes import Program
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import Program, count_operations
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import (
     JOINT_KINDS,
@@ -36,14 +35,13 @@ from gibbs_codegen.robot.model import (
     Rod,
     alternating_thrust,
 )
-from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.ldlt import (
     ZeroPivotError,
     minimum_degree,
     operations_to_solve,
     solve_symmetric,
 )
-from gibbs_codegen.symbolic.tape import Stage, Tape
+from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
 from gibbs_codegen.symbolic.vectors import Rotation
 
 TOLERANCE = 1e-10

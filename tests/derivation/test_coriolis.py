@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from benchmarks.family import benchmark_robot
 from support.comparison import assert_close, states
 from support.complex_step import along
 from support.emitted import module_of
 from support.pinocchio_oracle import Oracle
 from support.random_robots import random_robot, random_tree
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import Attitude, Robot
 
 ROBOTS = [

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from benchmarks.family import benchmark_robot
 from support.complex_tape import derivatives, entries, inputs_at, stepped, tape_values
 from support.random_robots import random_robot, random_tree
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.forces import input_matrix
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics
 from gibbs_codegen.derivation.forward_dynamics_derivatives import (
@@ -22,7 +22,7 @@ from gibbs_codegen.derivation.forward_dynamics_derivatives import (
 from gibbs_codegen.derivation.hybrid import reduced_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot

@@ -22,10 +22,9 @@ from gibbs_codegen.derivation.hybrid import (
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.chains import coupling_map, decompose
-from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import hybrid_coordinates, layout_of
 from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, Rotor
 from gibbs_codegen.symbolic.tape import Tape
 

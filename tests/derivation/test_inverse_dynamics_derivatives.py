@@ -8,10 +8,10 @@ from itertools import chain
 import numpy as np
 import pytest
 import sympy as sp
-from benchmarks.family import benchmark_robot, two_arms
 from support.complex_tape import derivatives, inputs_at, stepped, tape_values
 from support.random_robots import random_robot, random_tree
 
+from benchmarks.family import benchmark_robot, two_arms
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
 from gibbs_codegen.derivation.inverse_dynamics_derivatives import inverse_dynamics_derivatives

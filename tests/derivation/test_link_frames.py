@@ -14,9 +14,9 @@ from support.random_robots import rigid_body
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inertia import NO_INERTIA
-from gibbs_codegen.derivation.link_frames import BodyFrame, DenavitHartenberg, PlacedLink, framed
-from gibbs_codegen.derivation.tree_builder import JointedLink
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.derivation.jointed_bodies import BodyFrame, DenavitHartenberg, PlacedLink, framed
+from gibbs_codegen.derivation.segment_tree import JointedLink
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import (
     AXES,
     Base,
@@ -27,10 +27,9 @@ from gibbs_codegen.robot.model import (
     Rotor,
     Vector3,
 )
-from gibbs_codegen.symbolic.exact_angles import cos_sin_deg
-from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.structural import NO_TURN, Turn, turn_about, turned_by_rpy
-from gibbs_codegen.symbolic.vectors import ZERO, X, Z
+from gibbs_codegen.symbolic.tape import InlineTape
+from gibbs_codegen.symbolic.vectors import ZERO, X, Z, cos_sin_deg
 
 FUNCTIONS = ("mass_matrix_and_residual", "forward_dynamics", "inverse_dynamics", "mass_matrix")
 NONE = Fraction(0)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from benchmarks.family import benchmark_robot
 from support.comparison import states
 from support.complex_step import parameter_derivative
 from support.emitted import module_of
 from support.random_robots import random_robot, random_tree
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import Robot
 
 FUNCTIONS = ("inverse_dynamics_parameters", "forward_dynamics_parameters_vjp")

@@ -7,16 +7,16 @@ from types import ModuleType
 import numpy as np
 import pinocchio as pin
 import pytest
-from benchmarks.family import benchmark_robot
 from support.comparison import states
 from support.emitted import module_of
 from support.pinocchio_oracle import Oracle
 from support.random_robots import random_robot, random_tree
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.robot.base_parameters import base_parameters
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.module_lists import base_parameters
 
 NAMES = ("regressor", "base_parameters")
 PASSIVE = ("_damping", "_armature", "_stiffness")

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_robots import robots
 
-from gibbs_codegen.equations.closed_form import chain_closed_form
+from gibbs_codegen.equations.readable_chain import chain_closed_form
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot

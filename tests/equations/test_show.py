@@ -26,11 +26,10 @@ from support.random_robots import random_robot, robots
 
 from gibbs_codegen.derivation.gibbs import skew
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.equations.chain_equation import ChainEquation
-from gibbs_codegen.equations.closed_form import chain_closed_form
-from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
-from gibbs_codegen.equations.named_constants import FIXED
-from gibbs_codegen.equations.readable_chain import item_frames, readable_chain
+from gibbs_codegen.equations.chain_equations import ChainEquation
+from gibbs_codegen.equations.chain_names import FIXED
+from gibbs_codegen.equations.pages import as_latex, as_markdown, as_text
+from gibbs_codegen.equations.readable_chain import chain_closed_form, item_frames, readable_chain
 from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
@@ -42,7 +41,7 @@ from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Base, Link, Origin
 from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.robot.placement import turn
 from gibbs_codegen.robot.posture import AT_ORIGIN, Frame, frames_on
-from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
 

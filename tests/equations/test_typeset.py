@@ -5,8 +5,17 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from gibbs_codegen.equations.notation import Kind, Name, hybrid_name, name, parameter_name
-from gibbs_codegen.equations.typeset import LATEX, TEXT, Writer, filled
+from gibbs_codegen.equations.typeset import (
+    LATEX,
+    TEXT,
+    Kind,
+    Name,
+    Writer,
+    filled,
+    hybrid_name,
+    name,
+    parameter_name,
+)
 
 Q, R, V, A, M = sp.symbols("q r v a m")
 NAMES = {

@@ -20,12 +20,12 @@ from support.tools import missing, tool
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.examples import nmpc
 from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator.plant.vehicle import Vehicle
-from gibbs_codegen.simulator.simulation import simulate
 
 try:
     import casadi
@@ -33,11 +33,21 @@ except ImportError:
     missing("casadi is not installed")
 
 from gibbs_codegen.examples import controller as control
-from gibbs_codegen.examples.controller import Controller, SolverStuckError, solver_plugin
-from gibbs_codegen.examples.cost_to_go import cost_to_go
-from gibbs_codegen.examples.flight import control_steps, fly
-from gibbs_codegen.examples.prediction import Prediction, compiled, predicted_robot, traced
-from gibbs_codegen.examples.tracking_problem import TrackingProblem
+from gibbs_codegen.examples.controller import (
+    Controller,
+    SolverStuckError,
+    control_steps,
+    fly,
+    solver_plugin,
+)
+from gibbs_codegen.examples.tracking_problem import (
+    Prediction,
+    TrackingProblem,
+    compiled,
+    cost_to_go,
+    predicted_robot,
+    traced,
+)
 
 H = nmpc.STEP
 PAPER = Circle(

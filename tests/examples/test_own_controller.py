@@ -9,20 +9,19 @@ import pytest
 from support.tools import missing
 
 from gibbs_codegen.examples.task import Circle, circle_task
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator.plant.vehicle import Vehicle
-from gibbs_codegen.simulator.simulation import simulate
 
 try:
     import casadi  # noqa: F401
 except ImportError:
     missing("casadi is not installed")
 
-from gibbs_codegen.examples.controller import Controller
-from gibbs_codegen.examples.flight import fly
-from gibbs_codegen.examples.prediction import traced
+from gibbs_codegen.examples.controller import Controller, fly
+from gibbs_codegen.examples.tracking_problem import traced
 
 STEP = 0.02
 

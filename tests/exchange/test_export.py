@@ -19,8 +19,8 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 

@@ -15,16 +15,16 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from support.emitted import emitted_module
 from support.random_robots import robots
 
-from gibbs_codegen.derivation.filling import filled_entries, filled_matrix
+from gibbs_codegen.derivation.hybrid import filled_entries, filled_matrix
 from gibbs_codegen.figures.coupling import (
     chain_colour,
     coupling_figure,
     hybrid_pattern_figure,
 )
 from gibbs_codegen.robot.chains import coupling_map
-from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.layout import hybrid_coordinates
 from gibbs_codegen.robot.model import Robot
 
 PAPER = read_robot("hexarotor_3link")[0]

@@ -20,10 +20,14 @@ from support.folders import tree
 from support.tools import tool
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.files import folder_lock
 from gibbs_codegen.files import module_writer as write
-from gibbs_codegen.files.manifest import MANIFEST
-from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
+from gibbs_codegen.files import staging as folder_lock
+from gibbs_codegen.files.module_writer import (
+    MANIFEST,
+    check_replaceable,
+    differing_files,
+    write_module,
+)
 from gibbs_codegen.version import HEADER_START
 
 HEADER = f"# {HEADER_START}\n"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from gibbs_codegen.graph.factoring import factored
 from gibbs_codegen.graph.graph import Graph, opposite
-from gibbs_codegen.graph.optimise import operations
+from gibbs_codegen.graph.shortening import factored, operations
 
 
 def test_a_common_factor_is_multiplied_once() -> None:

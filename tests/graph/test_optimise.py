@@ -7,9 +7,9 @@ from support.random_graphs import random_function, values
 
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, Kind, opposite
-from gibbs_codegen.graph.optimise import operations, optimised
+from gibbs_codegen.graph.shortening import operations, optimised
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.symbolic.tape import Tape
 
 

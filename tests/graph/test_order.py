@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from support.random_graphs import random_function
 
-from gibbs_codegen.graph.graph import Graph
-from gibbs_codegen.graph.optimise import optimised
-from gibbs_codegen.graph.order import in_order
+from gibbs_codegen.graph.graph import Graph, in_order
+from gibbs_codegen.graph.shortening import optimised
 
 
 def test_a_sum_that_was_factored_stays_in_its_place() -> None:

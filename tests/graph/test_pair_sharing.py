@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from gibbs_codegen.graph.graph import Graph, opposite
-from gibbs_codegen.graph.optimise import operations
-from gibbs_codegen.graph.pair_sharing import shared
+from gibbs_codegen.graph.shortening import operations, shared
 
 
 def test_a_pair_is_added_once_with_either_sign() -> None:

@@ -7,10 +7,8 @@ from collections.abc import Callable, MutableMapping, Sequence
 import pytest
 from support.random_graphs import random_function, values
 
-from gibbs_codegen.graph.factoring import factored
 from gibbs_codegen.graph.graph import Graph, Ref
-from gibbs_codegen.graph.optimise import operations, optimised
-from gibbs_codegen.graph.pair_sharing import shared
+from gibbs_codegen.graph.shortening import factored, operations, optimised, shared
 
 Pass = Callable[[Graph, Sequence[Ref], MutableMapping[int, int]], list[Ref]]
 

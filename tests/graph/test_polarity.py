@@ -6,7 +6,7 @@ import pytest
 from support.random_graphs import random_function
 
 from gibbs_codegen.graph.graph import Graph, Kind, Ref, opposite
-from gibbs_codegen.graph.polarity import Polarity
+from gibbs_codegen.graph.signs import Polarity
 
 
 def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> None:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from benchmarks.family import benchmark_robot
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.nodes import Name, Node, Product, Statement, Sum, names_in, node_value

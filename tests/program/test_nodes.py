@@ -12,13 +12,14 @@ from gibbs_codegen.program.nodes import (
     Name,
     Node,
     Number,
+    Operations,
     Product,
     Program,
     Reciprocal,
     Sum,
+    count_operations,
     names_in,
 )
-from gibbs_codegen.program.operations import Operations, count_operations
 from gibbs_codegen.symbolic.tape import Stage, Tape
 
 X, Y = Name("x"), Name("y")

@@ -7,19 +7,12 @@ from dataclasses import replace
 import sympy as sp
 from support.program_text import entries, examples, node, statements, steps
 
-from gibbs_codegen.program import (
-    inlining,
-    live_ranges,
-    loops,
-    lower,
-    nodes,
-    operations,
-    repeated_blocks,
-    rows,
-    scratch,
-    stack,
-    trigonometry,
-)
+from gibbs_codegen.program import inlining, loops, lower, nodes, scratch, trigonometry
+from gibbs_codegen.program import loops as repeated_blocks
+from gibbs_codegen.program import loops as rows
+from gibbs_codegen.program import nodes as operations
+from gibbs_codegen.program import scratch as live_ranges
+from gibbs_codegen.program import scratch as stack
 from gibbs_codegen.program import steps as schedule
 from gibbs_codegen.program.nodes import Function, Name, Number, Output, Product, Statement, Sum
 from gibbs_codegen.program.steps import Loop, Step

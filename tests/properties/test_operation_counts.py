@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from benchmarks.family import benchmark_robot, two_benchmark_arms
 from support.random_robots import random_robot
 
+from benchmarks.family import benchmark_robot, two_benchmark_arms
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.forward_dynamics import factorised_dynamics
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import operations
-from gibbs_codegen.program.nodes import Number
-from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.nodes import Number, count_operations
 from gibbs_codegen.robot.model import Attitude, Origin, Robot
 from gibbs_codegen.symbolic.tape import Tape
 

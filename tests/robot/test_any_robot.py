@@ -147,7 +147,7 @@ def test_a_link_without_a_name_is_called_by_its_number() -> None:
     ["left arm/élbow", 'a"b\\c', "\x00\x1b[31m\n", "*/ int evil(void); /*", "班", "1", "\x7f"],
 )
 def test_any_text_may_be_a_name(name: str) -> None:
-    from gibbs_codegen.robot.toml_values import quoted
+    from gibbs_codegen.robot.text import quoted
 
     word = quoted(name)
     found = robot(

@@ -10,12 +10,11 @@ import pytest
 from support.emitted import emitted_module
 from support.random_robots import random_robot
 
-from gibbs_codegen.robot.balance import balance_lines, lopsided
+from gibbs_codegen.robot.balance import balance_lines, hover, lopsided
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot.hover import hover
-from gibbs_codegen.robot.mass_properties import MassProperties, base_properties
 from gibbs_codegen.robot.model import RigidBody, Robot, Rod, as_rigid_body
+from gibbs_codegen.robot.posture import MassProperties, base_properties
 
 ARM = "length = 0.3, mass = 0.4, com = [{com}], inertia = [1e-4, 1e-3, 1e-3, 1e-5, 2e-5, 3e-5]"
 

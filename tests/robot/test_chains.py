@@ -7,8 +7,8 @@ from collections import Counter
 import pytest
 
 from gibbs_codegen.robot.chains import coupling_map, decompose
-from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.layout import hybrid_coordinates
 
 ROBOTS = [(2, 0), (2, 1), (6, 3), (10, 7), (40, 2)]
 

@@ -9,20 +9,22 @@ import pytest
 from conftest import ROOT
 from support.emitted import emitted_module
 
-from gibbs_codegen.robot.balance import balance_lines, hover_lines
-from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.hover import holding_efforts, hover
-from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.mass_properties import whole_properties
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.text import placed_robot_text
-from gibbs_codegen.robot.thrusters import (
+from gibbs_codegen.robot.balance import (
     arrangement,
+    balance_lines,
     carried_rotors,
+    holding_efforts,
+    hover,
+    hover_lines,
     ranks_in_motion,
     wrench_matrix,
 )
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.posture import whole_properties
+from gibbs_codegen.robot.text import placed_robot_text
 
 QUADROTOR = read_robot("quadrotor")[0]
 DUAL_ARM = read_robot("dual_arm")[0]

@@ -7,17 +7,15 @@ from dataclasses import replace
 import pytest
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.coordinates import (
-    hybrid_coordinates,
-    inputs,
-    reduced_coordinates,
-    velocities,
-)
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import (
     Layout,
     coordinate_places,
+    hybrid_coordinates,
+    inputs,
     layout_of,
+    reduced_coordinates,
+    velocities,
     velocity_places,
 )
 from gibbs_codegen.robot.model import Robot

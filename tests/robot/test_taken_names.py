@@ -16,17 +16,17 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.chain_names import chain_names
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.exchange.names import Namer
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.chains import decompose
-from gibbs_codegen.robot.coordinates import frame_names, points
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.layout import frame_names, points
 from gibbs_codegen.robot.model import Frame, Link, Pose, RigidBody, Robot, Rod, Rotor
 from gibbs_codegen.robot.names import default_prefix
-from gibbs_codegen.robot.taken_names import TakenNames, parameter_names
+from gibbs_codegen.robot.references import TakenNames, parameter_names
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator.plant.vehicle import Vehicle
-from gibbs_codegen.simulator.simulation import simulate
 from gibbs_codegen.symbolic.tape import Tape
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"

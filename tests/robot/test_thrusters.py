@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.random_robots import random_robot
 
+from gibbs_codegen.robot.balance import TiltHint, arrangement, tilt_hint, wrench_matrix
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import AXES, Base, Robot, Rod
-from gibbs_codegen.robot.thrusters import TiltHint, arrangement, tilt_hint, wrench_matrix
 
 
 def test_paper_s_arrangement_commands_every_motion() -> None:

@@ -22,11 +22,11 @@ from gibbs_codegen.errors import (
     ScenarioFileError,
 )
 from gibbs_codegen.files.shipped import MAX_BYTES
+from gibbs_codegen.flight.scenario.file import parse_scenario, read_scenario, shipped_scenarios
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
-from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.targets.registry import TARGETS, render_module
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"

@@ -18,13 +18,13 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import Fault, RobotFileError, ScenarioFileError, UsageError, printable
 from gibbs_codegen.files.changes import changes_of
+from gibbs_codegen.flight.record.flight import read_flight
+from gibbs_codegen.flight.scenario.file import parse_scenario
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, name_fault, name_from
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.scenario.file import parse_scenario
-from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
 
 ROBOT = """name = NAME

@@ -17,11 +17,11 @@ from support.folders import Tree, tree
 
 from gibbs_codegen import pipeline
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.figures.results import FIGURE_NAMES
+from gibbs_codegen.flight import simulation
+from gibbs_codegen.flight.figures.flight import FIGURE_NAMES
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator import simulation
-from gibbs_codegen.simulator.record.flight import Flight
 from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
 

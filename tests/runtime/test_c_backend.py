@@ -35,7 +35,7 @@ from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.runtime import c_backend, caller, compiled_function
-from gibbs_codegen.runtime.compiler import find_compiler
+from gibbs_codegen.runtime.c_library import find_compiler
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
 STATES = 10_000
@@ -552,7 +552,7 @@ def test_a_compiler_that_hangs_is_given_up_with_all_it_started(
     script.chmod(0o755)
     monkeypatch.setenv("CC", str(script))
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("gibbs_codegen.runtime.compiler._TIMEOUT_SECONDS", 0.5)
+    monkeypatch.setattr("gibbs_codegen.runtime.c_library._TIMEOUT_SECONDS", 0.5)
     assert load(ROBOT, backend="c").__file__.endswith(".py")
     assert "did not finish" in said.records[0].getMessage()
     commands = [

@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.file_proxy import FileProxy
 
 from gibbs_codegen.runtime import c_library
-from gibbs_codegen.runtime.c_library import compiled_library
-from gibbs_codegen.runtime.compiler import Compiler
+from gibbs_codegen.runtime.c_library import Compiler, compiled_library
 
 NAME = "quadrotor_2link"
 

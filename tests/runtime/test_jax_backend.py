@@ -34,7 +34,7 @@ except ImportError:
     missing("jax is not installed")
 
 from gibbs_codegen.runtime import jax_ffi
-from gibbs_codegen.runtime.jax_functions import Functions
+from gibbs_codegen.runtime.jax_backend import Functions
 
 Array = np.ndarray
 ANGLES, TURNING = "angles", "quaternion"
@@ -324,7 +324,7 @@ def test_operations_are_those_of_the_kernel() -> None:
 
 @pytest.fixture
 def little_for_xla(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gibbs_codegen.runtime.jax_functions._MOST_OPERATIONS", 10)
+    monkeypatch.setattr("gibbs_codegen.runtime.jax_backend._MOST_OPERATIONS", 10)
 
 
 @pytest.mark.usefixtures("little_for_xla")

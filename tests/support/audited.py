@@ -109,7 +109,7 @@ def watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 def plant(text: str) -> None:
     """Let the package run `text` when a robot's name is looked at."""
-    from gibbs_codegen.robot import quantities
+    from gibbs_codegen.robot import tables as quantities
 
     lines = ["def rename(name):", *(f"    {line}" for line in text.split("; "))]
     lines += ["    class Unused: pass", "    return None"]

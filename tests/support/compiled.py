@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.family import benchmark_robot
 from numpy.typing import NDArray
 
+from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, module_signatures
 from gibbs_codegen.program.model import Derivatives, Model
@@ -109,7 +109,7 @@ def emit_labelled(label: str, folder: Path) -> Emitted:
     if label == ROLLED:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("gibbs_codegen.targets.c.function._FEWEST_ROLLED", 1)
-            patch.setattr("gibbs_codegen.program.repeated_blocks._FEWEST_STEPS", 12)
+            patch.setattr("gibbs_codegen.program.loops._FEWEST_STEPS", 12)
             return emit(replace(benchmark_robot(9), name=label), folder)
     if label not in RANDOM and label not in CUT:
         robot, text = read_robot(label)

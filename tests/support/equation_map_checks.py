@@ -19,15 +19,15 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 
-from gibbs_codegen.derivation.frames import mounted_frames
+from gibbs_codegen.derivation.forward_kinematics import mounted_frames
 from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA_DOT
 from gibbs_codegen.derivation.hybrid import reduced_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.equations.layout import as_markdown
+from gibbs_codegen.equations.pages import as_markdown
 from gibbs_codegen.equations.readable_chain import readable_chain
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.layout import hybrid_coordinates
 from gibbs_codegen.robot.model import Frame, Pose
 from gibbs_codegen.symbolic.tape import Tape
 

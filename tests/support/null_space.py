@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.robot.coordinates import reduced_coordinates
+from gibbs_codegen.robot.layout import reduced_coordinates
 from gibbs_codegen.robot.model import Body, Robot
 from support.agreement import root_sizes
 from support.degenerate_robots import sized

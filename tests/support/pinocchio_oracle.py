@@ -13,12 +13,12 @@ from fractions import Fraction
 import numpy as np
 import pinocchio as pin
 
-from gibbs_codegen.robot.coordinates import (
+from gibbs_codegen.robot.layout import (
     frames_of,
     held_arms,
     hybrid_coordinates,
+    layout_of,
 )
-from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Body, Passive, Robot, Rod
 from gibbs_codegen.robot.names import coordinate_of
 

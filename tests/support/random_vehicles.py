@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from support.random_robots import random_robot
 
 # Seeds whose robots have each attitude sequence but x-y-z, both origins, and arms of three or four

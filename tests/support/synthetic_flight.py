@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.text import Annotation
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.simulator.record.flight import Array, Flight
+from gibbs_codegen.flight.record.flight import Array, Flight
 
 
 def synthetic_flight(

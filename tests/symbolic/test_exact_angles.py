@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 import sympy as sp
 
-from gibbs_codegen.symbolic.exact_angles import cos_sin_deg, gather, structural_number
+from gibbs_codegen.symbolic.vectors import cos_sin_deg, gather, structural_number
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import random
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.quick import sum_of_signed, times
+from gibbs_codegen.symbolic.tape import sum_of_signed, times
 
 SYMBOLS = sp.symbols("t2 t10 k1 k20 theta_m1 a Z")
 FACTORS = (

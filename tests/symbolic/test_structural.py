@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.structural import (
     NO_TURN,
     Turn,
@@ -21,6 +20,7 @@ from gibbs_codegen.symbolic.structural import (
     turned_by_rpy,
     z_onto,
 )
+from gibbs_codegen.symbolic.tape import InlineTape
 from gibbs_codegen.symbolic.vectors import X, Y, Z
 
 ANGLES = [(0, 0, 0), (90, 0, -90), (180, 0, 0), (30, 45, 60), (0, 90, 37), (0, 0, -200)]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from gibbs_codegen.symbolic.inline_tape import InlineTape
-from gibbs_codegen.symbolic.tape import Stage, Tape
+from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
 
 
 @pytest.fixture

@@ -34,12 +34,11 @@ from support.random_robots import random_robot
 from support.tools import run, tool
 
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.program.nodes import Function
-from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.layout import inputs, reduced_coordinates
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
 from gibbs_codegen.robot.module_lists import module_lists
 

@@ -5,24 +5,22 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.program.nodes import Name, Number, Product, Statement, Sum
-from gibbs_codegen.targets.c.arrays import (
+from gibbs_codegen.targets.c.statements import (
+    StatementPrinter,
     array_size,
+    call,
+    call_helper,
     from_block,
     from_entry,
+    helper,
     load,
+    loop,
     place_in_loop,
     read_arrays,
     spill,
-    written_arrays,
-)
-from gibbs_codegen.targets.c.statements import (
-    StatementPrinter,
-    call,
-    call_helper,
-    helper,
-    loop,
     unused,
     vector_loop,
+    written_arrays,
 )
 from gibbs_codegen.targets.printers import CPrinter
 

@@ -36,7 +36,7 @@ from gibbs_codegen.robot.model import Base, Robot
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.matlab.lists import LISTS, ListText, list_texts
+from gibbs_codegen.targets.matlab.help import LISTS, ListText, list_texts
 from gibbs_codegen.targets.matlab.names import TAKEN, check_names, variable
 from gibbs_codegen.targets.registry import find_targets, render_module
 

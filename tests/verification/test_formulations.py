@@ -25,15 +25,18 @@ from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Base, RigidBody, Robot, Rod, alternating_thrust
 from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.comparison import Evaluation
 from gibbs_codegen.verification.equations import Expected, input_matrix
-from gibbs_codegen.verification.evaluation import Evaluation
-from gibbs_codegen.verification.formulation import Formulation, NotApplicableError, Quantities
-from gibbs_codegen.verification.free_base import formulated
+from gibbs_codegen.verification.formulation import (
+    Formulation,
+    NotApplicableError,
+    Quantities,
+    formulated,
+)
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.modules import _from_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.own_units import InOwnUnits
-from gibbs_codegen.verification.parameters import parameter_values, with_values
+from gibbs_codegen.verification.parameters import InOwnUnits, parameter_values, with_values
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree

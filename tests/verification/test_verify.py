@@ -29,8 +29,8 @@ from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Rob
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.contents import compare_c_defaults
+from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.frame_rows import frame_rows
-from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import Sizes, States

@@ -12,10 +12,15 @@ from dataclasses import dataclass
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import Pattern, matrices, patterns
-from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.targets.c.arrays import local_arrays, read_arrays, written_arrays
-from gibbs_codegen.targets.c.statements import WIDTH, call
+from gibbs_codegen.targets.c.statements import (
+    WIDTH,
+    call,
+    local_arrays,
+    read_arrays,
+    written_arrays,
+)
 from gibbs_codegen.targets.documentation import sparse_doxygen
 
 Lines = list[str]

@@ -8,15 +8,11 @@ from dataclasses import dataclass
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.robot.coordinates import inputs
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import inputs, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.c.casadi import CasadiText, casadi_text
-from gibbs_codegen.targets.c.composed import composed_texts
-from gibbs_codegen.targets.c.function import CFunction
-from gibbs_codegen.targets.c.function_text import FunctionText
-from gibbs_codegen.targets.c.rollout import RolloutText, rollout_text
+from gibbs_codegen.targets.c.function import CFunction, FunctionText
 from gibbs_codegen.targets.c.sparse import (
     PatternText,
     SparseText,
@@ -24,6 +20,7 @@ from gibbs_codegen.targets.c.sparse import (
     sparse_texts,
 )
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
+from gibbs_codegen.targets.c.steps import composed_texts
 from gibbs_codegen.targets.documentation import (
     attitude_text,
     base_frame,
@@ -34,6 +31,30 @@ from gibbs_codegen.targets.documentation import (
 )
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.verbatim import c_source
+
+
+@dataclass(frozen=True)
+class RolloutText:
+    """What depends on the robot, and the source that does not.
+
+    `block` comes before the functions that the template makes of the robot's, `run` after them.
+    """
+
+    rotors: int
+    is_quaternion: bool
+    block: str
+    run: str
+
+
+def rollout_text(robot: Robot) -> RolloutText:
+    """Part of the context of the templates of rollouts."""
+    return RolloutText(
+        robot.rotors,
+        layout_of(robot).is_quaternion,
+        c_source("rollout/begin.c"),
+        c_source("rollout/rollout.c").rstrip(),
+    )
+
 
 Lines = list[str]
 

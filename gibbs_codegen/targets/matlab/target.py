@@ -11,8 +11,7 @@ from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.documentation import calls, operations
-from gibbs_codegen.targets.matlab.help import help_text
-from gibbs_codegen.targets.matlab.lists import ListText, list_texts
+from gibbs_codegen.targets.matlab.help import ListText, help_text, list_texts
 from gibbs_codegen.targets.matlab.names import check_names, variable
 from gibbs_codegen.targets.matlab.statements import (
     StatementPrinter,

@@ -8,8 +8,7 @@ from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns
-from gibbs_codegen.robot.coordinates import inputs
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import inputs, layout_of
 from gibbs_codegen.robot.module_lists import carriers, module_lists
 from gibbs_codegen.targets.documentation import (
     attitude_lines,

@@ -1,0 +1,469 @@
+"""What pages in every format have in common: the order of things, broken lines, the legend.
+
+Equations of a chain laid out: as text, as LaTeX for amsmath, as Markdown for notebooks.
+
+Sums are broken before their signs, so that nothing is wider than a page, and each symbol is
+explained once, in the legend at the end.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+
+import sympy as sp
+
+from gibbs_codegen.equations.chain_equations import ChainEquation
+from gibbs_codegen.equations.definitions import Definition
+from gibbs_codegen.equations.show import AT_REST, COLUMNS, FORMS, FRAMES, WHY_DEFINITIONS
+from gibbs_codegen.equations.typeset import (
+    LATEX,
+    TEXT,
+    Dialect,
+    Kind,
+    Name,
+    Writer,
+    filled,
+    text_width,
+)
+from gibbs_codegen.errors import UsageError
+
+# A wider matrix does not fit a page; its entries are listed in any case.
+WIDEST_MATRIX = 12
+# So many symbols of one meaning are all named in the legend; of more, the first and the last.
+_MOST_NAMED = 12
+
+# Symbols and their meaning.
+LegendEntry = tuple[list[str], str]
+
+
+class Page(ABC):
+    """A page in a format, for equations of one chain; what is private makes the lines of a part.
+
+    Lines of equations are at most `width` letters wide.
+    """
+
+    dialect: Dialect
+    width: int
+
+    def __init__(self, equations: Sequence[ChainEquation]) -> None:
+        if len({(equation.robot, equation.chain) for equation in equations}) != 1:
+            raise UsageError("equations of one chain of one robot can be laid out together")
+        self._equations = equations
+        self._names: dict[sp.Symbol, Name] = {}
+        for equation in equations:
+            self._names |= equation.names
+        self._writer = Writer(self._names, self.dialect)
+
+    def document(self) -> str:
+        """The equations, one after the other, and the legend."""
+        lines = self._opening(f"{self._equations[0].robot}, chain {self._equations[0].chain}")
+        for equation in self._equations:
+            lines += self._heading(f"Equation {equation.number}: {equation.title}")
+            lines += self._form(equation)
+            if not equation.closed:
+                rest = f" {AT_REST}" if equation.number == 15 else ""
+                lines += self._remark(f"{WHY_DEFINITIONS}{rest}")
+            if equation.lines:
+                lines += self._definitions(equation.lines)
+            if equation.places:
+                lines += self._coupling(equation)
+        text = "\n".join([*lines, *self._legend(self._legend_entries())])
+        return text.replace("\n\n\n", "\n\n") + "\n"
+
+    def _introduction(self) -> list[str]:
+        """What the columns of eq. 15 are, and the table of frames."""
+        lines = []
+        if any(equation.number == 15 for equation in self._equations):
+            lines += ["", *self._remark(COLUMNS)]
+        if frames := next((e.frames for e in self._equations if e.frames), ()):
+            rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
+            for item, row in enumerate(frames, start=4):
+                rows.append([str(item), *map(self._writer.line, row)])
+            lines += [*self._heading("Frames of the items"), *self._remark(FRAMES)]
+            lines += self._table(rows)
+        return lines
+
+    @abstractmethod
+    def _table(self, rows: list[list[str]]) -> list[str]: ...
+
+    @abstractmethod
+    def _opening(self, head: str) -> list[str]: ...
+
+    @abstractmethod
+    def _heading(self, title: str) -> list[str]: ...
+
+    @abstractmethod
+    def _form(self, equation: ChainEquation) -> list[str]:
+        """The equation in the paper's own form."""
+
+    @abstractmethod
+    def _remark(self, text: str) -> list[str]: ...
+
+    @abstractmethod
+    def _definitions(self, definitions: Iterable[Definition]) -> list[str]: ...
+
+    @abstractmethod
+    def _coupling(self, equation: ChainEquation) -> list[str]:
+        """The table of eq. 18."""
+
+    @abstractmethod
+    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]: ...
+
+    def _entry(self, entry: sp.Expr) -> str:
+        """An entry of a matrix or a vector: a symbol or a number."""
+        return self.dialect.symbol(self._names[entry]) if entry.is_Symbol else str(entry)
+
+    def _broken(self, symbol: sp.Symbol, value: sp.Expr) -> tuple[str, list[tuple[int, str]]]:
+        """The left side of a definition, and the right side in lines with their depths."""
+        left = self.dialect.symbol(self._names[symbol])
+        room = self.width - self.dialect.visible(left) - 3
+        terms = [self._cut(term) for term in self._writer.terms(value)]
+        return left, filled(terms, room, self.width - 8, self.dialect.visible)
+
+    def _cut(self, term: list[str]) -> list[str]:
+        """A term in pieces that fit on a line, where its own may be too long for that."""
+        return term
+
+    def _legend_entries(self) -> list[LegendEntry]:
+        """Quantities, then sines and cosines, then symbols of the forms.
+
+        Symbols of one meaning share an entry.
+        """
+        is_latex = self.dialect is LATEX
+        grouped: dict[str, list[str]] = {}
+        for entry in _explained(self._equations):
+            grouped.setdefault(entry.meaning, []).append(self.dialect.symbol(entry))
+        entries = [(symbols, meaning) for meaning, symbols in grouped.items()]
+        for index, angle in sorted(self._writer.angles.items()):
+            symbols = [f"{letter}{self.dialect.index(index)}" for letter in "sc"]
+            written = self._writer.angle(angle)
+            entries.append(
+                (symbols, f"sine and cosine of {f'${written}$' if is_latex else written}")
+            )
+        if any(name.kind is Kind.STEP for name in self._names.values()):
+            steps = [self.dialect.index(k) for k in "12"]
+            meaning = "intermediate results, numbered anew in each equation"
+            entries.append(([f"h{k}" for k in steps], meaning))
+        known = {symbol for symbols, _ in entries for symbol in symbols}
+        for latex, text, meaning in dict.fromkeys(_form_legend(self._equations)):
+            symbol = latex if is_latex else text
+            if symbol not in known:
+                entries.append(([symbol], meaning))
+        return [(_abridged(symbols), meaning) for symbols, meaning in entries]
+
+
+def _abridged(symbols: list[str]) -> list[str]:
+    if len(symbols) <= _MOST_NAMED:
+        return symbols
+    return [*symbols[:3], "…", *symbols[-3:]]
+
+
+def _form_legend(equations: Sequence[ChainEquation]) -> list[tuple[str, str, str]]:
+    """Symbols of the paper's own forms: LaTeX, text and meaning."""
+    entries = []
+    for equation in equations:
+        for latex, text, meaning in FORMS[equation.number].legend:
+            latex, text = filled_form(latex, equation), filled_form(text, equation)
+            entries.append((latex, text, meaning))
+        for index, place in zip(held_indices(equation), equation.held, strict=True):
+            if equation.matrix:
+                meaning = f"unit column with a 1 in row {place + 1}, for a constrained joint"
+                entries.append((rf"\zeta_{{{index}}}", f"ζ_{{{index}}}", meaning))
+    return entries
+
+
+def filled_form(form: str, equation: ChainEquation) -> str:
+    """A form of the paper with the number of the chain, and the unknowns of the robot.
+
+    With a quaternion these are rates of velocities.
+    """
+    form = form.replace("@", str(equation.chain))
+    return form.replace(r"\ddot{\theta}", r"\dot{v}").replace("θ̈", "v̇") if equation.quasi else form
+
+
+def held_indices(equation: ChainEquation) -> list[str]:
+    """Indices, such as "2,4", of a chain's constraint torques, by the items that are held."""
+    return [equation.names[torque].index for torque in equation.torques]
+
+
+def _explained(equations: Sequence[ChainEquation]) -> list[Name]:
+    """Names to be explained, in order, each once: those that occur and mean something."""
+    found: dict[Name, None] = {}
+    for equation in equations:
+        occurring = {*equation.accelerations, *equation.torques}
+        occurring |= {symbol for row in equation.frames for e in row for symbol in e.free_symbols}
+        for symbol, value in equation.lines:
+            occurring |= {symbol} | value.free_symbols
+        found |= dict.fromkeys(n for s, n in equation.names.items() if s in occurring)
+        for place in equation.places:
+            found |= {place.unknown: None, place.hybrid: None}
+        found |= dict.fromkeys(n for pair in equation.inputs for n in pair)
+    return [n for n in found if n.meaning]
+
+
+class LatexPage(Page):
+    """A page in LaTeX."""
+
+    dialect = LATEX
+    width = 66
+
+    def _opening(self, head: str) -> list[str]:
+        return [
+            f"% {head}. Needs \\usepackage{{amsmath}}; long displays want \\allowdisplaybreaks.",
+            *self._introduction(),
+        ]
+
+    def _table(self, rows: list[list[str]]) -> list[str]:
+        heads = [rf"\text{{{head}}}" for head in rows[0]]
+        body = " \\\\\n".join(" & ".join(row) for row in (heads, *rows[1:]))
+        return self._display([f"\\begin{{array}}{{{'c' * len(heads)}}}\n{body}\n\\end{{array}}"])
+
+    def _heading(self, title: str) -> list[str]:
+        return [f"\\paragraph{{{title}.}}"]
+
+    def _display(self, rows: Iterable[str]) -> list[str]:
+        """An aligned display."""
+        return [r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"]
+
+    def _form(self, equation: ChainEquation) -> list[str]:
+        if equation.number == 15:
+            return self._display(self._motion(equation))
+        return self._display([filled_form(FORMS[equation.number].latex, equation)])
+
+    def _motion(self, equation: ChainEquation) -> list[str]:
+        """Eq. 15 in blocks and, where that fits a page, entry by entry."""
+        rows = [r"I_{@} \ddot{\theta}_{@} &= R_{@} + F_{@}"]
+        if equation.torques:
+            zetas = [rf"\zeta_{{{index}}}" for index in held_indices(equation)]
+            columns = "".join(f" & -{zeta}" for zeta in zetas)
+            below = "".join(rf" \\ {zeta}^T" + " & 0" * len(zetas) for zeta in zetas)
+            torques = "".join(rf" \\ {self._entry(torque)}" for torque in equation.torques)
+            zero = r" \\ 0" * len(zetas)
+            rows = [
+                rf"\begin{{bmatrix}} I_{{@}}{columns}{below} \end{{bmatrix}}" + "\n"
+                rf"\begin{{Bmatrix}} \ddot{{\theta}}_{{@}}{torques} \end{{Bmatrix}} &=" + "\n"
+                rf"\begin{{Bmatrix}} R_{{@}}{zero} \end{{Bmatrix}} +" + "\n"
+                rf"\begin{{Bmatrix}} F_{{@}}{zero} \end{{Bmatrix}}"
+            ]
+        rows = [filled_form(row, equation) for row in rows]
+        matrix, *vectors = equation.bordered
+        if len(matrix) > WIDEST_MATRIX:
+            return rows
+        lines = [" & ".join(map(self._entry, row)) for row in matrix]
+        border = "c" * len(equation.torques)
+        columns = "c" * len(equation.residual) + (f"|{border}" if border else "")
+        if border:
+            lines[len(equation.residual)] = f"\\hline {lines[len(equation.residual)]}"
+        body = " \\\\\n".join(lines)
+        unknowns, residual, forces = (
+            "\\begin{Bmatrix} " + " \\\\ ".join(map(self._entry, vector)) + " \\end{Bmatrix}"
+            for vector in vectors
+        )
+        array = f"\\left[\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}\\right]"
+        return [*rows, f"&{array}\n{unknowns}", f"&\\quad = {residual} + {forces}"]
+
+    def _remark(self, text: str) -> list[str]:
+        return textwrap.wrap(text, 100)
+
+    def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
+        rows = []
+        for symbol, value in definitions:
+            left, ((_, first), *rest) = self._broken(symbol, value)
+            rows.append(f"{left} &= {first}")
+            rows += [f"&\\q{'q' * depth}uad {{}}{line}" for depth, line in rest]
+        return self._display(rows)
+
+    def _coupling(self, equation: ChainEquation) -> list[str]:
+        rows = [r"\text{item} & \text{in the chain} & \text{in the hybrid system} & \text{row}"]
+        rows += [
+            f"{p.item} & {p.unknown.latex} & {p.hybrid.latex} & {p.row}" for p in equation.places
+        ]
+        rows += [f" & {own.latex} & {hybrid.latex} & " for own, hybrid in equation.inputs]
+        body = " \\\\\n".join(rows)
+        return self._display([f"\\begin{{array}}{{cccc}}\n{body}\n\\end{{array}}"])
+
+    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
+        return [r"\paragraph{Symbols.}", ";\n".join(_explanations(entries)) + "."]
+
+
+class MarkdownPage(LatexPage):
+    """A page in Markdown with MathJax."""
+
+    def _opening(self, head: str) -> list[str]:
+        return []
+
+    def _heading(self, title: str) -> list[str]:
+        return [f"**{title}**", ""]
+
+    def _display(self, rows: Iterable[str]) -> list[str]:
+        body = " \\\\\n".join(rows)
+        return ["$$", r"\begin{aligned}", body, r"\end{aligned}", "$$", ""]
+
+    def _remark(self, text: str) -> list[str]:
+        return [text, ""]
+
+    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
+        return ["**Symbols**", "", *(f"- {text}" for text in _explanations(entries))]
+
+
+def _escaped(meaning: str) -> str:
+    """Plain words with a few symbols as LaTeX text; formulas stand between dollars already."""
+    parts = meaning.split("$")
+    for i in range(0, len(parts), 2):
+        text = re.sub(r"\b([A-Z]_\d)(?: \+ ([A-Z]_\d))?", lambda m: f"${m[0]}$", parts[i])
+        parts[i] = text.replace("²", "$^2$").replace("°", r"$^{\circ}$").replace("−", "$-$")
+    return "".join(p if i % 2 == 0 else f"${p}$" for i, p in enumerate(parts))
+
+
+def _explanations(entries: Iterable[LegendEntry]) -> list[str]:
+    """Entries of the legend as running text."""
+    texts = []
+    for symbols, meaning in entries:
+        written = ", ".join(f"${symbol}$" if symbol != "…" else r"\dots" for symbol in symbols)
+        texts.append(f"{written}: {_escaped(meaning)}")
+    return texts
+
+
+class TextPage(Page):
+    """A page of plain text, at most `width` letters wide."""
+
+    dialect = TEXT
+
+    def __init__(self, equations: Sequence[ChainEquation], width: int) -> None:
+        super().__init__(equations)
+        self.width = width
+
+    def _opening(self, head: str) -> list[str]:
+        return [head, *self._introduction()]
+
+    def _table(self, rows: list[list[str]]) -> list[str]:
+        widths = [max(map(text_width, column)) + 2 for column in zip(*rows, strict=True)]
+        return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
+
+    def _heading(self, title: str) -> list[str]:
+        return ["", title, "-" * len(title)]
+
+    def _form(self, equation: ChainEquation) -> list[str]:
+        if equation.number == 15:
+            return [*self._motion(equation), ""]
+        form = filled_form(FORMS[equation.number].text, equation)
+        return [*form.split("\n"), ""]
+
+    def _motion(self, equation: ChainEquation) -> list[str]:
+        """Eq. 15 in blocks and, where that fits a page, entry by entry."""
+        zetas = [f"ζ_{{{index}}}" for index in held_indices(equation)]
+        pairs = zip(zetas, equation.torques, strict=True)
+        torques = [f" - {zeta}·{self._entry(torque)}" for zeta, torque in pairs]
+        lines = [f"I_@·θ̈_@{''.join(torques)} = R_@ + F_@", *(f"{z}ᵀ·θ̈_@ = 0" for z in zetas)]
+        lines = [filled_form(line, equation) for line in lines]
+        matrix, *vectors = equation.bordered
+        if len(matrix) > WIDEST_MATRIX:
+            return lines
+        columns = [[self._entry(entry) for entry in vector] for vector in vectors]
+        for row, unknown, residual, force in zip(matrix, *columns, strict=True):
+            cells = " ".join(f"{str(e) if e.is_Number else 'I':>2}" for e in row)
+            lines.append(
+                f"[{cells} ] {{ {_padded(unknown, 10)} }} = {{ {residual:<8} }} + {{ {force:<8} }}"
+            )
+        return lines
+
+    def _remark(self, text: str) -> list[str]:
+        return [*textwrap.wrap(text, self.width), ""]
+
+    def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
+        lines = []
+        for symbol, value in definitions:
+            left, ((_, first), *rest) = self._broken(symbol, value)
+            lines.append(f"{left} = {first}")
+            lines += [f"{' ' * (4 + 4 * depth)}{line}" for depth, line in rest]
+        return lines
+
+    def _cut(self, term: list[str]) -> list[str]:
+        # Products that are too long are cut before a multiplication sign.
+        pieces = []
+        for piece in term:
+            first, *factors = piece.split(TEXT.times)
+            pieces.append(first)
+            for factor in (TEXT.times + factor for factor in factors):
+                if text_width(pieces[-1] + factor) <= self.width - 9:
+                    pieces[-1] += factor
+                else:
+                    pieces.append(factor)
+        return pieces
+
+    def _coupling(self, equation: ChainEquation) -> list[str]:
+        rows = [("item", "in the chain", "in the hybrid system", "row")]
+        rows += [(str(p.item), p.unknown.text, p.hybrid.text, str(p.row)) for p in equation.places]
+        rows += [("", own.text, hybrid.text, "") for own, hybrid in equation.inputs]
+        return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
+
+    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
+        lines = ["", "Symbols", "-------"]
+        for symbols, meaning in entries:
+            text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
+            lines += textwrap.wrap(
+                text,
+                self.width,
+                subsequent_indent="    ",
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+        return lines
+
+
+def _padded(text: str, width: int) -> str:
+    """Text filled with spaces to a width; dots above letters take no room."""
+    return text + " " * (width - text_width(text))
+
+
+# The matrices of eq. 15 need the one; wider than the other lines are hard to read.
+LEAST_WIDTH, MOST_WIDTH = 80, 100
+
+
+def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
+    """Equations of one chain as plain text, with a legend.
+
+    Args:
+        equations: One or more, all of one chain of one robot.
+        width: Letters in a line, at most.
+
+    Returns:
+        The text.
+
+    Raises:
+        UsageError: If there is no equation, or there are several chains.
+    """
+    return TextPage(equations, width).document()
+
+
+def as_latex(*equations: ChainEquation) -> str:
+    """Equations of one chain as LaTeX to paste into a document with amsmath, with a legend.
+
+    Args:
+        equations: One or more, all of one chain of one robot.
+
+    Returns:
+        The LaTeX source.
+
+    Raises:
+        UsageError: As `as_text`.
+    """
+    return LatexPage(equations).document()
+
+
+def as_markdown(*equations: ChainEquation) -> str:
+    """Equations of one chain as Markdown with MathJax, for notebooks, with a legend.
+
+    Args:
+        equations: One or more, all of one chain of one robot.
+
+    Returns:
+        The Markdown source.
+
+    Raises:
+        UsageError: As `as_text`.
+    """
+    return MarkdownPage(equations).document()

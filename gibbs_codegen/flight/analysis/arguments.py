@@ -1,0 +1,82 @@
+"""Numbers that callers give, read with errors that say what is wrong and what would be right."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.runtime.load import load
+
+# How far from 1 the length of a quaternion may be, which is then normalised.
+_LENGTH = 1e-3
+
+
+def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+    """A copy of real, finite numbers in one of the shapes. Raises `UsageError`, with `wanted`."""
+    found = real(name, given, wanted, *shapes)
+    if not np.isfinite(found).all():
+        raise UsageError(f"{name}: must be {wanted}; some are NaN or infinite")
+    return found
+
+
+def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+    """A copy of real numbers, which may be infinite or NaN; else as `numbers`."""
+    try:
+        kind = np.asarray(given).dtype.kind
+        found = np.array(given, dtype=np.float64) if kind in "biufO" else None
+    except (TypeError, ValueError):  # Rows of different lengths, among others.
+        found = None
+    if found is None:
+        raise UsageError(f"{name}: must be {wanted}, not {printable(repr(given), 60)}")
+    if found.shape not in shapes:
+        raise UsageError(f"{name}: must be {wanted}, not an array of shape {found.shape}")
+    return found
+
+
+def vector(name: str, given: ArrayLike, count: int) -> Array:
+    """A copy of so many finite numbers. Raises `UsageError` otherwise."""
+    return numbers(name, given, f"{count} finite numbers", (count,))
+
+
+def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
+    """Coordinates (nq) of a robot, of which a quaternion is normalised.
+
+    Raises `UsageError`, also if its length is not 1.
+    """
+    q = vector(f"q ({', '.join(vehicle.coordinates)})", given, len(vehicle.coordinates))
+    length = float(np.linalg.norm(q[vehicle.layout.q.attitude]))
+    if vehicle.layout.is_quaternion and abs(length - 1.0) > _LENGTH:
+        raise UsageError(
+            f"q: its quaternion {', '.join(vehicle.coordinates[vehicle.layout.q.attitude])} must "
+            f"have the length 1, not {length:.4g}"
+        )
+    return vehicle.kinematics.normalised(q)
+
+
+def period(given: float | None) -> float | None:
+    """The period `dt`, s, for which inputs are held, or None. Raises `UsageError` otherwise."""
+    if given is None:
+        return None
+    wanted = "a period above zero, s"
+    found = float(numbers("dt", given, wanted, ()))
+    if found <= 0.0:
+        raise UsageError(f"dt: must be {wanted}, not {found:g}")
+    return found
+
+
+def vehicle_of(
+    robot: ModuleType | str | os.PathLike[str], parameters: Mapping[str, float] | None = None
+) -> Vehicle:
+    """Functions and layout of a module, loaded by name or path if need be, with parameters.
+
+    Its back end is "numpy" or "c". Raises `UsageError` if there is no such module or parameter, or
+    for another back end.
+    """
+    module = load(robot) if isinstance(robot, str | os.PathLike) else robot
+    return Vehicle(module, parameters)

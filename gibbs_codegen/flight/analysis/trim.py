@@ -1,0 +1,529 @@
+"""Trim: state and inputs with which a robot hovers or flies straight, loaded or not.
+
+Where a steady motion can be held: coordinates at which thrusts balance what acts on the base.
+
+Joints balance themselves, since each has an input. The base is balanced where the wrench that it
+needs has no part that thrusts cannot produce, which is a condition on the attitude, and on the
+joints of robots whose rotors they move.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares, linprog, nnls
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, real, vector, vehicle_of
+from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, robot_file_actuators
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
+
+# Singular values below this share of the largest belong to directions that rotors cannot command.
+RANK = 1e-9
+# Share of the wrench that may be missing.
+EXACT = 1e-9
+# Share of the wrench below which coordinates are left as they are, and SciPy's tolerances.
+_BALANCED, _CONVERGED = 1e-12, 1e-15
+# Of displacements beside what is missing; its square is what it leaves missing.
+_PULL = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyMotion:
+    """A motion in which nothing turns and no joint moves, and what acts besides gravity.
+
+    - `velocity`, `acceleration` (3): of the base, world axes, m/s and m/s²
+    - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
+    """
+
+    vehicle: Vehicle
+    velocity: Array
+    acceleration: Array
+    wrenches: Array
+
+    def rates(self, q: Array) -> tuple[Array, Array]:
+        """Velocities and accelerations (nv) at coordinates."""
+        vehicle = self.vehicle
+        base = vehicle.layout.v.base
+        jacobian = vehicle.function("frame_jacobians")(q)[vehicle.frames.index("base")]
+        moved = np.zeros((2, vehicle.layout.v.size))
+        # Without turning, the velocity and the acceleration of the base's frame are J v and J a.
+        twists = np.zeros((6, 2))
+        twists[:3] = np.transpose([self.velocity, self.acceleration])
+        moved[:, base] = np.linalg.lstsq(jacobian[:, base], twists, rcond=None)[0].T
+        return moved[0], moved[1]
+
+    def force(self, q: Array) -> Array:
+        """Generalised force (nv) that the inputs must produce at coordinates."""
+        acting = self.vehicle.wrench_forces(q, self.wrenches)
+        return self.vehicle.inverse_dynamics(q, *self.rates(q)) - acting
+
+    def missing(self, q: Array) -> Array:
+        """The least part (6) that thrusts leave of the wrench that the base needs.
+
+        Force, N, and torque about the base centre, N m, in the base's axes.
+        """
+        needed, columns = (
+            self.vehicle.base_wrench(q, self.force(q)),
+            self.vehicle.thrust_wrenches(q),
+        )
+        missing: Array = needed - columns @ (np.linalg.pinv(columns, rcond=RANK) @ needed)
+        return missing
+
+    def size(self, q: Array) -> float:
+        """The largest component of the wrenches on the base, needed and acting, N or N m; or 1."""
+        parts = self.force(q), self.vehicle.wrench_forces(q, self.wrenches)
+        return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
+
+
+def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:
+    """Coordinates (nq), near given ones, at which thrusts balance the base best.
+
+    Something may be missing still. `free` are places in v of what may differ, by displacements
+    within `bounds` (2, len(free)), rad or m.
+    """
+    size = motion.size(q)
+    if not free or np.abs(motion.missing(q)).max() <= _BALANCED * size:
+        return q
+
+    def moved(displacement: Array) -> Array:
+        whole = np.zeros(motion.vehicle.layout.v.size)
+        whole[free] = displacement
+        return motion.vehicle.integrate(q, whole)
+
+    def residual(displacement: Array, pull: float) -> Array:
+        return np.append(motion.missing(moved(displacement)) / size, pull * displacement)
+
+    displacement = np.zeros(len(free))
+    # Of all that balances, such as every heading, the nearest: the pull leads there, and its traces
+    # are taken away. Differences serve: derivatives of a module lack those of B u and of the
+    # wrenches' forces, and what is missing is in the end computed exactly.
+    for pull in (_PULL, 0.0):
+        displacement = least_squares(
+            residual,
+            displacement,
+            jac="3-point",
+            bounds=bounds,
+            ftol=_CONVERGED,
+            xtol=_CONVERGED,
+            gtol=_CONVERGED,
+            args=(pull,),
+        ).x
+    return moved(displacement)
+
+
+Aim = Literal["least_thrust", "widest_margin"]
+AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
+
+# Share of the largest input, or of 1 N, by which limits may seem to be exceeded.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Balancing:
+    """All inputs that balance: `least` (nu), of least thrust, + `idle` (nu, k) times anything.
+
+    The thrusts of `idle` produce no wrench on the base; they are orthonormal, and orthogonal to
+    those of `least`.
+    """
+
+    least: Array
+    idle: Array
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, q: Array, force: Array) -> Balancing:
+        """The inputs that produce a generalised force (nv), as nearly as they can."""
+        columns = vehicle.thrust_wrenches(q)
+        _, values, right = np.linalg.svd(columns)
+        rank = int(np.sum(values > RANK * values.max(initial=0.0)))
+        thrusts = np.linalg.pinv(columns, rcond=RANK) @ vehicle.base_wrench(q, force)
+        loads = vehicle.input_matrix(q)[vehicle.arm_rates, : vehicle.rotors]
+        idle = right[rank:].T
+        efforts = force[vehicle.arm_rates] - loads @ thrusts
+        return cls(np.concatenate([thrusts, efforts]), np.concatenate([idle, -loads @ idle]))
+
+
+def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) -> Array:
+    """Inputs (nu) of least thrust, or whose thrust next to a limit is farthest from it.
+
+    Of inputs with the same margin they are those of least thrust. `limits` (2, nu) may be infinite.
+    Raises `UsageError` if no inputs within them balance, or no thrust has a limit on either side.
+    """
+    if aim == "least_thrust" and _within(inputs.least, limits):
+        return inputs.least
+    thrusts = np.arange(len(inputs.least)) < vehicle.rotors
+    # Joint torques differ from thrusts in unit: their limits are kept, and no margin is sought.
+    safest = _safest(inputs, limits, thrusts.astype(float))
+    if safest is None or not _within(safest, limits):
+        raise UsageError(_exceeded(vehicle, inputs, limits))
+    margin = 0.0
+    if aim == "widest_margin":
+        margin = float(margins(safest, limits)[thrusts].min()) - _slack(safest)
+    tightened = limits + np.outer([1.0, -1.0], margin * thrusts)
+    return _least(inputs, tightened, safest)
+
+
+def margins(inputs: Array, limits: Array) -> Array:
+    """Distances (nu) of inputs from the nearer limit, negative beyond, infinite without limits."""
+    within: Array = np.minimum(inputs - limits[0], limits[1] - inputs)
+    return within
+
+
+def _slack(inputs: Array) -> float:
+    return _ROUNDING * max(1.0, float(np.abs(inputs).max(initial=0.0)))
+
+
+def _within(inputs: Array, limits: Array) -> bool:
+    return bool(np.all(margins(inputs, limits) >= -_slack(inputs)))
+
+
+def _rows(inputs: Balancing, limits: Array) -> tuple[Array, Array, Array]:
+    """The limits (2, nu) as rows · z ≥ bounds for inputs `least` + `idle` z.
+
+    Rows (m, k), bounds (m), and the place of the input of each (m).
+    """
+    least, most = limits
+    low, high = np.flatnonzero(np.isfinite(least)), np.flatnonzero(np.isfinite(most))
+    rows = np.concatenate([inputs.idle[low], -inputs.idle[high]])
+    bounds = np.concatenate([(least - inputs.least)[low], (inputs.least - most)[high]])
+    return rows, bounds, np.concatenate([low, high])
+
+
+def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
+    """The inputs (nu) whose least margin is the widest.
+
+    None where none keep the limits of inputs that do not count. `counts` (nu): how much of the
+    margin each must have; 0 to stay within limits only. Raises `UsageError` if the margin may grow
+    without bound.
+    """
+    rows, bounds, places = _rows(inputs, limits)
+    found = linprog(
+        np.append(np.zeros(rows.shape[1]), -1.0),
+        A_ub=np.column_stack([-rows, counts[places]]),
+        b_ub=-bounds,
+        bounds=(None, None),
+        method="highs",
+    )
+    if found.status == 3:
+        raise UsageError(
+            "widest_margin: margins need limits on either side of the thrusts; give limits= as "
+            "(least, most), N"
+        )
+    return inputs.least + inputs.idle @ found.x[:-1] if found.success else None
+
+
+def _least(inputs: Balancing, limits: Array, safe: Array) -> Array:
+    """Inputs (nu) of least thrust within limits, by Lawson and Hanson's least distance programming.
+
+    `safe` (nu) are some within the limits.
+    """
+    rows, bounds, _ = _rows(inputs, limits)
+    size = float(np.abs(bounds).max(initial=0.0)) or 1.0
+    system = np.concatenate([rows.T, bounds[np.newaxis] / size])
+    wanted = np.append(np.zeros(len(system) - 1), 1.0)
+    left = wanted - system @ nnls(system, wanted)[0]
+    least = inputs.least - inputs.idle @ (size * left[:-1] / left[-1])
+    # Where the limits leave hardly any choice, rounding may spoil it.
+    return least if _within(least, limits) else safe
+
+
+def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
+    """The limits which even the best inputs exceed, in words."""
+    nearest = _safest(inputs, limits, np.ones(len(inputs.least)))
+    if nearest is None:
+        nearest = inputs.least
+    units = ("N",) * vehicle.rotors + vehicle.layout.effort_units
+    beyond = [
+        f"{name} is {value:.4g} {unit}, {-margin:.3g} {unit} {'below' if low else 'above'} its "
+        f"limit of {limit:.4g} {unit}"
+        for name, value, unit, margin, low, limit in zip(
+            vehicle.inputs,
+            nearest,
+            units,
+            margins(nearest, limits),
+            nearest < limits[0],
+            np.where(nearest < limits[0], *limits),
+            strict=True,
+        )
+        if margin < -_slack(nearest)
+    ]
+    return (
+        f"{vehicle.name}: no trim within the limits of its inputs; of all inputs that balance it "
+        f"at this attitude, those that exceed them least: {'; '.join(beyond)}"
+    )
+
+
+ATTITUDE = "attitude"
+_STILL = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trim:
+    """A balanced state: with inputs u the robot at (q, v) accelerates by a, under given wrenches.
+
+    - `robot`, `input_names`, `joint_units`, `input_units`: what it is of
+    - `q` (nq), `v`, `a` (nv), `u` (nu): coordinates, velocities, accelerations, inputs
+    - `attitude`: angles of the base by name, rad: its coordinates or, of a quaternion, roll, pitch
+      and yaw, R = Rz Ry Rx
+    - `posture`: the joints' coordinates by name, rad or m
+    - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
+    - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m
+    - `limits` (2, nu), `margins` (nu): least and greatest inputs, and how far each input is from
+      the nearer of them, infinite without limits
+    - `null_space` (6, k): wrenches on the base that no thrusts produce here, orthonormal columns:
+      force, N, and torque about the base centre, N m, in the base's axes
+    - `missing`: these wrenches in words
+    - `turned`: by how much the attitude was turned to find balance, rad
+    - `beyond_limits`: the joints that were asked for beyond their limits, in words
+    """
+
+    robot: str
+    input_names: tuple[str, ...]
+    joint_units: tuple[str, ...]
+    input_units: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    attitude: dict[str, float]
+    posture: dict[str, float]
+    wrenches: Array
+    residual: float
+    limits: Array
+    margins: Array
+    null_space: Array
+    missing: tuple[str, ...]
+    turned: float
+    beyond_limits: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = [f"{self.robot}: balanced"]
+        if self.turned > EXACT:
+            lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
+        names = [*self.attitude, *self.posture, *self.input_names]
+        values = [*self.attitude.values(), *self.posture.values(), *self.u]
+        units = ["rad"] * len(self.attitude) + [*self.joint_units, *self.input_units]
+        rooms = [np.inf] * (len(names) - len(self.u)) + [*self.margins]
+        noise = EXACT * np.abs(self.u).max(initial=1.0)
+        width = max(map(len, names))
+        for name, unit, value, margin in zip(names, units, values, rooms, strict=True):
+            line = f"  {name:<{width}} {value if abs(value) > noise else 0.0:10.4g} {unit:<3}"
+            room = f" {margin:10.4g} {unit} from a limit" if np.isfinite(margin) else ""
+            lines.append((line + room).rstrip())
+        if self.missing:
+            lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
+        lines += [f"warning: {joint}" for joint in self.beyond_limits]
+        return "\n".join(lines)
+
+
+def trim(
+    robot: ModuleType | str | os.PathLike[str],
+    posture: Mapping[str, float] | None = None,
+    *,
+    q: ArrayLike | None = None,
+    velocity: ArrayLike = _STILL,
+    acceleration: ArrayLike = _STILL,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+    free: Iterable[str] | None = None,
+    aim: Aim = "least_thrust",
+    limits: ArrayLike | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Trim:
+    """Find the inputs, and where need be the attitude, with which a robot hovers or flies straight.
+
+    Args:
+        robot: A generated module, or the name or path of one, which is loaded.
+        posture: Joints' coordinates by name, rad or m; those of `q` for others.
+        q: Coordinates (nq) asked for; level, at the origin, joints at zero, if None.
+        velocity, acceleration: Of the base (3), which does not turn: world axes, m/s and m/s².
+        wrenches: What acts on frames besides gravity, by their names: force, N, and torque, N m,
+            (6) each, world axes.
+        free: What may differ from the coordinates asked for: "attitude", and joints by name, which
+            keep their limits. If None it is the attitude, where the rotors cannot produce every
+            wrench on the base, and else nothing.
+        aim: What is chosen where many inputs balance: "least_thrust", the least sum of squares of
+            the thrusts within the limits; or "widest_margin", where the thrust next to a limit is
+            farthest from it.
+        limits: Least and greatest thrusts, N, (2, N) or one pair for all rotors; those of the robot
+            file if None.
+        parameters: Parameters of the module's `prepare`.
+
+    Returns:
+        The trim.
+
+    Raises:
+        UsageError: There is no trim, with what is missing or which limit is exceeded; or the
+            request names what the robot does not have.
+    """
+    vehicle = vehicle_of(robot, parameters)
+    if aim not in AIMS:
+        raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
+    motion = SteadyMotion(
+        vehicle,
+        vector("velocity", velocity, 3),
+        vector("acceleration", acceleration, 3),
+        _acting(vehicle, wrenches or {}),
+    )
+    actuators = robot_file_actuators(vehicle)
+    if limits is not None:
+        actuators.thrusts[:] = _limits(vehicle, limits)
+    start = _start(vehicle, q, {} if posture is None else posture)
+    places, bounds = _freedom(vehicle, actuators, start, free)
+    found = equilibrium(motion, start, places, bounds)
+    _require_balance(motion, found, bool(places))
+    force = motion.force(found)
+    inputs = Balancing.of(vehicle, found, force)
+    u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
+    return _trim(motion, start, found, u, actuators)
+
+
+def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Actuators) -> Trim:
+    """The result for coordinates (nq) and inputs (nu) found; `start` (nq) was asked for."""
+    vehicle = motion.vehicle
+    v, a = motion.rates(q)
+    left, values, _ = np.linalg.svd(vehicle.thrust_wrenches(q))
+    null_space = left[:, int(np.sum(values > RANK * values.max(initial=0.0))) :]
+    turn = vehicle.base_rotation(start).T @ vehicle.base_rotation(q)
+    return Trim(
+        robot=vehicle.name,
+        input_names=vehicle.inputs,
+        joint_units=vehicle.layout.q.units[vehicle.arm],
+        input_units=("N",) * vehicle.rotors + vehicle.layout.effort_units,
+        q=q,
+        v=v,
+        a=a,
+        u=u,
+        attitude=_attitude(vehicle, q),
+        posture=dict(zip(vehicle.joint_names, q[vehicle.arm].tolist(), strict=True)),
+        wrenches=motion.wrenches,
+        residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
+        limits=actuators.inputs,
+        margins=margins(u, actuators.inputs),
+        null_space=null_space,
+        missing=directions(null_space),
+        # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
+        turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
+        beyond_limits=_beyond(vehicle, actuators.joints, q),
+    )
+
+
+def _attitude(vehicle: Vehicle, q: Array) -> dict[str, float]:
+    """Angles of the base, rad, by name."""
+    if vehicle.layout.is_quaternion:
+        r = vehicle.base_rotation(q)
+        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
+        return {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
+    places = vehicle.layout.q.attitude
+    return dict(zip(vehicle.coordinates[places], q[places].tolist(), strict=True))
+
+
+def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
+    """The joints that are beyond their limits (2, n), each with its value and limit, in words."""
+    found = []
+    for name, place, low, high in zip(
+        vehicle.joint_names, vehicle.layout.q.joint_places, *limits, strict=True
+    ):
+        if not low - EXACT <= q[place] <= high + EXACT:
+            unit = vehicle.layout.q.units[place]
+            side, limit = ("below", low) if q[place] < low else ("above", high)
+            found.append(f"{name} is {q[place]:.4g} {unit}, {side} its limit of {limit:.4g} {unit}")
+    return tuple(found)
+
+
+def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:
+    """The coordinates (nq) asked for, zero if None, with a posture of joints by name.
+
+    Raises `UsageError` for a wrong number of them, or an unknown joint.
+    """
+    start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    if not isinstance(posture, Mapping):
+        raise UsageError("posture: a dictionary of joints and their coordinates in rad or m")
+    for name, given in posture.items():
+        value = numbers(f"posture: {name}", given, "a finite number, rad or m", ())
+        start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
+    return start
+
+
+def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
+    """Wrenches (f, 6) on all frames, of those that are given by name."""
+    acting = np.zeros((len(vehicle.frames), 6))
+    for name, wrench in wrenches.items():
+        if name not in vehicle.frames:
+            raise UsageError(
+                f"wrenches: {vehicle.name} has no frame {name}; its frames: "
+                f"{', '.join(vehicle.frames)}"
+            )
+        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
+    return acting
+
+
+def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
+    """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
+    wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"
+    limits = real("limits", given, wanted, (2,), (2, vehicle.rotors))
+    if not np.all(limits[0] <= limits[1]):
+        raise UsageError(f"limits: must be {wanted}; a least thrust is above the greatest, or NaN")
+    return limits.reshape(2, -1)
+
+
+def _freedom(
+    vehicle: Vehicle, actuators: Actuators, start: Array, free: Iterable[str] | None
+) -> tuple[list[int], Array]:
+    """Places in v of what may differ from `start` (nq), and displacements (2, k), rad or m.
+
+    These are the least and the greatest. Raises `UsageError` for an unknown joint, or one beyond
+    its limits.
+    """
+    if free is None:
+        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
+        free = () if full else (ATTITUDE,)
+    places, bounds = [], []
+    layout = vehicle.layout
+    for name in (free,) if isinstance(free, str) else free:
+        if name == ATTITUDE:
+            places += [*range(layout.v.size)[layout.v.attitude]]
+            bounds += [(-np.inf, np.inf)] * 3
+            continue
+        if name not in vehicle.joint_names:
+            known = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
+            raise UsageError(f"free: {vehicle.name} has no joint {name}; what may differ: {known}")
+        joint = joint_place(vehicle, name)
+        low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
+        if not low <= 0.0 <= high:
+            raise UsageError(f"free: {name} begins beyond its limits; give a posture within them")
+        if low < high:  # Equal limits leave nothing to vary.
+            places.append(layout.v.joint_places[joint])
+            bounds.append((low, high))
+    return places, np.transpose(bounds)
+
+
+def _require_balance(motion: SteadyMotion, q: Array, varied: bool) -> None:
+    """Raise `UsageError` that names what thrusts cannot balance, if anything is missing.
+
+    `varied`: whether other coordinates were tried.
+    """
+    missing, size = motion.missing(q), motion.size(q)
+    if np.abs(missing).max() <= EXACT * size:
+        return
+    parts = [
+        f"{name} {value:.4g} {unit}"
+        for name, value, unit in zip(DIRECTIONS, missing, ["N"] * 3 + ["N m"] * 3, strict=True)
+        if abs(value) > EXACT * size
+    ]
+    remedy = (
+        "no attitude or posture near what was asked for has one"
+        if varied
+        else 'let the attitude or joints differ, with free=("attitude", …)'
+    )
+    raise UsageError(
+        f"{motion.vehicle.name}: no trim: whatever the thrusts, they leave {', '.join(parts)} (in "
+        f"the base's axes, about the base centre); {remedy}"
+    )

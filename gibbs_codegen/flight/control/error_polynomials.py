@@ -1,0 +1,96 @@
+"""How tracking errors decay under a law: the characteristic polynomials of their equations.
+
+Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. With motors of time
+constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. Under the geometric law that holds for
+joints, heading and height; sideways, what the position's error asks for is what the thrust axis
+follows by the gains of the attitude. Integral action of rate i adds i k ∫ e to each k e, but for
+the attitude of the geometric law.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.control.geometric import GeometricLaw
+from gibbs_codegen.flight.control.laws import CORRECTING, ControlLaw, Controller, Gains
+from gibbs_codegen.flight.plant.vehicle import Array
+
+# Real parts count as 0 below this share of the greatest root.
+_ROUNDING = 1e-9
+# Bisections by which the greatest rate of integral action is found.
+_BISECTIONS = 40
+
+
+def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Array]:
+    """Characteristic polynomials of the errors under a law, highest power first.
+
+    None if the law does not correct errors. `lags` are time constants of motors, s.
+    """
+    if controller.law not in CORRECTING:
+        return []
+    gains, places = controller.gains, controller.vehicle.layout.v
+    every = np.stack([gains.damping, gains.stiffness], axis=-1)
+    if controller.law != "geometric":
+        return _alone(every, gains.integral, lags)
+    found = _alone(np.delete(every, places.attitude, axis=0), gains.integral, lags)
+    if gains.integral:  # The heading has the gains of the position, and no integral.
+        found += _alone(every[places.position], 0.0, lags)
+    return found + _sideways(gains, every[places.position], every[places.attitude], lags)
+
+
+def _alone(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
+    """Polynomials, highest power first, of errors that nothing else acts on.
+
+    `pairs` (k, 2) are their damping and stiffness. Torques of joints do not lag: without comes
+    first.
+    """
+    found = []
+    for pair in np.unique(pairs, axis=0):
+        rest = [*pair, integral * pair[1]] if integral else pair
+        found.append(np.array([1.0, *rest]))
+        found += [np.array([lag, 1.0, *rest]) / lag for lag in lags]
+    return found
+
+
+def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[float]) -> list[Array]:
+    """Polynomials of a position that the thrust axis makes, under the geometric law.
+
+    Damping and stiffness of `position` and `attitude` are (3, 2); highest power first.
+    """
+    found = []
+    pairs = np.concatenate([position, attitude], axis=-1)
+    for d, k, damping, stiffness in np.unique(pairs, axis=0):
+        wish = [d, k, gains.integral * k] if gains.integral else [d, k]
+        asked = np.polymul([damping, stiffness], wish)
+        moved = [1.0] + [0.0] * len(wish)
+        for lag in (0.0, *lags):
+            lean = np.trim_zeros(np.array([lag, 1.0, damping, stiffness]), "f")
+            whole = np.polyadd(np.polymul(lean, moved), asked)
+            found.append(whole / whole[0])
+    return found
+
+
+def check_integral(law: Controller | GeometricLaw) -> None:
+    """Raise `UsageError`, with the bound, where integral action is so fast that errors grow."""
+    least, most = 0.0, law.gains.integral
+    if not most or _decays(law, most):
+        return
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (least + most)
+        least, most = (middle, most) if _decays(law, middle) else (least, middle)
+    raise UsageError(
+        f"control.integral: {law.gains.integral:g} 1/s makes errors grow; must be below "
+        f"{most:.3g} 1/s, or the frequencies of control higher"
+    )
+
+
+def _decays(law: Controller | GeometricLaw, integral: float) -> bool:
+    """Whether errors decay under a law with integral action of a rate, 1/s."""
+    polynomials = error_polynomials(replace(law, gains=replace(law.gains, integral=integral)), ())
+    roots = np.array(list(itertools.chain.from_iterable(map(np.roots, polynomials))))
+    return bool(np.all(roots.real < -_ROUNDING * np.max(np.abs(roots))))

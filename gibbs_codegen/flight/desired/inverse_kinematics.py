@@ -1,0 +1,496 @@
+"""Inverse kinematics of the arm at one instant: joint coordinates that bring the tip to a point.
+
+Damped least squares (the method of Levenberg and Marquardt) on the Jacobian of the tip, within
+joint limits. It serves arms of any number of joints, redundant or not.
+
+Rates and accelerations of the arm at one instant, from those that its tip is to have.
+
+ẋ = J v and ẍ = J a + J̇ v, with the base's part of J on the other side. Redundant arms take the
+minimum-norm rates v = J⁺ẋ, whose derivative also has a part in the null space of J.
+
+A joint brakes before its limit, and the others take over its part of the motion. Rates of least
+norm are v = Jᵀλ. A joint that should move by g = (Jᵀλ)ᵢ towards a limit that is the way d off does
+so up to κ d, and beyond that moves by κ d + (g − κ d) d / (d + r). That is v = c + s² Jᵀλ, with
+s² = d / (d + r) and c = κ r s², so that rates do not jump, nor where d comes to 0. An arm without
+motion to choose moves as its path wants until it meets a limit.
+
+Inverse kinematics of the arm along a path of its tip: each knot is solved from the one before.
+
+A predictor of second order takes the joints from knot to knot, damped least squares put the tip on
+its path, and the null-space motion of redundant arms is integrated from its rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import lsq_linear
+from scipy.stats import qmc
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.reference import Motion
+from gibbs_codegen.flight.scenario.paths import Path
+
+# Lower and upper limits of the joints (n), rad or m; infinite where there are none.
+Limits = tuple[Array, Array]
+
+# Distance from its target at which the tip counts as there, m.
+REACHED = 1e-9
+_ITERATIONS = 200
+# Steps that no longer change anything, rad or m.
+_SETTLED = 1e-13
+# Postures that the search for the first one begins with.
+_GUESSES = 32
+# Share of the largest singular value below which the least counts as nearly singular.
+_NEARLY_SINGULAR = 1e-4
+
+
+def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Array, float]:
+    """Coordinates (nq) that bring the tip nearest to `target` (3), world axes, and how near, m.
+
+    Only joints move; attitude and position are kept.
+    """
+    q = q.copy()
+    arm = vehicle.arm
+    q[arm] = np.clip(q[arm], *limits)
+    fixed = limits[0] >= limits[1]
+    arm_rates = vehicle.arm_rates
+    error = target - vehicle.tip_pose(q)[:3, 3]
+    damping = 1e-6
+    for _ in range(_ITERATIONS):
+        jacobian = np.where(fixed, 0.0, vehicle.tip_jacobian(q)[:3, arm_rates])
+        step = _damped_step(jacobian, error, damping, (limits[0] - q[arm], limits[1] - q[arm]))
+        if np.max(np.abs(step), initial=0.0) < _SETTLED:
+            break
+        trial = q.copy()
+        trial[arm] += step
+        trial_error = target - vehicle.tip_pose(trial)[:3, 3]
+        if trial_error @ trial_error < error @ error:
+            q, error, damping = trial, trial_error, max(damping / 10.0, 1e-12)
+        elif damping > 1e12:
+            break
+        else:
+            damping *= 10.0
+    return q, float(np.linalg.norm(error))
+
+
+def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) -> Array:
+    """The step δ (n) of least |J δ − e|² + λ|δ|² within `room`, its distances from joint limits.
+
+    J (3, n) is of the tip's position, e (3), m, leads from the tip to its target, and `damping` is
+    λ as a share of the mean square of J's singular values.
+    """
+    square = jacobian @ jacobian.T
+    weight = damping * (np.trace(square) / 3.0 + 1e-12)
+    step: Array = jacobian.T @ np.linalg.solve(square + weight * np.eye(3), error)
+    if np.all((step >= room[0]) & (step <= room[1])):
+        return step
+    # `lsq_linear` wants bounds that differ.
+    slack = 1e-15
+    bounds = (np.minimum(room[0], 0.0) - slack, np.maximum(room[1], 0.0) + slack)
+    stacked = np.vstack([jacobian, np.sqrt(weight) * np.eye(len(step))])
+    desired = np.concatenate([error, np.zeros(len(step))])
+    found: Array = lsq_linear(stacked, desired, bounds=bounds, method="bvls").x
+    return np.clip(found, *room)
+
+
+def first_posture(
+    vehicle: Vehicle, q: Array, target: Array, limits: Limits, guess: Array | None
+) -> tuple[Array, float]:
+    """Coordinates (nq) that bring the tip to a point, without any to go on from, and how near, m.
+
+    Of the postures found the one whose Jacobian is farthest from singular is taken, and of equals
+    the one with the joints nearest to 0. `guess` (n) are joints to begin with; None tries many.
+    """
+    if guess is not None:
+        q = q.copy()
+        q[vehicle.arm] = guess
+        return reach(vehicle, q, target, limits)
+    low = np.where(np.isfinite(limits[0]), limits[0], -np.pi)
+    high = np.where(np.isfinite(limits[1]), limits[1], np.pi)
+    postures = []
+    for share in qmc.Halton(vehicle.joints, scramble=False).random(_GUESSES):
+        start = q.copy()
+        start[vehicle.arm] = low + share * (high - low)
+        found, distance = reach(vehicle, start, target, limits)
+        found[vehicle.arm] = _without_turns(vehicle, found[vehicle.arm], limits)
+        postures.append((found, distance))
+    found, distance = min(postures, key=lambda posture: posture[1])
+    if distance > REACHED:
+        return found, distance
+    reached = [posture for posture in postures if posture[1] <= REACHED]
+    measures = [_least_singular_value(vehicle, found) for found, _ in reached]
+    # Elbow up or down, say, are as good as each other: then the joints nearest to 0.
+    best = [p for p, m in zip(reached, measures, strict=True) if m >= 0.999 * max(measures)]
+    return min(best, key=lambda posture: _distance_from_zero(posture[0][vehicle.arm]))
+
+
+def _distance_from_zero(joints: Array) -> tuple[float, ...]:
+    """How far joints are from 0; of mirror images the one with positive joints comes first.
+
+    Rounded, so that rounding errors do not choose between equals.
+    """
+    return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
+
+
+def _without_turns(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
+    """Joints (n) with the angles of those that turn without limits within [−π, π)."""
+    turning = np.isinf(limits[0]) & np.isinf(limits[1])
+    turning &= vehicle.is_angle[vehicle.arm]
+    return np.where(turning, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
+
+
+def arm_length(vehicle: Vehicle, q: Array) -> float:
+    """The largest singular value of the tip's Jacobian, m per rad: about the arm's length."""
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm_rates]
+    return float(np.linalg.norm(jacobian, 2))
+
+
+def is_singular(vehicle: Vehicle, q: Array) -> bool:
+    """Whether there is a direction in which the joints all but cannot move the tip."""
+    return _least_singular_value(vehicle, q) < _NEARLY_SINGULAR * arm_length(vehicle, q)
+
+
+def _least_singular_value(vehicle: Vehicle, q: Array) -> float:
+    """The least singular value of the Jacobian of the tip with respect to the joints."""
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm_rates]
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+
+
+# Singular values of the Jacobian below this share of the largest carry no motion.
+_RANK = 1e-7
+# Speed and acceleration that a singular arm may fail to give, m/s and m/s².
+_TOLERANCE = 1e-6
+# Rate towards a limit at which joints begin to brake, for each rad or m of the way, 1/s: κ.
+_BRAKING = 4.0
+# The way to a limit, rad or m, on which a joint that brakes moves half as far as it should: r.
+_HALF = 3.0
+# Changes of the set of joints that brake, for each joint.
+_CHANGES = 4
+# Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
+_DIFFERENCE = 1e-5
+
+
+@dataclass(frozen=True)
+class ArmRates:
+    """Rates and accelerations (n) of the joints, and how the arm can move.
+
+    - `at_limit` (n): the joints that have come to a limit
+    - `redundant`: whether the others can move without the tip
+    - `missing`: what the arm cannot give the tip, "" if nothing
+    """
+
+    rates: Array
+    accelerations: Array
+    at_limit: Flags
+    redundant: bool
+    missing: str
+
+
+def arm_rates(
+    vehicle: Vehicle, state: tuple[Array, Array, Array], target: Array, limits: Limits
+) -> ArmRates:
+    """Joint rates and accelerations of least norm that move the tip as desired, or nearest to it.
+
+    `state` (nq, nv, nv) is of base and arm, whose own velocities and accelerations are not looked
+    at. `target` (≥ 3, 3): position, velocity, acceleration of the tip, world axes.
+    """
+    arm = vehicle.arm_rates
+    q, v, a = state[0], state[1].copy(), state[2].copy()
+    v[arm] = a[arm] = 0.0
+    jacobian = vehicle.tip_jacobian(q)[:3]
+    own = jacobian[:, arm]
+    found = _braking(q[vehicle.arm], own, target[1] - jacobian @ v, limits)
+    v[arm], free = found.rates, found.share > 0.0
+    bias = vehicle.tip_bias_acceleration(q, v)[:3]
+    a[arm] = found.growth
+    a[arm] += found.share * (found.inverse @ (target[2] - jacobian @ a - bias))
+    missing = _missing(jacobian @ v - target[1], "speed, m/s") or _missing(
+        jacobian @ a + bias - target[2], "acceleration, m/s²"
+    )
+    rank = np.linalg.matrix_rank(own * free, _RANK * np.linalg.norm(own))
+    redundant = not missing and bool(rank < np.sum(free))
+    if redundant:
+        # The derivative of J⁺ẋ in the null space of J: (1 − J⁺J) J̇ᵀ J⁺ᵀ v.
+        ahead, behind = (
+            vehicle.tip_jacobian(vehicle.integrate(q, sign * _DIFFERENCE * v))[:3, arm]
+            for sign in (1.0, -1.0)
+        )
+        jacobian_rate = found.share * (ahead - behind) / (2.0 * _DIFFERENCE)
+        jacobian_rate += own * found.share_rate
+        growth = jacobian_rate.T @ found.multipliers
+        a[arm] += found.share * (growth - found.inverse @ (own @ (found.share * growth)))
+    return ArmRates(v[arm], a[arm], ~free, redundant, missing)
+
+
+@dataclass(frozen=True)
+class _Braking:
+    """Rates (n) c + s² Jᵀλ of joints, of which some brake.
+
+    `share` (n) is s, 1 of those that do not brake and 0 of those that have come to a limit, and
+    `share_rate` its derivative. `inverse` (n, 3) is the pseudoinverse of J s, `multipliers` (3) are
+    λ. `growth` (n) is what the accelerations have besides s times the derivative of s Jᵀλ.
+    """
+
+    rates: Array
+    share: Array
+    share_rate: Array
+    inverse: Array
+    multipliers: Array
+    growth: Array
+
+
+def _braking(joints: Array, jacobian: Array, speed: Array, limits: Limits) -> _Braking:
+    """Joint rates of least norm that add `speed` (3), m/s, to the tip's velocity, or nearly so.
+
+    Joints brake before their limits. `jacobian` (3, n) is of the tip's position.
+    """
+    ways = [np.where(way > REACHED, way, 0.0) for way in (joints - limits[0], limits[1] - joints)]
+    # −1 or 1 of joints that brake before the lower or upper limit, and the way to it.
+    towards, way = np.zeros(len(joints)), np.ones(len(joints))
+    for _ in range(_CHANGES * len(joints) + 1):
+        brakes = towards != 0.0
+        share = np.where(brakes, np.sqrt(way / (way + _HALF)), 1.0)
+        centre = np.where(brakes, _BRAKING * _HALF * towards * share**2, 0.0)
+        inverse = np.linalg.pinv(jacobian * share, rcond=_RANK)
+        scaled = inverse @ (speed - jacobian @ centre)
+        multipliers = inverse.T @ scaled
+        wanted = jacobian.T @ multipliers
+        beyond = np.maximum(-wanted - _BRAKING * ways[0], wanted - _BRAKING * ways[1])
+        # Where they cannot move the tip as wanted, this is no reason to let go.
+        rates = centre + share * scaled
+        stuck = np.linalg.norm(jacobian @ rates - speed) > _TOLERANCE
+        wrong = (beyond > 0.0) & ~brakes | (beyond <= 0.0) & brakes & ~stuck
+        if not np.any(wrong):
+            break
+        worst = int(np.argmax(np.where(wrong, np.abs(beyond), -1.0)))
+        towards[worst] = 0.0 if brakes[worst] else np.sign(wanted[worst])
+        way[worst] = ways[int(towards[worst] > 0.0)][worst]
+    # Derivatives of s² = d / (d + r) and of c = κ r s² with respect to time.
+    square_rate = np.where(brakes, -towards * rates * _HALF / (way + _HALF) ** 2, 0.0)
+    share_rate = np.divide(square_rate, 2.0 * share, out=np.zeros(len(joints)), where=share > 0.0)
+    growth = _BRAKING * _HALF * towards * square_rate + share_rate * scaled
+    return _Braking(rates, share, share_rate, np.asarray(inverse, np.float64), multipliers, growth)
+
+
+def _missing(shortfall: Array, unit: str) -> str:
+    size = float(np.linalg.norm(shortfall))
+    return f"{size:.3g} of the {unit}, is missing" if size > _TOLERANCE else ""
+
+
+# Shares of the arm's length: what a singular arm may stay away from its path, and the way after
+# which the path shows where it goes.
+_NEAR = 1e-6
+_FAR = 1e-3
+# Knots that are tried, of all that there are, once the path is known to leave the arm's reach.
+_TRIED_OUT_OF_REACH = 200
+# What to do where a scenario asks too much of the arm.
+OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
+
+
+class SingularArmError(UsageError):
+    """An arm whose joints cannot give the tip the speed or acceleration of its path."""
+
+
+class UnreachableError(UsageError):
+    """Points of a path that the tip cannot reach.
+
+    `times` (s) and `distances` (m) are of all such points that were tried.
+    """
+
+    def __init__(self, message: str, times: Array, distances: Array) -> None:
+        self.times = times
+        self.distances = distances
+        super().__init__(message)
+
+
+def arm_motion(
+    vehicle: Vehicle,
+    base: Motion,
+    tip: Path,
+    limits: Limits,
+    guess: Array | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Motion:
+    """Motion of base and arm at the knots of `base`, with the tip on its path.
+
+    `guess` (n) are joints to begin with; None tries many postures. Raises `UnreachableError` for
+    knots that the tip does not reach (after the first only some are tried, over the whole path),
+    and `SingularArmError` where the arm cannot move as the path wants.
+    """
+    arm = _Continuation(vehicle, base, tip(base.time), limits)
+    arm.start(guess)
+    count = len(base.time)
+    progress(1, count)
+    stride = max(1, count // _TRIED_OUT_OF_REACH)
+    for k in range(1, count):
+        if not arm.out_of_reach or k % stride == 0 or k == count - 1:
+            arm.advance(k)
+            progress(k + 1, count)
+    _check_reached(vehicle, base.time[arm.tried], arm.q[arm.tried], arm.distances[arm.tried])
+    if arm.singular:
+        raise SingularArmError(arm.singular)
+    return Motion(base.time, arm.q, arm.v, arm.a)
+
+
+class _Continuation:
+    """Motion of base and arm, of which the arm's part is solved knot by knot.
+
+    `targets` (s, ≥ 3, 3) are position, velocity and acceleration of the tip. `distances` (s) are
+    those of the tip from its path, m; `singular` tells the first knot at which the arm cannot move
+    as the path wants. `tried` are the numbers of the knots that were solved, `held` (n) the joints
+    that the last of them left at a limit.
+    """
+
+    def __init__(self, vehicle: Vehicle, base: Motion, targets: Array, limits: Limits) -> None:
+        self.vehicle, self.limits, self.targets, self.time = vehicle, limits, targets, base.time
+        self.q, self.v, self.a = base.q.copy(), base.v.copy(), base.a.copy()
+        # Of the joints (s, n).
+        self.rates, self.accelerations = (each[:, vehicle.arm_rates] for each in (self.v, self.a))
+        self.distances = np.zeros(len(base.time))
+        self.held: Flags = np.zeros(vehicle.joints, dtype=bool)
+        self.singular = ""
+        self.tried = [0]
+
+    @property
+    def out_of_reach(self) -> bool:
+        """Whether there is a knot that the tip does not reach."""
+        return bool(np.any(self.distances > REACHED))
+
+    def start(self, guess: Array | None) -> None:
+        """Solve the first knot."""
+        vehicle, limits, target = self.vehicle, self.limits, self.targets[0, 0]
+        q, distance = first_posture(vehicle, self.q[0], target, limits, guess)
+        if guess is None and distance <= REACHED and is_singular(vehicle, q):
+            q = self._posture_for_path(q)
+        self.q[0], self.distances[0] = q, distance
+        if distance <= REACHED:
+            self.held = self._set_rates(0).at_limit
+
+    def advance(self, k: int) -> None:
+        """Solve knot k from the last one that was tried."""
+        arm, q, last = self.vehicle.arm, self.q, self.tried[-1]
+        step, v, a = self.time[k] - self.time[last], self.rates, self.accelerations
+        q[k, arm] = q[last, arm] + step * (v[last] + 0.5 * step * a[last])
+        self.held = self.held | self._beyond(q[k, arm])
+        self._reach(k, self.held)
+        self.tried.append(k)
+        if self.distances[k] > REACHED:
+            return
+        found = self._set_rates(k)
+        if found.redundant and self.distances[last] <= REACHED:
+            found = self._correct(k, last)
+        if not found.missing:
+            self.held = found.at_limit
+
+    def _beyond(self, joints: Array) -> Flags:
+        beyond: Flags = (joints < self.limits[0]) | (joints > self.limits[1])
+        return beyond
+
+    def _reach(self, k: int, held: Flags) -> None:
+        self.q[k], self.distances[k] = _reach_holding(
+            self.vehicle, self.q[k], self.targets[k, 0], self.limits, held
+        )
+
+    def _set_rates(self, k: int) -> ArmRates:
+        """Find rates and accelerations of the arm at knot k."""
+        vehicle = self.vehicle
+        found = arm_rates(vehicle, (self.q[k], self.v[k], self.a[k]), self.targets[k], self.limits)
+        self.rates[k], self.accelerations[k] = found.rates, found.accelerations
+        if found.missing:
+            self.singular = self.singular or (
+                f"the arm is singular or at its limits at t = {self.time[k]:.6g} s: its joints "
+                f"({', '.join(vehicle.joint_names)}) cannot move the tip as its path wants; "
+                f"{found.missing}"
+            )
+        return found
+
+    def _correct(self, k: int, last: int) -> ArmRates:
+        """Make the joints of a redundant arm at knot k the integral of their rates since `last`.
+
+        The path of the tip says nothing of null-space motion. That follows from the rates at both
+        ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's).
+        """
+        arm, q, v, a = self.vehicle.arm, self.q, self.rates, self.accelerations
+        step, held = self.time[k] - self.time[last], self.held
+        for _ in range(3):
+            integral = (
+                q[last, arm] + step / 2.0 * (v[last] + v[k]) + step**2 / 12.0 * (a[last] - a[k])
+            )
+            q[k, arm] = np.where(held, q[k, arm], integral)
+            held = held | self._beyond(integral)
+            self._reach(k, held)
+            found = self._set_rates(k)
+            if found.missing:
+                break
+        return found
+
+    def _posture_for_path(self, singular: Array) -> Array:
+        """Coordinates (nq) at the first knot that suit the way the path goes on.
+
+        A tip on the axis of a joint leaves that joint's angle open, but the path does not. So the
+        search begins where the tip has gone some way, and the arm is led back from there. If it
+        does not get back, the `singular` coordinates (nq) are kept.
+        """
+        vehicle, limits, places = self.vehicle, self.limits, self.targets[:, 0]
+        offset = places - self.q[:, vehicle.layout.q.position]
+        away = np.linalg.norm(offset - offset[0], axis=-1) > _FAR * arm_length(vehicle, singular)
+        if not np.any(away):
+            return singular
+        ahead = int(np.argmax(away))
+        found, distance = first_posture(vehicle, self.q[ahead], places[ahead], limits, None)
+        for k in reversed(range(ahead)):
+            joints = found[vehicle.arm]
+            found = self.q[k].copy()
+            found[vehicle.arm] = joints
+            found, distance = reach(vehicle, found, places[k], limits)
+        return found if distance <= REACHED else singular
+
+
+def _reach_holding(
+    vehicle: Vehicle, q: Array, target: Array, limits: Limits, held: Flags
+) -> tuple[Array, float]:
+    """`reach`, with joints `held` (n) left where they are if it can be done without them.
+
+    Joints that come to a limit would else be moved off it by each step towards the target, only to
+    be driven into it again.
+    """
+    if np.any(held):
+        joints = np.clip(q[vehicle.arm], *limits)
+        narrow = np.where(held, joints, limits[0]), np.where(held, joints, limits[1])
+        found, distance = reach(vehicle, q, target, narrow)
+        if distance <= REACHED:
+            return found, distance
+    return reach(vehicle, q, target, limits)
+
+
+def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) -> None:
+    """Raise `UnreachableError` if the tip is off its path, `SingularArmError` if only just.
+
+    A path so near could be reached by the arm from another side. `distances` (s) are in m.
+    """
+    far = distances > REACHED
+    if not np.any(far):
+        return
+    worst = int(np.argmax(distances))
+    times = time[far]
+    where = (
+        f"at {len(times)} of {len(time)} instants tried, from t = {times[0]:.6g} s to "
+        f"{times[-1]:.6g} s; at t = {time[worst]:.6g} s it stays {distances[worst]:.3g} m away"
+    )
+    # So near is not out of reach: the joints do not find the way there.
+    if distances[worst] < _NEAR * arm_length(vehicle, q[worst]) and is_singular(vehicle, q[worst]):
+        raise SingularArmError(
+            f"the arm is singular: its joints ({', '.join(vehicle.joint_names)}) do not bring the "
+            f"tip onto its path {where}; lead the path past the axes of joints and the edge of "
+            "the arm's reach, or give a guess of the joints"
+        )
+    raise UnreachableError(
+        f"the tip cannot reach its path {where}; lead the path within the arm's reach, or "
+        f"{OTHER_SCENARIO}",
+        times,
+        distances[far],
+    )

@@ -1,0 +1,708 @@
+"""The fastest timing of a motion within limits.
+
+The geometry of the motion stays as it is; only when it is where changes. Inputs along the course
+are linear in acceleration and squared speed there, and `speed_profile` finds the fastest motion;
+`schedule` makes it smooth. What that puts beyond the limits is taken back by less room for motion
+there, and a limit of thrust rates is kept by averaging over longer.
+
+The course of a motion: where it leads, apart from when.
+
+A course is measured by the length of the way that all velocities together cover: of the base in m,
+of angles in rad. It consists of stretches on which something moves, with rests between; a motion
+also rests where it turns back. In this length every stretch begins and ends regularly, however
+gently the motion does.
+
+The fastest way along a course whose inputs are linear in acceleration and squared speed.
+
+Between two nodes the acceleration along the course is constant, so that the squared speed grows
+linearly. Limits hold at both ends of each interval (Pham and Pham, 2018: time-optimal path
+parameterisation by reachability analysis): a pass backward finds the greatest squared speed from
+which the end can still be reached, a pass forward takes the greatest acceleration that stays below.
+
+When a motion is where on its course: squared speeds made into a smooth function of time.
+
+The fastest motion switches from one limit to another in no time. Its length along the course, taken
+at equal steps of time, is therefore made the control points of a cubic spline. The acceleration of
+that is an average of accelerations nearby, and so is what depends on it linearly: averages of what
+keeps limits keep them too, but for the change of the course within a few steps. A longer average
+makes thrusts change more slowly.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, PchipInterpolator, PPoly
+from scipy.ndimage import maximum_filter1d
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.desired.knots import CHECKS, KNOT_SPACING, check_times, tolerance
+from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.reference import Motion, Reference
+from gibbs_codegen.flight.scenario.scenario import MAX_DURATION, Scenario
+
+# Share of the greatest speed below which everything rests. What a smooth start covers below it is
+# a share of 1e-9 of the way.
+_REST = 1e-7
+# Cosine of the angle between the velocities of two successive instants above which the motion has
+# turned back between them.
+_TURNED = 0.5
+# Least distance of inner nodes from the ends of a stretch, as a share of its length.
+_APART = 1e-5
+# Halvings of an interval that leave of it no more than rounding.
+_HALVINGS = 55
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a course on which something moves, from `begin` to `end`, s, of the scenario.
+
+    `first`, `last` are lengths of the course there, `speeds` those at both ends, in length per s; 0
+    for a rest.
+    """
+
+    begin: float
+    end: float
+    first: float
+    last: float
+    speeds: tuple[float, float]
+
+
+class Course:
+    """Length of the way of a motion as a function of the scenario's time, and back."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference = reference
+        self.time = check_times(reference.knots)
+        v = reference(self.time)[1]
+        speed = np.linalg.norm(v, axis=-1)
+        speed[speed <= _REST * speed.max()] = 0.0
+        self._speed = PchipInterpolator(self.time, speed)
+        self._growth = self._speed.derivative()
+        self.length: PPoly = self._speed.antiderivative()
+        self.lengths = self.length(self.time)
+        self.stretches = [self._stretch(*ends, speed) for ends in _moving(v, speed)]
+
+    def _stretch(self, first: int, last: int, speed: Array) -> Stretch:
+        """The stretch between two instants, by their numbers; `speed` (s) is of all instants."""
+        # At rest is where a stretch meets another or standstill: all but the ends of the motion.
+        ends = (0, len(speed) - 1)
+        speeds = [
+            float(speed[k]) if k == end else 0.0 for k, end in zip((first, last), ends, strict=True)
+        ]
+        return Stretch(
+            float(self.time[first]),
+            float(self.time[last]),
+            float(self.lengths[first]),
+            float(self.lengths[last]),
+            (speeds[0], speeds[1]),
+        )
+
+    def speeds(self, time: Array) -> Array:
+        """Speed along the course in the scenario, and its first two derivatives (3, s)."""
+        bend = self._growth.derivative()
+        return np.stack([self._speed(time), self._growth(time), bend(time)])
+
+    def at(self, time: Array) -> tuple[Array, Array, Array]:
+        """Coordinates (s, nq), velocities per length, and growth of these per length (s, nv).
+
+        The latter two are zero where the motion rests. `time` (s) is of the scenario.
+        """
+        q, v, a = self.reference(time)
+        speed, growth = (each(time)[:, np.newaxis] for each in (self._speed, self._growth))
+        moving = speed > 0.0
+        safe = np.where(moving, speed, 1.0)
+        direction = np.where(moving, v / safe, 0.0)
+        bend = np.where(moving, (a - direction * growth) / safe**2, 0.0)
+        return q, direction, bend
+
+    def times(self, lengths: Array) -> Array:
+        """Scenario times (s) at lengths (s) of the course; the first time where it rests there."""
+        place = np.clip(np.searchsorted(self.lengths, lengths), 1, len(self.time) - 1)
+        low, high = self.time[place - 1], self.time[place]
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            short = self.length(middle) < lengths
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        return high
+
+
+def _moving(v: Array, speed: Array) -> list[tuple[int, int]]:
+    """First and last instant of every stretch.
+
+    Where the motion turns back, one stretch begins where another ends. `speed` (s) is 0 at rest.
+    """
+    along = np.sum(v[1:] * v[:-1], axis=1)
+    both = speed[1:] * speed[:-1]
+    turned = np.flatnonzero((along < _TURNED * both) & (both > 0.0))
+    slower = turned + (speed[turned + 1] < speed[turned])
+    # A step between two instants is part of a stretch unless the motion rests at both.
+    moves = (speed[1:] > 0.0) | (speed[:-1] > 0.0)
+    change = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(int)))
+    cuts = sorted({*change.tolist(), *slower.tolist()})
+    return [(first, last) for first, last in itertools.pairwise(cuts) if moves[first]]
+
+
+def nodes(course: Course, stretch: Stretch, spacing: float) -> Array:
+    """Scenario times (s) at which a stretch is looked at, close in time and along the course.
+
+    They are at most `spacing` apart, s, and include both ends.
+    """
+    inside = (course.time >= stretch.begin) & (course.time <= stretch.end)
+    time, length = course.time[inside], course.lengths[inside]
+    duration, way = stretch.end - stretch.begin, stretch.last - stretch.first
+    place = (time - stretch.begin) / duration + (length - stretch.first) / way
+    count = max(int(np.ceil(duration / spacing)), 2 * CHECKS)
+    found = np.interp(np.linspace(0.0, 2.0, 2 * count + 1), place, time)
+    # None so near to an end that rounding would make something of what lies between.
+    way_done = np.interp(found, time, length) - stretch.first
+    apart = (way_done > _APART * way) & (way_done < (1.0 - _APART) * way)
+    result: Array = np.concatenate([[stretch.begin], found[apart], [stretch.end]])
+    return result
+
+
+# Share of the range between least and greatest input, at its ends, in which a limit counts as
+# reached.
+_REACHED = 0.01
+_NEAR = 1.0 - _REACHED
+# Gaps shorter than this between times at which a limit is reached are not told, s.
+_GAP = 0.05
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the timing of a motion keeps to; infinite where there is no limit.
+
+    - `inputs` (2, nu): least and greatest thrusts, N, and torques or forces, N m or N
+    - `thrust_rate`: greatest rate of thrusts, N/s
+    - `velocities` (n): greatest rates of the joints, rad/s or m/s
+    """
+
+    inputs: Array
+    thrust_rate: float
+    velocities: Array
+
+    @property
+    def any(self) -> bool:
+        """Whether there is a limit at all."""
+        return bool(np.any(np.isfinite(self.inputs)) or np.any(np.isfinite(self.velocities)))
+
+
+def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
+    """Limits that the scenario's timing says, and else those of motors and joints.
+
+    Raises `UsageError` for a joint that the robot does not have.
+    """
+    timing, actuators = scenario.timing, actuators_of(vehicle, scenario)
+    if timing.limits is not None:
+        actuators.thrusts[:] = np.transpose([timing.limits])
+    for key, values in (("effort", actuators.efforts), ("velocity", actuators.velocities)):
+        for name, most in getattr(timing, key).items():
+            values[joint_place(vehicle, name, f"timing.{key}")] = most
+    rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
+    return Limits(actuators.inputs, rate, actuators.velocities)
+
+
+def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
+    """Inputs (s, nu) that a motion needs, with the thrusts of least norm, whatever their limits.
+
+    Wrenches that the rotors cannot produce are left out.
+    """
+    force = vehicle.inverse_dynamics(q, v, a)
+    matrices = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    wrenches = vehicle.base_wrench(q, force)[..., np.newaxis]
+    thrusts = (np.linalg.pinv(matrices) @ wrenches)[..., 0]
+    loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
+    efforts = force[..., vehicle.arm_rates] - (loads @ thrusts[..., np.newaxis])[..., 0]
+    return np.concatenate([thrusts, efforts], axis=-1)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a motion demands at times (s), s.
+
+    - `inputs` (s, nu), and `still` (s, nu): those for standing still there
+    - `rates` (s, N): of the thrusts, N/s; `velocities` (s, n): of the joints, rad/s or m/s
+    """
+
+    time: Array
+    inputs: Array
+    still: Array
+    rates: Array
+    velocities: Array
+
+
+def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array) -> Demand:
+    """What a motion (s, nq), (s, nv), (s, nv) demands at times (s), s."""
+    q, v, a = motion
+    inputs = needed_inputs(vehicle, q, v, a)
+    rates = np.gradient(inputs[:, : vehicle.rotors], time, axis=0)
+    return Demand(
+        time,
+        inputs,
+        needed_inputs(vehicle, q, 0.0 * v, 0.0 * v),
+        rates,
+        v[:, vehicle.arm_rates],
+    )
+
+
+def excess(demand: Demand, limits: Limits) -> Array:
+    """Factors (s) by which squared speeds and accelerations are too great; 1 just at a limit.
+
+    Standing still must keep the limits.
+    """
+    least, most = limits.inputs
+    moving = demand.inputs - demand.still
+    room = np.where(moving > 0.0, most - demand.still, demand.still - least)
+    inputs = np.max(np.abs(moving) / room, axis=-1)
+    joints = np.max(np.abs(demand.velocities) / limits.velocities, axis=-1, initial=0.0)
+    worst: Array = np.maximum(inputs, joints**2)
+    return worst
+
+
+def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
+    """A clause with the limit that is exceeded most, as a share of it, and when; "" if none is."""
+    least, most = limits.inputs
+    joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
+    rates = vehicle.layout.v.units[vehicle.arm_rates]
+    units = ["N"] * vehicle.rotors + ["N m" if unit == "rad/s" else "N" for unit in rates]
+    worst, clause = 0.0, ""
+    for verb, names, series, limit, each in (
+        ("exceed", vehicle.inputs, demand.inputs, most, units),
+        ("fall below", vehicle.inputs, -demand.inputs, -least, units),
+        ("change faster than", thrusts, np.abs(demand.rates), limits.thrust_rate, ["N/s"]),
+        ("move faster than", joints, np.abs(demand.velocities), limits.velocities, rates),
+    ):
+        limit = np.broadcast_to(limit, series.shape[1:])
+        over = (series - limit) / (1.0 + np.where(np.isfinite(limit), np.abs(limit), 0.0))
+        if np.max(over, initial=0.0) <= worst:
+            continue
+        instant, place = np.unravel_index(np.argmax(over), over.shape)
+        worst = over[instant, place]
+        value = -limit[place] if verb == "fall below" else limit[place]
+        unit = each[place % len(each)]
+        at = f"at t = {demand.time[instant]:.4g} s"
+        clause = f"{names[place]} would {verb} {value:g} {unit} {at}"
+    return clause
+
+
+def check_still(vehicle: Vehicle, demand: Demand, limits: Limits) -> None:
+    """Raise `UsageError`, with input and time, if the robot cannot stand still on its way."""
+    least, most = limits.inputs
+    margin = np.minimum(demand.still - least, most - demand.still)
+    if np.all(margin > 0.0):
+        return
+    instant, place = np.argwhere(margin <= 0.0)[0]
+    raise UsageError(
+        f"timing: at t = {demand.time[instant]:.6g} s of the scenario {vehicle.inputs[place]} is "
+        f"{demand.still[instant, place]:.4g} where the robot stands still, which is not within its "
+        f"limits, {least[place]:g} to {most[place]:g}: no timing is slow enough; widen the limits"
+    )
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A limit that is reached from `begin` to `end`, s: `what` names it."""
+
+    begin: float
+    end: float
+    what: str
+
+
+def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, ...]:
+    """Which limits a motion reaches, and when, the earliest first."""
+    least, most = limits.inputs
+    names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
+    with np.errstate(invalid="ignore"):
+        span = most - least
+        # Of one limit alone, its distance from what standing still takes.
+        alone = np.abs(np.where(np.isfinite(least), least, most) - demand.still.mean(axis=0))
+        margin = _REACHED * np.where(np.isfinite(span), span, alone)
+        reached = (
+            ("greatest", names, demand.inputs >= most - margin),
+            ("least", names, demand.inputs <= least + margin),
+            ("rate of", thrusts, np.abs(demand.rates) >= _NEAR * limits.thrust_rate),
+            (
+                "velocity of",
+                vehicle.joint_names,
+                np.abs(demand.velocities) >= _NEAR * limits.velocities,
+            ),
+        )
+    found = [
+        Binding(begin, end, f"{what} {name}")
+        for what, inputs, flags in reached
+        for name, series in zip(inputs, flags.T, strict=True)
+        for begin, end in _runs(demand.time, series)
+    ]
+    return tuple(sorted(found, key=lambda each: (each.begin, each.end, each.what)))
+
+
+def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
+    """Begin and end, s, of each interval in which `flags` (s) hold; gaps hardly there are closed.
+
+    None is of an instant alone.
+    """
+    places = np.flatnonzero(flags)
+    if not len(places):
+        return []
+    times = time[places]
+    apart = np.flatnonzero(np.diff(times) > _GAP)
+    begins = times[np.concatenate([[0], apart + 1])]
+    ends = times[np.concatenate([apart, [len(times) - 1]])]
+    return [(float(b), float(e)) for b, e in zip(begins, ends, strict=True) if e > b]
+
+
+# No speed is greater: a length of the course per s.
+_FASTEST = 1e6
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Limits `acceleration` · σ̈ + `square` · σ̇² ≤ `most` at nodes, each (nodes, rows).
+
+    `most` is positive everywhere: whatever rests stays within the limits.
+    """
+
+    acceleration: Array
+    square: Array
+    most: Array
+
+
+def fastest(lengths: Array, rows: Rows, ends: tuple[float, float]) -> Array:
+    """The greatest squared speeds (s) at nodes at lengths (s), with at most `ends` at both ends."""
+    steps = np.diff(lengths)
+    count = len(lengths)
+    reachable = np.empty(count)
+    last = _greatest(rows.square[-1], rows.acceleration[-1], rows.most[-1])
+    reachable[-1] = min(ends[1], last, _FASTEST**2)
+    for k in reversed(range(count - 1)):
+        square, acceleration, most = _interval(rows, k, steps[k], reachable[k + 1])
+        reachable[k] = min(_greatest(square, acceleration, most), _FASTEST**2)
+    squares = np.empty(count)
+    squares[0] = min(ends[0], reachable[0])
+    for k in range(count - 1):
+        square, acceleration, most = _interval(rows, k, steps[k], reachable[k + 1])
+        left = most - square * squares[k]
+        up = acceleration > 0.0
+        growth = np.min(left[up] / acceleration[up])
+        squares[k + 1] = np.clip(squares[k] + 2.0 * steps[k] * growth, 0.0, reachable[k + 1])
+    return squares
+
+
+def _interval(rows: Rows, k: int, step: float, greatest: float) -> tuple[Array, Array, Array]:
+    """Limits of the squared speed at node k and the acceleration after it.
+
+    Coefficients of both, and right sides; `step` is the length to the next node, `greatest` its
+    greatest squared speed.
+    """
+    ahead = rows.acceleration[k + 1] + 2.0 * step * rows.square[k + 1]
+    return (
+        np.concatenate([rows.square[k], rows.square[k + 1], [1.0, -1.0]]),
+        np.concatenate([rows.acceleration[k], ahead, [2.0 * step, -2.0 * step]]),
+        np.concatenate([rows.most[k], rows.most[k + 1], [greatest, 0.0]]),
+    )
+
+
+def _greatest(square: Array, acceleration: Array, most: Array) -> float:
+    """The greatest b with square · b + acceleration · u ≤ most for some u; all `most` (rows) ≥ 0.
+
+    Infinite if there is none.
+    """
+    up, down = acceleration > 0.0, acceleration < 0.0
+    flat = ~up & ~down
+    # u lies between what rows of both signs allow: each pair of them bounds b.
+    weights_up, weights_down = acceleration[up][:, np.newaxis], -acceleration[down]
+    slopes = square[up][:, np.newaxis] * weights_down + square[down] * weights_up
+    bounds = most[up][:, np.newaxis] * weights_down + most[down] * weights_up
+    slopes = np.concatenate([slopes.ravel(), square[flat]])
+    bounds = np.concatenate([bounds.ravel(), most[flat]])
+    limiting = slopes > 0.0
+    return float(np.min(bounds[limiting] / slopes[limiting], initial=np.inf))
+
+
+# Steps by which a cubic spline reaches out to both sides of its control points.
+_REACH = 2
+# Share of the greatest speed in the scenario below which its time is not told to change.
+_STANDSTILL = 1e-4
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Squared speeds (s) along a stretch at lengths (s) of the course."""
+
+    lengths: Array
+    squares: Array
+
+
+class Clock:
+    """Length along a course as a function of time, with three derivatives.
+
+    Profiles have the squared speeds along each stretch; a rest lasts as long as in the scenario.
+    Lengths are averaged over `window`, s, and control points are at most `spacing` apart, s:
+    `knots` (s) are their times, `step` the time between two of them. `duration` (s) is that of the
+    motion.
+    """
+
+    def __init__(
+        self, course: Course, profiles: Sequence[Profile], spacing: float, window: float
+    ) -> None:
+        self.course = course
+        exact = _exact(course, profiles, _REACH * spacing + 0.5 * window)
+        self.duration = float(exact.x[-1])
+        if self.duration > MAX_DURATION:
+            raise UsageError(
+                f"timing: within its limits the motion takes {self.duration:.4g} s, longer than "
+                f"a flight may be, {MAX_DURATION:g} s; widen the limits"
+            )
+        pieces = max(int(np.ceil(self.duration / spacing)), 1)
+        self.step = self.duration / pieces
+        self.knots = np.linspace(0.0, self.duration, pieces + 1)
+        time: Array = self.step * np.arange(-1.0, pieces + 2.0)
+        if window > 0.0:
+            integral = exact.antiderivative()
+            ahead, behind = (
+                _integral(exact, integral, time + 0.5 * by) for by in (window, -window)
+            )
+            points = (ahead - behind) / window
+        else:
+            points = _mirrored(exact, time)
+        knots = self.step * np.arange(-3, pieces + 4)
+        spline = BSpline(knots, points, 3)
+        self._derivatives = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
+
+    def __call__(self, time: Array) -> Array:
+        """Length and three derivatives (s, 4) at times (s), s, from 0 to the duration."""
+        inside = np.clip(time, 0.0, self.duration)
+        return np.stack([each(inside) for each in self._derivatives], axis=-1)
+
+    def scenario_time(self, time: Array) -> Array:
+        """Time of the scenario and its three derivatives (…, 4); these are zero where it rests."""
+        length, speed, growth, jerk = np.moveaxis(self(np.ravel(time)), -1, 0)
+        now = self.course.times(length)
+        out = np.zeros((len(now), 4))
+        out[:, 0] = now
+        way = self.course.speeds(now)
+        moving = way[0] > _STANDSTILL * np.max(way[0], initial=0.0)
+        first, second, third = way[:, moving]
+        rate = speed[moving] / first
+        slope = (growth[moving] - second * rate**2) / first
+        bend = (jerk[moving] - 3.0 * second * rate * slope - third * rate**3) / first
+        out[moving, 1:] = np.stack([rate, slope, bend], axis=-1)
+        return out.reshape(*np.shape(time), 4)
+
+    def motion(self, time: Array) -> tuple[Array, Array, Array]:
+        """Coordinates (s, nq), velocities and accelerations (s, nv) at times (s), s."""
+        length, speed, growth, _ = np.moveaxis(self(time)[..., np.newaxis], 1, 0)
+        q, direction, bend = self.course.at(self.course.times(length[:, 0]))
+        return q, direction * speed, direction * growth + bend * speed**2
+
+
+def _exact(course: Course, profiles: Sequence[Profile], pad: float) -> PPoly:
+    """Length along the course in time, from 0, with constant accelerations between nodes.
+
+    `pad`, s, is added to every rest where a stretch begins or ends there.
+    """
+    reference = course.reference
+    steps: list[Array] = []
+    coefficients: list[Array] = []
+    last, length, before = reference.begin, 0.0, 0.0
+
+    def rest(duration: float) -> None:
+        if duration > 0.0:
+            steps.append(np.array([duration]))
+            coefficients.append(np.array([[0.0], [0.0], [length]]))
+
+    for stretch, profile in zip(course.stretches, profiles, strict=True):
+        after = pad if stretch.speeds[0] == 0.0 else 0.0
+        rest(before + stretch.begin - last + after)
+        speeds = np.sqrt(profile.squares)
+        apart = np.diff(profile.lengths)
+        steps.append(2.0 * apart / (speeds[1:] + speeds[:-1]))
+        growth = np.diff(profile.squares) / (2.0 * apart)
+        coefficients.append(np.stack([0.5 * growth, speeds[:-1], profile.lengths[:-1]]))
+        before = pad if stretch.speeds[1] == 0.0 else 0.0
+        last, length = stretch.end, float(profile.lengths[-1])
+    rest(before + reference.end - last)
+    ends = np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
+    return PPoly(np.concatenate(coefficients, axis=1), ends)
+
+
+def _mirrored(exact: PPoly, time: Array) -> Array:
+    """The length at any times (s): before the first and after the last, as if seen in a mirror.
+
+    So averages over times on both sides of an end are the length there.
+    """
+    end = exact.x[-1]
+    inside = np.where(time < 0.0, -time, np.where(time > end, 2.0 * end - time, time))
+    turned = np.where(time < 0.0, 2.0 * exact(0.0), 2.0 * exact(end)) - exact(inside)
+    result: Array = np.where(inside == time, exact(inside), turned)
+    return result
+
+
+def _integral(exact: PPoly, integral: PPoly, time: Array) -> Array:
+    """The integral (s) of `_mirrored` from 0 to times (s); `integral` is that of `exact`."""
+    end = exact.x[-1]
+    early, late = time < 0.0, time > end
+    inside = np.where(early, -time, np.where(late, 2.0 * end - time, time))
+    added = np.where(early, 2.0 * exact(0.0) * time, 2.0 * exact(end) * (time - end))
+    result: Array = integral(inside) + np.where(early | late, added, 0.0)
+    return result
+
+
+# Greatest distance in time of nodes of the speed profile, s.
+_NODE_SPACING = 0.01
+# Share of the room for motion within limits that is left for rounding.
+_RESERVE = 1e-3
+# Share of the limit of thrust rates that is left for what they are between the times looked at.
+_RATE_RESERVE = 0.008
+# Attempts to keep the limits, and how many of them take room where it is exceeded only.
+_ATTEMPTS, _LOCAL = 20, 10
+# What a factor is made greater by, so that a limit is kept the next time.
+_SURELY = 1.0 + 1e-4
+# Instants on both sides of one at which a limit is exceeded that take part in slowing down.
+_AROUND = 4 * CHECKS
+# Greatest refinement of knots.
+_FINEST = 8
+
+
+def fastest_motion(
+    vehicle: Vehicle,
+    reference: Reference,
+    limits: Limits,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Clock:
+    """The fastest timing of a motion whose wrenches the rotors can produce.
+
+    `reference` is in the scenario's time; `progress` is told the share done, 0 to 1. Raises
+    `UsageError` if the robot cannot stand still within its limits everywhere on its way.
+    """
+    course = Course(reference)
+    still = course.time[::CHECKS]
+    q, v, _ = reference(still)
+    check_still(vehicle, demand_of(vehicle, (q, 0.0 * v, 0.0 * v), still), limits)
+    ways = [_Way(vehicle, course, stretch, limits) for stretch in course.stretches]
+    window = 0.0
+    for attempt in range(_ATTEMPTS):
+        progress(attempt / _ATTEMPTS)
+        profiles = [way.profile() for way in ways]
+        clock = Clock(course, profiles, KNOT_SPACING, window)
+        demand = demand_at(vehicle, clock)
+        over = excess(demand, limits)
+        if np.max(np.abs(demand.rates)) > limits.thrust_rate:
+            window = _window(vehicle, course, profiles, limits.thrust_rate)
+        elif np.max(over, initial=0.0) > 1.0 or (attempt < 3 and np.any(vehicle.damping)):
+            for way in ways:
+                way.slow_down(clock(demand.time)[:, 0], over, everywhere=attempt >= _LOCAL)
+        else:
+            return clock
+    raise UsageError(
+        "timing: no motion along the paths keeps the limits of thrust and torque together with "
+        "the thrust rate; widen one of them, or give a gentler motion"
+    )
+
+
+def demand_at(vehicle: Vehicle, clock: Clock) -> Demand:
+    """What a timed motion demands, at its knots and between."""
+    time = check_times(clock.knots)
+    return demand_of(vehicle, clock.motion(time), time)
+
+
+def timed_reference(vehicle: Vehicle, clock: Clock) -> Reference:
+    """The motion as a function of time, with knots so near that it stays true between them."""
+    refinement = 1
+    while True:
+        pieces = refinement * (len(clock.knots) - 1)
+        time = np.linspace(0.0, clock.duration, pieces + 1)
+        reference = vehicle.kinematics.reference(Motion(time, *clock.motion(time)))
+        every = check_times(time)
+        q = clock.motion(every)[0]
+        off = np.abs(reference(every)[0] - q) / tolerance(np.abs(q).max(axis=0))
+        if refinement == _FINEST or np.all(off <= 1.0):
+            return reference
+        refinement *= 2
+
+
+class _Way:
+    """One stretch of a course with the limits along it.
+
+    `room` (nodes) is what is left of the way from standing still to the limits.
+    """
+
+    def __init__(self, vehicle: Vehicle, course: Course, stretch: Stretch, limits: Limits) -> None:
+        time = nodes(course, stretch, _NODE_SPACING)
+        self.lengths = course.length(time)
+        self.speeds = stretch.speeds
+        self.room = np.full(len(time), 1.0 - _RESERVE)
+        self.squares: Array | None = None
+        # Where it begins or ends at rest, a direction is found near by only.
+        looked = time.copy()
+        for end, beside in ((0, 1), (-1, -2)):
+            if stretch.speeds[end] == 0.0:
+                looked[end] = 0.9 * time[end] + 0.1 * time[beside]
+        q, direction, bend = course.at(looked)
+        at_rest = 0.0 * direction
+        still = needed_inputs(vehicle, q, at_rest, at_rest)
+        ahead, back = (needed_inputs(vehicle, q, s * direction, bend) for s in (1.0, -1.0))
+        least, most = limits.inputs
+        joints = (direction[:, vehicle.arm_rates] / limits.velocities) ** 2
+        self.square = _both(0.5 * (ahead + back) - still, joints)
+        # What is odd in the velocity: damping.
+        self.damping = _both(0.5 * (ahead - back), 0.0 * joints)
+        pushed = needed_inputs(vehicle, q, at_rest, direction) - still
+        self.acceleration = _both(pushed, 0.0 * joints)
+        self.most = np.concatenate([most - still, still - least, np.ones_like(joints)], axis=1)
+
+    def profile(self) -> Profile:
+        """The fastest motion along the stretch in the room that there is."""
+        square = self.square
+        if self.squares is not None:
+            # Damping grows with the speed: as a share of its square it is exact at the last one.
+            speeds = np.sqrt(np.maximum(self.squares, np.max(self.squares) * 1e-6))
+            square = square + self.damping / speeds[:, np.newaxis]
+        limited = np.all(np.isfinite(self.most), axis=0)
+        most = self.most[:, limited] * self.room[:, np.newaxis]
+        rows = Rows(self.acceleration[:, limited], square[:, limited], most)
+        # At an end the motion neither accelerates nor brakes.
+        ends = [
+            min(speed**2, np.min(most[k] / np.maximum(rows.square[k], 1e-300)))
+            for k, speed in zip((0, -1), self.speeds, strict=True)
+        ]
+        self.squares = fastest(self.lengths, rows, (ends[0], ends[1]))
+        return Profile(self.lengths, self.squares)
+
+    def slow_down(self, lengths: Array, over: Array, everywhere: bool) -> None:
+        """Leave less room for motion where limits are exceeded, or everywhere on the stretch.
+
+        `over` (s) tells by how much at lengths (s) along the course; below 1 if they are not.
+        """
+        over = maximum_filter1d(np.maximum(over, 1.0), 2 * _AROUND + 1)
+        here = np.interp(self.lengths, lengths, over)
+        if everywhere:
+            here = np.full_like(here, np.max(here))
+        self.room /= np.where(here > 1.0, here * _SURELY, 1.0)
+
+
+def _both(values: Array, joints: Array) -> Array:
+    """Rows for the greatest and the least inputs, and for the joints' velocities."""
+    return np.concatenate([values, -values, joints], axis=1)
+
+
+def _window(vehicle: Vehicle, course: Course, profiles: list[Profile], thrust_rate: float) -> float:
+    """The shortest time to average over, s, for thrusts to change by at most `thrust_rate`, N/s."""
+
+    def too_fast(window: float) -> bool:
+        clock = Clock(course, profiles, KNOT_SPACING, window)
+        rates = demand_at(vehicle, clock).rates
+        return bool(np.max(np.abs(rates)) > (1.0 - _RATE_RESERVE) * thrust_rate)
+
+    low, high = 0.0, KNOT_SPACING
+    while too_fast(high) and high < course.reference.end:
+        low, high = high, 2.0 * high
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if too_fast(middle) else (low, middle)
+    return high

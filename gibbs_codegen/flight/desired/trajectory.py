@@ -1,0 +1,213 @@
+"""The desired motion of a scenario, and the state in which its flight starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.desired.base_trajectory import desired_base
+from gibbs_codegen.flight.desired.feasible_motion import feasible_motion
+from gibbs_codegen.flight.desired.inverse_kinematics import Limits
+from gibbs_codegen.flight.desired.knots import knots
+from gibbs_codegen.flight.desired.posture import (
+    commanding_posture,
+    hanging_posture,
+    joint_motion,
+    with_joints,
+)
+from gibbs_codegen.flight.desired.tip_trajectory import desired_with_tip
+from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.flight.plant.allocation import thrust_axis
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.reference import Motion, Reference
+from gibbs_codegen.flight.scenario.orientation import (
+    SingularAttitudeError,
+    Turning,
+)
+from gibbs_codegen.flight.scenario.paths import Path
+from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, StartOffset
+
+# Is told what is being done, and the share of it that is done, 0 to 1.
+Progress = Callable[[str, float], None]
+
+
+def desired_motion(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+) -> Reference:
+    """Desired coordinates, rates and accelerations of a scenario, as functions of time.
+
+    Raises `UsageError` or one of its kinds where there is no such motion, and for joints outside
+    their limits.
+    """
+    _check_units(vehicle, scenario.arm)
+    actuators = actuators_of(vehicle, scenario)
+    limits = actuators.joints[0], actuators.joints[1]
+    # The timing "fastest" slows down what is too fast.
+    fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
+    if scenario.arm.tip is None:
+        motion = _with_posture(vehicle, scenario, limits, fastest, progress)
+    else:
+        motion = _with_tip(vehicle, scenario, scenario.arm.tip, limits, progress)
+        _check_rates(vehicle, motion, fastest)
+    return vehicle.kinematics.reference(motion)
+
+
+def _with_posture(
+    vehicle: Vehicle,
+    scenario: Scenario,
+    limits: Limits,
+    fastest: Array | float,
+    progress: Progress,
+) -> Motion:
+    """The motion of a scenario without a path of the tip.
+
+    `fastest`: greatest rates of the joints (n), or of all, rad/s or m/s.
+    """
+    task, time = scenario.arm, knots(scenario.duration)
+    if task.posture is None:
+        posture = hanging_posture(vehicle, limits)
+        if vehicle.rotors_move and scenario.control.law != "off":
+            posture = commanding_posture(vehicle, limits, posture)
+    else:
+        posture = _joint_values(vehicle, task.posture, "arm.posture")
+        _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
+    for name, moves in task.moves.items():
+        for move in moves:
+            held = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
+            _check_limits(vehicle, task, "moves", held, limits, [name])
+    joints_at = partial(joint_motion, vehicle, posture, task.moves)
+    wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
+    # What the base does then depends on the joints.
+    _check_rates(vehicle, joints_at(time), fastest)
+    if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
+        return feasible_motion(vehicle, time, joints_at, *wanted, shown)
+    base = desired_base(vehicle, time, *wanted, shown)
+    return with_joints(vehicle, base, joints_at(base.time))
+
+
+def _with_tip(
+    vehicle: Vehicle, scenario: Scenario, tip: Path, limits: Limits, progress: Progress
+) -> Motion:
+    """The motion of a scenario with a path of the tip.
+
+    Raises `UsageError` for a base that leans, and as `desired_with_tip` does.
+    """
+    task, time = scenario.arm, knots(scenario.duration)
+    leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
+    if leans and scenario.control.law != "off":
+        raise UsageError(
+            f"{vehicle.name}: its base leans, since its rotors push along one axis, and no path of "
+            "the tip can be led from there; leave out the tip path, and give a posture or "
+            "arm.moves_deg"
+        )
+    guess = None
+    if task.guess is not None:
+        guess = _joint_values(vehicle, task.guess, "arm.guess")
+        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
+        _check_limits(vehicle, task, "guess", guess, limits, task.guess)
+
+    def base_at(knots: Array) -> Motion:
+        # Progress is shown for the first time only: what follows is the arm's.
+        shown = partial(progress, "desired motion") if knots is time else lambda share: None
+        return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
+
+    return desired_with_tip(
+        vehicle,
+        time,
+        base_at,
+        tip,
+        limits,
+        guess,
+        lambda done, total: progress("inverse kinematics", done / total),
+    )
+
+
+def starting_state(
+    vehicle: Vehicle, reference: Reference, offset: StartOffset
+) -> tuple[Array, Array]:
+    """The desired state (nq), (nv) at the start of a flight, moved and turned by the start offset.
+
+    Velocities of position and attitude stay as they are in the world, or as rates of attitude
+    angles. Raises `SingularAttitudeError` if the offset turns the base to the singularity.
+    """
+    q, v, _ = reference(reference.begin)
+    if not any(offset.position) and not any(offset.rotation):
+        return q, v
+    attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
+    centre = q[position] + vehicle.centre_offset(q)
+    turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
+    at_rest = np.zeros((1, 3))
+    try:
+        turning = Turning(turned[np.newaxis], at_rest, at_rest)
+        entries, _, _ = vehicle.kinematics.turned(turning)
+    except SingularAttitudeError as error:
+        raise SingularAttitudeError(
+            f"at t = {reference.begin:.6g} s, with the base turned by start.turn_deg (the start's "
+            f"rotation), {error}, or turn it less or another way at the start",
+            error.place,
+        ) from None
+    start = q.copy()
+    start[attitude] = vehicle.kinematics.continued(q[attitude], entries)[0]
+    start[position] = centre + offset.position - vehicle.centre_offset(start)
+    return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
+
+
+def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
+    """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
+    for name, table in sorted(task.named):
+        unit = vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name, f"arm.{table}")]
+        if (unit == "rad") == table.endswith("_deg"):
+            continue
+        revolute, prismatic = ("revolute", "end in _deg"), ("prismatic", "do not end in _deg")
+        kind, place = revolute if unit == "rad" else prismatic
+        raise UsageError(
+            f"arm.{table}.{name}: the joint is {kind}, and belongs in the tables that {place}"
+        )
+
+
+def _check_rates(vehicle: Vehicle, motion: Motion, most: Array | float) -> None:
+    """Raise `UsageError`, with joint and time, where a joint is to move faster than it can."""
+    rates = np.abs(motion.v[:, vehicle.arm_rates])
+    most = np.broadcast_to(most, rates.shape[1:])
+    for joint in np.flatnonzero(np.any(rates > most, axis=0)):
+        instant, unit = np.argmax(rates[:, joint]), vehicle.layout.v.units[vehicle.arm_rates][joint]
+        name = vehicle.joint_names[joint]
+        raise UsageError(
+            f"arm: at t = {motion.time[instant]:.6g} s {name} has to move at "
+            f"{rates[instant, joint]:.3g} {unit}, faster than its limit of {most[joint]:g} {unit}; "
+            f"slow the paths or moves down, or give another limit as arm.velocity.{name}"
+        )
+
+
+def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> Array:
+    """Coordinates (n) of all joints, 0 for those that `table`, as messages call it, leaves out."""
+    found = np.zeros(vehicle.joints)
+    for name, value in values.items():
+        found[joint_place(vehicle, name, table)] = value
+    return found
+
+
+def _check_limits(
+    vehicle: Vehicle, task: ArmTask, key: str, values: Array, limits: Limits, joints: Iterable[str]
+) -> None:
+    """Raise `UsageError` for the first of some joints whose value (n) is outside its limits.
+
+    `key` of the scenario file's arm table gives the values; angles of a file are told in degrees.
+    """
+    for name in joints:
+        joint = joint_place(vehicle, name)
+        value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
+        if not lower <= value <= upper:
+            unit = f" {vehicle.layout.q.units[vehicle.arm][joint]}"
+            if task.named and unit == " rad":
+                key, unit = f"{key}_deg", "°"
+                value, lower, upper = np.degrees([value, lower, upper])
+            hint = "" if value else "; a joint left out of a posture is at 0"
+            raise UsageError(
+                f"arm.{key}.{name}: {value:.6g}{unit} is outside its limits, "
+                f"{lower:.6g} to {upper:.6g}{unit}{hint}"
+            )

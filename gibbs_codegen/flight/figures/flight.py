@@ -1,0 +1,228 @@
+"""Figures of a flight, for the widths of a two-column paper (3.5 and at most 7.2 in).
+
+Each is a Matplotlib `Figure` that belongs to nobody: no window, no pyplot, no backend. The caller
+saves it, shows it in a notebook or changes it. They look the same whatever the user's own style.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
+from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
+from gibbs_codegen.files.staging import check_output_folder, staging_folder
+from gibbs_codegen.flight.figures.curves import (
+    DASHED,
+    SOLID,
+    Curves,
+    add_key,
+    finished,
+    label_axes,
+    plot_line,
+    plot_logarithms,
+    stack,
+    symbol,
+)
+from gibbs_codegen.flight.figures.curves import coordinates as coordinates
+from gibbs_codegen.flight.figures.curves import inputs as inputs
+from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
+from gibbs_codegen.flight.figures.snapshots import snapshots_panels as snapshots_panels
+from gibbs_codegen.flight.record.flight import Flight, is_flight
+
+
+def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links."""
+    names = [symbol(name) for name in flight.constraint_names]
+    with style():
+        panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
+        return finished(stack(flight, [panel], width), flight)
+
+
+def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw how far the flight is from what is desired, on logarithmic axes, over time in s.
+
+    Above in m: base centre, tip and, if there are prismatic joints, the largest of their errors.
+    Below in rad: the largest error of an attitude angle or revolute joint and, if an arm is to be
+    tangent to the path, its angle to the tangent. What is below `LOG_FLOOR` is drawn there.
+    """
+    error, places = np.abs(flight.errors), flight.layout.v
+    sliding = [place for place in places.joint_places if places.units[place] == "m/s"]
+    angular = [place for place, unit in enumerate(places.units) if unit == "rad/s"]
+    distances = {"base centre": flight.centre_error}
+    if flight.has_tip and places.joint_places:
+        distances["tip"] = flight.tip_error
+    if sliding:
+        distances["prismatic joints"] = error[:, sliding].max(axis=1)
+    angles = {"largest joint or attitude angle": error[:, angular].max(axis=1)}
+    if flight.tangent_arm:
+        angles[f"arm {flight.tangent_arm} to tangent"] = flight.heading_error
+    with style():
+        figure = Figure(figsize=(width, 3.6), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        plot_logarithms(above, flight, "error (m)", distances)
+        plot_logarithms(below, flight, "error (rad)", angles)
+        return finished(figure, flight)
+
+
+def energy(flight: Flight, width: float = COLUMN) -> Figure:
+    """Draw changes of energy since the start and the work done, J; below the error |ΔE − W|, J.
+
+    Errors below `LOG_FLOOR`, which are roundoff, are drawn there.
+    """
+    kinetic, potential = (e - e[0] for e in (flight.kinetic_energy, flight.potential_energy))
+    changes = {"kinetic": kinetic, "potential": potential, r"total $\Delta E$": kinetic + potential}
+    with style():
+        figure = Figure(figsize=(width, 3.6), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        for (name, change), colour in zip(changes.items(), COLOURS, strict=False):
+            plot_line(above, flight, change, label=name, color=colour, **SOLID)
+        plot_line(above, flight, flight.work, label="work $W$", **DASHED)
+        label_axes(above, "change of energy (J)")
+        add_key(above)
+        error = {"": np.abs(flight.energy_error)}
+        plot_logarithms(below, flight, r"error $|\Delta E - W|$ (J)", error)
+        return finished(figure, flight)
+
+
+FIGURES: tuple[Callable[[Flight], Figure], ...] = (
+    coordinates,
+    snapshots,
+    snapshots_panels,
+    inputs,
+    constraint_torques,
+    tracking_error,
+    energy,
+)
+
+
+def write_figures(
+    flight: Flight, folder: Path, formats: Sequence[str] = ("png", "pdf")
+) -> list[Path]:
+    """Write every figure in every format, and return the files; two calls write the same bytes.
+
+    Inputs and constraint torques are left out where there are none.
+    """
+    series = {inputs: flight.applied, constraint_torques: flight.constraint_torques}
+    drawn = (
+        (draw.__name__, draw(flight))
+        for draw in FIGURES
+        if draw not in series or series[draw].shape[1]
+    )
+    return save_figures(drawn, folder, formats)
+
+
+ANIMATIONS = ("gif", "mp4")
+# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
+FIGURE_NAMES = (
+    "coordinates",
+    "snapshots",
+    "snapshots_panels",
+    "inputs",
+    "constraint_torques",
+    "tracking_error",
+    "energy",
+)
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+_NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
+
+
+def write_results(
+    flight: Flight,
+    folder: str | os.PathLike[str],
+    figures: bool = True,
+    animation: str = "",
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> list[Path]:
+    """Write `flight.npz`, `flight.csv`, figures as PNG and PDF, and `flight.gif` or `flight.mp4`.
+
+    Results of an earlier flight in the folder are replaced once all new ones are complete; other
+    files are left alone.
+
+    Args:
+        flight: The flight.
+        folder: Where the files go; made if need be.
+        figures: Whether to draw figures.
+        animation: "gif", "mp4", or empty for none.
+        progress: Is called with what is being written and the share (0 to 1) that is done.
+
+    Returns:
+        Paths of the files written.
+
+    Raises:
+        UsageError: The folder cannot be used, or the animation is unknown; nothing has changed.
+        OutputError: The results cannot be written; nothing has changed.
+    """
+    check_results(folder, animation)
+    folder = Path(folder)
+    with _staged(folder) as staging:
+        progress("time series", 0.0)
+        flight.write_npz(staging / "flight.npz")
+        flight.write_csv(staging / "flight.csv")
+        if figures:
+            # Matplotlib takes a second to import, which a flight without figures need not.
+
+            progress("figures", 0.0)
+            write_figures(flight, staging)
+        if animation:
+            from gibbs_codegen.flight.figures.animation import write_animation
+
+            write_animation(
+                flight,
+                staging / f"flight.{animation}",
+                progress=lambda done, total: progress("animation", done / total),
+            )
+        names = sorted(path.name for path in staging.iterdir())
+    for name in _NAMES - set(names):
+        (folder / name).unlink(missing_ok=True)
+    return [folder / name for name in names]
+
+
+def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
+    """Check that results can be written, before the work of a flight.
+
+    `animation` is "gif", "mp4", or empty for none. Raises `UsageError` if the path cannot become a
+    folder of results, or the animation is unknown, and `OutputError` if nothing can be written
+    there, or the animation's program is missing.
+    """
+    check_output_folder(folder)
+    if animation and animation not in ANIMATIONS:
+        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
+    if animation == "mp4" and shutil.which("ffmpeg") is None:
+        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+    _refuse_foreign(Path(folder))
+    with _staged(Path(folder)):
+        pass
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Raise `UsageError` for files of the names of results that no earlier flight has left."""
+    present = [folder / name for name in sorted(_NAMES) if os.path.lexists(folder / name)]
+    odd = [path for path in present if path.is_symlink() or not path.is_file()]
+    if odd or (present and not is_flight(folder / "flight.npz")):
+        names = ", ".join(path.name for path in (odd or present)[:5])
+        raise UsageError(
+            f"{printable(folder)}: holds files that no simulation has written: {names}; "
+            "move them elsewhere, or choose another --out"
+        )
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
+    try:
+        with staging_folder(folder) as new:
+            yield new
+            # The series first: by them the folder is known for one of results from then on.
+            for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
+                os.replace(path, folder / path.name)
+    except OSError as error:
+        raise OutputError(f"{printable(folder)}: cannot be written: {cause_of(error)}") from None
+    except OutputError as error:
+        raise OutputError(str(error).replace(printable(new), printable(folder))) from None

@@ -1,0 +1,477 @@
+"""The paper's Fig. 11: the robot at some instants of its flight."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
+from gibbs_codegen.figures.scene import (
+    VIEW,
+    extent,
+    fit,
+    hide_numbers,
+    project,
+    seen_from,
+    set_scene,
+)
+from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
+from gibbs_codegen.flight.figures.curves import add_legend
+from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.scenario.paths import plane
+
+_CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
+
+_PATH_LEVELS = (3, 4)
+# Of the largest extent: what a scene has at least along each axis, so that it stays a box.
+_THINNEST = 0.4
+
+
+class RobotDrawing:
+    """Artists of the robot of a flight in 3-D axes, one base arm in gold.
+
+    The gold arm is `tangent_arm`, or arm 2 if no arm is tangent to the path; a base without arms
+    has none. Every rotor is a disc normal to its thrust. A robot of higher `rank` covers those of
+    lower rank; `colour` is the manipulator's; `scale` multiplies the widths of lines.
+    """
+
+    def __init__(
+        self, axes: Any, flight: Flight, rank: int = 0, colour: Any = "0.4", scale: float = 1.0
+    ) -> None:
+        self._flight = flight
+        self._gold = (flight.tangent_arm or 2) if len(flight.base_arm_angles_desired) else 0
+        self._rotors = [flight.points.index(name) for name in flight.rotor_points]
+        self._arms = arm_lines(flight)
+        self._radius = rotor_radius(flight)
+        self._artists = RobotArtists(axes, self._shapes(0), rank, colour, scale)
+        if rank == 0:
+            gold = f"base arm {self._gold}" if self._gold else ""
+            self._artists.name(gold, ("arm" if len(self._arms) == 1 else "arms") * bool(self._arms))
+
+    def show(self, sample: int) -> None:
+        """Put the artists where the robot is at a sample."""
+        self._artists.show(self._shapes(sample))
+
+    def outline(self, sample: int) -> Array:
+        """Positions (p, 3) in the world, m, that are spread over all that is drawn of the robot."""
+        return self._shapes(sample).outline()
+
+    def _shapes(self, sample: int) -> Shapes:
+        flight = self._flight
+        at, rotors = flight.positions[sample], self._rotors
+        ends = [at[[rotor, flight.parents[rotor]]] for rotor in rotors]
+        gold = ends.pop(self._gold - 1)[::-1] if self._gold else np.zeros((0, 3))
+        discs = disc_corners(thrust_directions(flight, sample), self._radius)
+        turned: Array = discs @ flight.base_rotation[sample].T
+        arms = [at[line] for line in self._arms]
+        return Shapes(ends, gold, arms, turned + at[rotors][:, np.newaxis])
+
+
+class PathDrawing:
+    """Artists of the paths of base centre and tip: the desired ones whole, the actual ones so far.
+
+    Without an arm the tip is the centre, and is left out. `scale` multiplies the widths of lines.
+    """
+
+    def __init__(self, axes: Any, flight: Flight, desired: str = DARK, scale: float = 1.0) -> None:
+        below, above = _PATH_LEVELS
+        self._actual = []
+        paths = [(flight.centre, "base centre", _CENTRE_COLOUR, flight.centre_desired)]
+        if flight.has_tip and flight.layout.q.joint_places:
+            paths.append(("tip", "tip", _TIP_COLOUR, flight.tip_desired))
+        for point, label, colour, path in paths:
+            (line,) = axes.plot([], [], [], color=colour, lw=1.6 * scale, zorder=below, label=label)
+            (dashes,) = axes.plot(
+                *path.T, color=desired, lw=0.7 * scale, dashes=(4, 3), zorder=above
+            )
+            self._actual.append((line, flight.point(point)))
+        dashes.set_label("desired")
+
+    def show(self, sample: int) -> None:
+        """Draw the actual paths from the start to a sample."""
+        for line, path in self._actual:
+            _move(line, path[: sample + 1])
+
+
+def arm_lines(flight: Flight) -> list[list[int]]:
+    """Numbers of the points of each line along the arms.
+
+    They lead from the base centre, or where one arm leaves another, along joints to a frame on the
+    last link.
+    """
+    first = flight.points.index(flight.rotor_points[-1]) + 1 if flight.rotors else 1
+    lines: list[list[int]] = []
+    for point, parent in enumerate(flight.parents.tolist()):
+        if point < first or parent < 0:
+            continue
+        before = next((line for line in lines if line[-1] == parent), None)
+        if before is None:
+            lines.append([parent, point])
+        else:
+            before.append(point)
+    return lines
+
+
+def thrust_directions(flight: Flight, sample: int) -> Array:
+    """Unit vectors (N, 3) of the thrusts in the base's frame."""
+    directions = flight.thrust_directions
+    return directions if directions.ndim == 2 else directions[sample]
+
+
+def samples_at(flight: Flight, times: Array) -> list[int]:
+    """Numbers (k) of the samples of a flight that are nearest to times (k), s."""
+    between = (flight.time[1:] + flight.time[:-1]) / 2.0
+    return [int(sample) for sample in np.searchsorted(between, times)]
+
+
+def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
+    """Lowest and highest coordinates (3), m, of robot and paths, with room for the rotors.
+
+    The robot counts at such samples, or at all if None.
+    """
+    drawn = flight.positions if samples is None else flight.positions[samples]
+    paths = [flight.point(flight.centre), flight.centre_desired]
+    if flight.has_tip:
+        paths += [flight.point("tip"), flight.tip_desired]
+    points = np.concatenate([drawn.reshape(-1, 3), *paths])
+    # A flight that stopped because it diverged may end in what is not a number.
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = high - low + 2.0 * rotor_radius(flight)
+    half = np.maximum(extent, _THINNEST * extent.max()) / 2.0
+    middle = (low + high) / 2.0
+    return middle - half, middle + half
+
+
+def rotor_radius(flight: Flight) -> float:
+    """Radius of the discs, m, by the distance between motors."""
+    rotors = [flight.points.index(name) for name in flight.rotor_points]
+    motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
+    normals = thrust_directions(flight, 0) @ flight.base_rotation[0].T
+    return disc_radius(motors, normals, np.linalg.norm(motors - carriers, axis=1))
+
+
+def _move(line: Any, points: Array) -> None:
+    line.set_data_3d(*points.T)
+
+
+# In one picture; and in panels, of which more would be too small to show the robot.
+INSTANTS, _PANELS = 12, 6
+# Width and height of the largest box that is drawn, and what labels around it take, in.
+_LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
+# Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
+# one of them take on one side and below, in.
+_COLUMNS, _TALLEST = (2, 3, 6), 6.0
+_HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
+# Not along an axis, which would hide what it measures.
+_AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
+_VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
+# Colours of arms.
+_SHADES = colormaps["viridis"]
+# Above every robot.
+_LABEL_LEVEL = 1000
+# Instants that differ by less, in m, are one in the picture.
+_SAME_PLACE = 0.02
+# What labels keep clear around them, and how far from a robot they may be; points.
+_MARGIN = 2.0
+# What a point of distance counts, against a point of the drawing that is covered.
+_DISTANCE = 0.03
+# Of the base's path, which labels had better not cover.
+_PATH_POINTS = 200
+_LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
+
+
+def snapshots(flight: Flight) -> Figure:
+    """Draw the paper's Fig. 11: the robot at twelve instants along the paths of centre and tip, m.
+
+    Base arm `tangent_arm` (2 if no arm is tangent to the path) is gold, rotors are discs normal to
+    their thrusts, arms go from dark to light with time. Labels are times in s.
+    """
+    instants = _instants(flight, INSTANTS)
+    labels = _labels(flight, instants)
+    samples = list(labels)
+    centres = flight.point(flight.centre)[samples]
+    box = bounds(flight, samples)
+    view = _clearest_view(centres, box)
+    with style():
+        figure = Figure(figsize=_scale(box, view) * extent(box, view) + _AROUND)
+        axes: Any = figure.add_subplot(projection="3d")
+        set_scene(axes, box, view)
+        _draw_walls(axes, flight, box)
+        PathDrawing(axes, flight).show(instants[-1])
+        colours = _colours(samples)
+        outlines = []
+        for rank, place in enumerate(np.argsort(centres @ seen_from(view)[2])):
+            robot = RobotDrawing(axes, flight, rank, colours[place], scale=0.9)
+            robot.show(samples[place])
+            outlines.append(robot.outline(samples[place]))
+        outlines.append(flight.point(flight.centre)[:: len(flight.time) // _PATH_POINTS + 1])
+        fit(axes, *add_legend(axes, flight))
+        _write_times(axes, centres, list(labels.values()), colours, np.concatenate(outlines))
+        return figure
+
+
+def snapshots_panels(flight: Flight) -> Figure:
+    """Draw six instants of Fig. 11 one by one, m, as one picture may be too crowded.
+
+    The panels have the same axes, whose numbers stand at one of them.
+    """
+    samples = _instants(flight, _PANELS)
+    box = bounds(flight, samples)
+    view = _clearest_view(flight.point(flight.centre)[samples], box)
+    columns, cell = _division(len(samples), extent(box, view))
+    rows = -(-len(samples) // columns)
+    with style():
+        figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
+        size = figure.get_size_inches()
+        panels = [_panel(figure, flight, (box, view), sample) for sample in samples]
+        add_legend(panels[0], flight)
+        on_left = _has_height_on_left(panels[0])
+        numbered = panels[columns * (rows - 1) if on_left else -1]
+        others = [axes for axes in panels if axes is not numbered]
+        for axes in others:
+            hide_numbers(axes)
+        corner = np.array([_NUMBERS[0] * on_left, _NUMBERS[1]])
+        # Scene and view are the same in all, so that what fits one fits all.
+        fit(*(others or panels)[:1], *(corner / size), *((cell - (_GAP, _TIME)) / size))
+        fitting = (others or panels)[0].get_position(original=True)
+        for place, (axes, sample) in enumerate(zip(panels, samples, strict=True)):
+            row, column = divmod(place, columns)
+            shift = np.array([column, rows - 1 - row]) * cell
+            axes.set_position(fitting.translated(*(shift / size)))
+            x, y = (corner + shift + (_GAP, cell[1] - 0.5 * _TIME)) / size
+            figure.text(x, y, f"{flight.time[sample]:.1f} s", verticalalignment="center")
+        # Makes the ticks while the style is ours.
+        figure.draw_without_rendering()
+        return figure
+
+
+def _division(panels: int, scene: Array) -> tuple[int, Array]:
+    """Columns for so many panels on a page, with the scene largest, and a panel's size (2), in.
+
+    `scene` is width and height (2) of the scene, m; a panel has its time, too.
+    """
+    rooms = {}
+    for columns in _COLUMNS:
+        room = np.array([(FULL - _NUMBERS[0]) / columns, _TALLEST / -(-panels // columns)])
+        scale = float(np.min((room - (_GAP, _TIME)) / scene))
+        rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
+    return rooms[max(rooms)]
+
+
+def _has_height_on_left(axes: Any) -> bool:
+    """Whether the numbers of the z axis are on the left of a scene."""
+    axes.figure.draw_without_rendering()
+    heights, lengths = axes.zaxis.get_tightbbox(), axes.xaxis.get_tightbbox()
+    return bool(heights.x1 < lengths.x1)
+
+
+def _panel(
+    figure: Figure,
+    flight: Flight,
+    scene: tuple[tuple[Array, Array], tuple[float, float]],
+    sample: int,
+) -> Any:
+    """Draw the robot at a sample, and its paths so far, in small 3-D axes.
+
+    `scene` has the lowest and highest coordinates (3) each, m, and the view.
+    """
+    axes: Any = figure.add_subplot(projection="3d")
+    set_scene(axes, *scene, ticks=4)
+    _draw_walls(axes, flight, scene[0])
+    PathDrawing(axes, flight, scale=0.6).show(sample)
+    RobotDrawing(axes, flight, colour=_SHADES(0.0), scale=0.7).show(sample)
+    axes.tick_params(pad=-2)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = -5.0 if axis is axes.zaxis else -1.5
+    return axes
+
+
+def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
+    """Draw the walls within a box, m."""
+    for rank, wall in enumerate(flight.walls):
+        draw_plane(axes, box, wall[:3], wall[3:], "" if rank else "wall")
+
+
+def _instants(flight: Flight, count: int) -> list[int]:
+    """Samples evenly spread over a flight, so many or all of them if it has fewer."""
+    times = np.linspace(flight.time[0], flight.time[-1], count)
+    return sorted(set(samples_at(flight, times)))
+
+
+def _labels(flight: Flight, samples: list[int]) -> dict[int, str]:
+    """Labels of the samples that are drawn: one for those in the same place, at the first."""
+    together: dict[int, list[str]] = {}
+    for sample in samples:
+        apart = np.abs(flight.positions[samples] - flight.positions[sample]).max(axis=(1, 2))
+        first = samples[int(np.argmax(apart < _SAME_PLACE))]
+        together.setdefault(first, []).append(f"{flight.time[sample]:.1f}")
+    return {
+        first: (", ".join(times) if len(times) < 3 else f"{times[0]} … {times[-1]}") + " s"
+        for first, times in together.items()
+    }
+
+
+def _colours(samples: list[int]) -> Array:
+    """Colours (s, 4) from dark to as light as still reads on white."""
+    colours: Array = _SHADES(np.linspace(0.0, 0.75, len(samples)))
+    return colours
+
+
+def _clearest_view(centres: Array, box: tuple[Array, Array]) -> tuple[float, float]:
+    """The view of a box in which robots at `centres` (s, 3) stand best apart, as charges would.
+
+    Apart on paper: a view that lets the box be drawn larger is better.
+    """
+
+    def crowd(view: tuple[float, float]) -> float:
+        flat = _scale(box, view) * centres @ seen_from(view)[:2].T
+        square = np.sum((flat[:, np.newaxis] - flat) ** 2, axis=2)
+        return float(np.sum(1.0 / (square + 1e-2)))
+
+    return min(_VIEWS, key=crowd)
+
+
+def _scale(box: tuple[Array, Array], view: tuple[float, float]) -> float:
+    """How large a box can be drawn, in/m."""
+    return float(np.min(_LARGEST / extent(box, view)))
+
+
+def _write_times(
+    axes: Any, centres: Array, labels: list[str], colours: Array, outline: Array
+) -> None:
+    """Write the time beside each robot, where it covers least of all of them.
+
+    `centres` (s, 3), m, are those of the bases, and labels had better not cover `outline` (p, 3),
+    m, points of robots and their path.
+    """
+
+    def on_paper(points: Array) -> Array:
+        """Where points (…, 3) of the world are on the figure (…, 2), in points."""
+        places: Array = axes.transData.transform(project(axes, points)) * 72.0 / axes.figure.dpi
+        return places
+
+    # Places the axes where they will be drawn.
+    axes.apply_aspect()
+    taken = on_paper(outline)
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    offsets = np.concatenate([distance * circle for distance in _LABEL_DISTANCES])
+    written, halves = np.empty((0, 2)), np.empty((0, 2))
+    low, high = (20.0, 10.0), axes.figure.get_size_inches() * 72.0 - (20.0, 30.0)
+    for centre, label, colour in zip(centres, labels, colours, strict=True):
+        name = axes.annotate(
+            label,
+            xy=project(axes, centre),
+            xytext=(0.0, 0.0),
+            textcoords="offset points",
+            color=colour,
+            horizontalalignment="center",
+            verticalalignment="center",
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 0, "shrinkB": 2},
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            zorder=_LABEL_LEVEL,
+        )
+        # Without the line from it to the robot.
+        size = np.array(Text.get_window_extent(name).size) * 72.0 / axes.figure.dpi
+        half = size / 2.0 + _MARGIN
+        places = on_paper(centre) + offsets
+        crowd = _cover(places, taken, half) + _DISTANCE * np.hypot(*offsets.T)
+        # Off the paper, or over another label.
+        crowd[np.any((places - half < low) | (places + half > high), axis=1)] += 1e3
+        crowd[_cover(places, written, half + halves) > 0.0] += 1e3
+        best = int(crowd.argmin())
+        name.set_position(tuple(offsets[best]))
+        written, halves = np.vstack([written, places[best]]), np.vstack([halves, half])
+
+
+def _cover(places: Array, points: Array, reach: Array) -> Array:
+    """Measure (k) of how much labels at places (k, 2) would cover, 0 for none.
+
+    `points` (p, 2) might be covered by a label within `reach`, (2) or (p, 2).
+    """
+    near = (np.abs(places[:, np.newaxis] - points) / reach).max(axis=2)
+    cover: Array = np.maximum(0.0, 1.0 - near).sum(axis=1)
+    return cover
+
+
+# Above robots.
+_LEVEL = 50
+# Of all thrusts, the share that arrows are not too short for: peaks would make the others dots.
+_USUAL = 0.95
+# The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
+LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
+
+
+class ThrustArrows:
+    """Arrows in 3-D axes of the usual view along the thrusts, as long as these are large.
+
+    Peaks do not count; `scale` multiplies the widths of lines.
+    """
+
+    def __init__(self, axes: Any, flight: Flight, scale: float = 1.0) -> None:
+        self._flight = flight
+        thrusts = flight.applied[:, : flight.rotors]
+        known = np.abs(thrusts[np.isfinite(thrusts)])
+        usual = float(np.quantile(known, _USUAL)) if len(known) else 0.0
+        self.reach = LONGEST * rotor_radius(flight)
+        self._lengths = self.reach * np.clip(thrusts / (usual or 1.0), -1.0, 1.0)
+        self._rotors = [flight.points.index(name) for name in flight.rotor_points]
+        (self._line,) = axes.plot(
+            [], [], [], color=COLOURS[3], linewidth=1.3 * scale, zorder=_LEVEL, label="thrust"
+        )
+
+    def show(self, sample: int) -> None:
+        """Put the arrows where the rotors are at a sample."""
+        flight = self._flight
+        along = thrust_directions(flight, sample) @ flight.base_rotation[sample].T
+        arrows = self._lengths[sample][:, np.newaxis] * along
+        starts = flight.positions[sample][self._rotors]
+        tips = starts + arrows
+        # The barbs lie as they are seen best, across the line of sight.
+        across = np.cross(along, seen_from(VIEW)[2])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        # Of a thrust of nothing no head is left either.
+        sizes = np.clip(
+            self._lengths[sample], -_ARROW_HEAD[0] * self.reach, _ARROW_HEAD[0] * self.reach
+        )
+        back = tips - sizes[:, np.newaxis] * along
+        aside = _ARROW_HEAD[1] / _ARROW_HEAD[0] * sizes[:, np.newaxis] * across
+        gap = np.full_like(tips, np.nan)
+        points: Array = np.stack([starts, tips, back + aside, tips, back - aside, gap], axis=1)
+        self._line.set_data_3d(*points.reshape(-1, 3).T)
+
+
+_WALL = "#8a6d3b"
+
+
+def draw_plane(
+    axes: Any, box: tuple[Array, Array], point: Array, normal: Array, label: str
+) -> None:
+    """Draw as much of a plane as is in a box, behind all else.
+
+    `box` has the lowest and highest coordinates (3); the plane's normal (3) may have any length.
+    """
+    corners = np.array(list(itertools.product(*np.transpose(box))))
+    across = np.array(plane(normal))
+    heights = (corners - point) @ normal
+    # An edge joins corners that differ in one coordinate, and crosses the plane or does not.
+    crossings = [
+        corners[i] + heights[i] / (heights[i] - heights[j]) * (corners[j] - corners[i])
+        for i, j in itertools.combinations(range(8), 2)
+        if (i ^ j) in (1, 2, 4) and heights[i] * heights[j] < 0.0
+    ]
+    if not crossings:
+        return
+    flat = (np.array(crossings) - np.mean(crossings, axis=0)) @ across.T
+    ring = np.array(crossings)[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
+    axes.add_collection3d(Poly3DCollection([ring], facecolor=_WALL, alpha=0.25, zorder=-1))
+    edge = np.vstack([ring, ring[:1]]).T
+    axes.plot(*edge, color=_WALL, linewidth=0.8, label=label or None, zorder=-1)

@@ -1,0 +1,224 @@
+"""The closed loop of vehicle, motors and controller: what integrators integrate.
+
+The state is q, v, the work done since the start, the thrusts where the motors lag, and what the law
+of control remembers. Work is part of the state so that the energy balance is as exact as the
+integration. The length of a quaternion drifts with errors of integration, and means nothing: who
+takes a state apart gets it of length 1.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gibbs_codegen.flight.control.laws import ControlLaw, kept_from_winding, wanted_rates
+from gibbs_codegen.flight.control.sampled import HeldInputs
+from gibbs_codegen.flight.integration.state_history import NOTHING, Acting, SmoothInterval
+from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+
+
+class Parts(NamedTuple):
+    """What states consist of: coordinates (…, nq), velocities (…, nv) and work (…), J.
+
+    Then thrusts (…, N), N, which are (…, 0) without lag, and the law's memory (…, memory).
+    """
+
+    q: Array
+    v: Array
+    work: Array
+    thrusts: Array
+    memory: Array
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Vehicle, controller, limits and lag of its motors and joints, and what else acts on it.
+
+    `vehicle` is the plant; the controller has its own, with the parameters that it knows. Where
+    `environment` is None, nothing acts but inputs. `compensated`: whether the lag of the motors is,
+    as `control.lag` has it.
+    """
+
+    vehicle: Vehicle
+    controller: ControlLaw
+    actuators: Actuators
+    environment: Environment | None = None
+    compensated: bool = False
+
+    @cached_property
+    def limited(self) -> bool:
+        """Whether a thrust, torque or force has a limit."""
+        return bool(np.any(np.isfinite(self.actuators.inputs)))
+
+    @property
+    def held(self) -> HeldInputs | None:
+        """The law that holds its inputs from one command to the next, if it is one."""
+        return self.controller if isinstance(self.controller, HeldInputs) else None
+
+    @cached_property
+    def lags(self) -> bool:
+        """Whether a motor lags."""
+        return bool(np.any(self.actuators.lag))
+
+    @property
+    def compensates(self) -> bool:
+        """Whether motors lag, and that is compensated: by a law that commands at all times."""
+        commands = self.held is None and self.controller.law != "off"
+        return self.compensated and self.lags and commands
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return self.memory_place + self.controller.memory
+
+    @property
+    def memory_place(self) -> int:
+        """Place of the law's memory in the state, after work and thrusts."""
+        return self.work_place + 1 + (self.vehicle.rotors if self.lags else 0)
+
+    @property
+    def work_place(self) -> int:
+        """Place of the work in the state, after coordinates and velocities."""
+        return self.vehicle.layout.q.size + self.vehicle.layout.v.size
+
+    def start(self, q: Array, v: Array) -> Array:
+        """The state (size) at time 0, with motors settled at the thrusts that the law wants."""
+        if self.held is not None:
+            self.held.start(q, v)
+        memory = np.zeros(self.controller.memory)
+        setpoints = self._setpoints(self.controller(0.0, q, v, memory))
+        thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
+        return np.concatenate([q, v, [0.0], thrusts, memory])
+
+    def parts(self, states: Array) -> Parts:
+        """What states (…, size) consist of, the quaternion made of length 1."""
+        n, work, memory = self.vehicle.layout.q.size, self.work_place, self.memory_place
+        return Parts(
+            self.vehicle.kinematics.normalised(states[..., :n]),
+            states[..., n:work],
+            states[..., work],
+            states[..., work + 1 : memory],
+            states[..., memory:],
+        )
+
+    def commanded(self, time: float | Array, parts: Parts) -> Array:
+        """Commanded inputs (…, nu), not yet within limits, with what makes up for lag of motors."""
+        q, v, _, thrusts, memory = parts
+        wanted = self.controller(time, q, v, memory)
+        if self.compensates:
+            acting = self.applied(wanted, thrusts)
+            rates = wanted_rates(self.controller, time, (q, v, memory), wanted, acting)
+            wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
+        return wanted
+
+    def applied(self, commanded: Array, thrusts: Array) -> Array:
+        """Inputs u (…, nu) that act: those commanded, within limits, with thrusts of the motors.
+
+        `thrusts` (…, N), N, are those of the state, not looked at if the motors do not lag.
+        """
+        inputs = self._setpoints(commanded)
+        if self.lags:
+            settled = inputs[..., : self.vehicle.rotors]
+            settled[...] = np.where(self.actuators.lag > 0.0, thrusts, settled)
+        return inputs
+
+    def _setpoints(self, commanded: Array) -> Array:
+        """The inputs (…, nu) that motors and joints aim for: those commanded, within limits."""
+        return np.clip(commanded, *self.actuators.inputs) if self.limited else commanded.copy()
+
+    def saturated(self, time: float, state: Array) -> list[str]:
+        """Names of inputs of which the greatest or the least value is commanded."""
+        if not self.limited:
+            return []
+        commanded = self.commanded(time, self.parts(state))
+        reached = self.actuators.reached(commanded)
+        return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
+
+    def wrenches(
+        self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
+    ) -> Array:
+        """Wrenches (…, f, 6) on the frames by all that acts but the inputs.
+
+        Force, N, and torque about the origin, N m, world axes.
+        """
+        if self.environment is None:
+            return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
+        return self.environment.wrenches(time, q, v, inputs, acting.push, acting.payloads)
+
+    def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
+        """Accelerations (…, nv) of states, inputs and wrenches (…, f, 6), by forward dynamics."""
+        if self.environment is None:
+            return self.vehicle.forward_dynamics(q, v, inputs)
+        return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+
+    def acting(self, time: float | Array) -> Acting:
+        """What acts at times (…), s."""
+        if self.environment is None:
+            return NOTHING
+        return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))
+
+    def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
+        """Time derivative (size) of a state, NaN for a state that is not finite.
+
+        What acts is given, since an integrator may ask for the end of an interval without a push,
+        which is when the push begins.
+        """
+        if not np.all(np.isfinite(state)):
+            return np.full_like(state, np.nan)
+        parts = self.parts(state)
+        q, v, _, thrusts, memory = parts
+        held = acting.held
+        commanded = self.commanded(time, parts) if held is None else np.array(held)
+        inputs = self.applied(commanded, thrusts)
+        power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
+        wrenches = self.wrenches(time, q, v, inputs, acting)
+        if self.environment is not None:
+            power += self.vehicle.wrench_forces(q, wrenches) @ v
+        moving = self.vehicle.kinematics.rates(state[: len(q)], v)
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, wrenches), [power]]
+        if self.lags:
+            setpoints = self._setpoints(commanded)[: len(thrusts)]
+            lag = self.actuators.lag
+            growth = np.zeros_like(thrusts)
+            rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
+        growth = self.controller.growth(time, q, v, memory)
+        rates.append(kept_from_winding(growth, memory, np.any(self.actuators.reached(commanded))))
+        return np.concatenate(rates)
+
+    def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
+        """An interval with the inputs held through it, after samples that are due, and a reason.
+
+        That is why the flight cannot go on, "" if it can. `state` is that at its begin.
+        """
+        if self.held is None:
+            return interval, ""
+        q, v, *_ = self.parts(state)
+        stopped = self.held.begin(interval.begin, q, v)
+        acting = replace(interval.acting, held=tuple(self.held.held.tolist()))
+        return replace(interval, acting=acting), stopped
+
+    def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
+        """The intervals of a flight between which the push or held inputs may change.
+
+        Each begins where the one before ends; they are without the inputs that are held.
+        """
+        jumps = self.environment.jumps if self.environment else ()
+        times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
+        if self.held is not None:
+            instants = self.held.instants(begin, end)
+            near = np.abs(instants[:, np.newaxis] - times) <= self.held.same
+            times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
+        for first, last in itertools.pairwise(times.tolist()):
+            yield SmoothInterval(first, last, self._acting_from(first))
+
+    def _acting_from(self, begin: float) -> Acting:
+        """What acts all through the interval that begins at a time, s."""
+        acting = self.acting(begin)
+        return Acting(bool(acting.push), tuple(np.atleast_1d(acting.payloads).tolist()))

@@ -1,0 +1,272 @@
+"""The envelope of a flight: the errors beyond which control is lost, and why a flight ends there.
+
+Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: where a law
+corrects errors, one that begins at a rate ė peaks at g ė, where g is the peak of the impulse
+response of ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lost, even if it were
+perfect from then on. Without the bound, a loop that feeds its own velocities back through lagging
+motors escapes to infinity within a finite time, hardly off its path.
+
+Linear modes of a closed loop: how fast tracking errors and lagging thrusts decay.
+
+Errors decay by the roots of `control.error_polynomials`, lagging thrusts by their time constants.
+To them come frames that lean on walls, and drag. These eigenvalues tell the steps that an
+integrator can take.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gibbs_codegen.flight.control.error_polynomials import error_polynomials
+from gibbs_codegen.flight.control.laws import CORRECTING, Gains
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.plant.vehicle import Array, Flags
+from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
+
+# What to try instead of a law, where it is not lower gains.
+_OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
+
+# What the reason says of a state in which an entry is infinite, or no number.
+NOT_FINITE = "the state is no longer finite"
+
+
+class Envelope:
+    """The tracking errors beyond which control counts as lost.
+
+    `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
+    infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
+    with the error. `divergence` is the bound of the coordinates.
+    """
+
+    def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
+        self.loop = loop
+        controller = loop.controller
+        count = loop.vehicle.layout.v.size
+        self.bounds: Array = np.full(2 * count, np.inf)
+        if controller.law != "off":
+            self.bounds[:count] = divergence
+        if controller.law in CORRECTING:
+            self.bounds[count:] = divergence / np.minimum(
+                _peak_response(controller.gains), duration
+            )
+
+    def holds(self, time: Array, states: Array) -> Flags:
+        """Which states (s, size) at times (s) are finite and within the bounds (s)."""
+        held = self._finite(states)
+        held[held] = np.all(self._errors(time[held], states[held]) <= self.bounds, axis=-1)
+        return held
+
+    def _finite(self, states: Array) -> Flags:
+        """Whether states (…, size) are finite, with attitudes: 0 is left of what overflows."""
+        finite: Flags = np.all(np.isfinite(states), axis=-1)
+        layout = self.loop.vehicle.layout
+        if layout.is_quaternion:
+            finite &= np.any(states[..., layout.q.attitude], axis=-1)
+        return finite
+
+    def goes_on(self, time: Array, states: Array) -> Flags:
+        """From which states (s, size) a flight can go on: there is no `reason` why not."""
+        return self.holds(time, states) & ~self._singular(states)
+
+    def _singular(self, states: Array) -> Flags:
+        """Whether states (…, size) have come to the singularity of attitude angles."""
+        layout = self.loop.vehicle.layout
+        if layout.is_quaternion:
+            return np.zeros(states.shape[:-1], dtype=bool)
+        # The angle is not wrapped, so this also finds a step across the singularity.
+        singular: Flags = np.abs(states[..., layout.middle_angle]) > LARGEST_THETA_0
+        return singular
+
+    def reason(self, time: float, state: Array) -> str:
+        """Why a flight cannot go on from a state, with the time and a remedy; "" if it can."""
+        lost = f"at t = {time:.6g} s control is lost: "
+        if not self._finite(state):
+            return f"{lost}{NOT_FINITE}; {self._advice([])}"
+        excess = self._errors(time, state) / self.bounds
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1.0:
+            advice = self._advice(self.loop.saturated(time, state))
+            return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
+        if self._singular(state):
+            vehicle = self.loop.vehicle
+            theta_0 = state[vehicle.layout.middle_angle]
+            return (
+                f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
+                f"{vehicle.attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"
+            )
+        return ""
+
+    def _errors(self, time: float | Array, states: Array) -> Array:
+        """Magnitudes of the tracking errors, then of their rates (…, 2 nv)."""
+        q, v = self.loop.parts(states)[:2]
+        q_desired, v_desired, _ = self.loop.controller.reference(time)
+        found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
+        errors: Array = np.abs(np.concatenate(found, axis=-1))
+        return errors
+
+    def _in_words(self, place: int, excess: float) -> str:
+        vehicle = self.loop.vehicle
+        is_rate, coordinate = divmod(place, vehicle.layout.v.size)
+        name = vehicle.kinematics.error_names[coordinate]
+        unit = vehicle.layout.v.units[coordinate].removesuffix("/s")
+        divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
+        off = f"{excess * self.bounds[place]:.3g} {unit}"
+        if is_rate:
+            return (
+                f"the rate of {name} is {off}/s off, which would carry it more than {divergence} "
+                "away even under perfect control"
+            )
+        return f"{name} is {off} off, more than {divergence}"
+
+    def _advice(self, saturated: Sequence[str]) -> str:
+        """What to try, given the inputs that are at their limits."""
+        loop = self.loop
+        if too_weak := self._too_weak():
+            return too_weak
+        law, held = loop.controller.law, loop.held is not None
+        lagging = loop.lags and not loop.compensates
+        thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
+        at_limits = {name in thrusts for name in saturated}
+        gains = ["a lower control.attitude_frequency", "a lower control.frequency"]
+        remedies = [
+            *(["wider motors.limits"] if True in at_limits else []),
+            *(["a greater arm.effort"] if False in at_limits else []),
+            *(gains if held and lagging and law in CORRECTING else []),
+            *(["motors.compensation"] if lagging and not held and not loop.compensated else []),
+            *(["a shorter motors.time_constant"] if lagging else []),
+            *(loop.environment.remedies if loop.environment else []),
+            *(["a higher rate of control"] if held else []),
+            _OTHER_CONTROL.get(law, "a lower control.frequency"),
+        ]
+        limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
+        return f"{limits}try {', '.join(dict.fromkeys(remedies))} or a gentler motion"
+
+    def _too_weak(self) -> str:
+        """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""
+        vehicle = self.loop.vehicle
+        most = float(np.sum(np.max(np.abs(self.loop.actuators.thrusts), axis=0)))
+        still = np.zeros(vehicle.layout.v.size)
+        force = vehicle.inverse_dynamics(vehicle.neutral, still, still)
+        weight = float(np.linalg.norm(vehicle.base_wrench(vehicle.neutral, force)[:3]))
+        if not vehicle.rotors or most >= weight:
+            return ""
+        return (
+            f"all thrusts together reach {most:.4g} N, less than the weight of {weight:.4g} N: "
+            "widen the limits (motors.limits, or those of the rotors in the robot file)"
+        )
+
+
+def _peak_response(gains: Gains) -> Array:
+    """Peaks (nv), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
+    frequency = np.sqrt(gains.stiffness)
+    ratio = gains.damping / (2.0 * frequency) + 0j
+    root = np.sqrt(ratio**2 - 1.0)
+    critical = root == 0.0
+    # The time of the peak, times the frequency; its limit at critical damping is 1.
+    peak = np.where(critical, 1.0, np.arccosh(ratio) / np.where(critical, 1.0, root))
+    response: Array = np.exp(-(ratio * peak).real) / frequency
+    return response
+
+
+# Instants of the desired motion at which masses that walls feel are looked at.
+_INSTANTS = 33
+
+
+@dataclass(frozen=True, order=True)
+class Mode:
+    """A mode that decays at a `rate`, 1/s: its cause, how to slow it, and its eigenvalue, 1/s."""
+
+    rate: float
+    cause: str
+    remedy: str
+    eigenvalue: complex = field(compare=False)
+
+    @property
+    def longest_step(self) -> float:
+        """Steps of rk4, s, in which the mode decays."""
+        return 2.0 / self.rate
+
+
+def stable_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes that decay, fastest first.
+
+    They are of lagging thrusts, of errors that a law corrects at all times, of walls and drag.
+    """
+    found = []
+    # A lag that is nothing, next to any step, is not nothing to divide by.
+    lags = [max(lag, 1e-30) for lag in np.unique(loop.actuators.lag).tolist() if lag]
+    for lag in lags:
+        remedy = f"a longer time constant of the motors than {lag:g} s, or none"
+        found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
+    # Held inputs do not follow the errors within a step.
+    felt = [] if loop.compensates else lags
+    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, felt)
+    found += [
+        Mode(abs(root), "the gains of control", "lower gains", complex(root))
+        for root in itertools.chain.from_iterable(map(np.roots, polynomials))
+        if root.real < 0.0
+    ]
+    return sorted([*found, *_wall_modes(loop), *_drag_modes(loop)], reverse=True)
+
+
+def _wall_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes of frames that lean on walls, with the least mass that each wall feels.
+
+    That is the least along the desired motion. A frame that moves by x along the normal obeys
+    ẍ + (c/m) ẋ + (s/m) x = 0 with the damping c and the stiffness s of the wall, next to which
+    those of control are small where a wall decides about steps.
+    """
+    if loop.environment is None or not loop.environment.wall:
+        return []
+    walls = loop.environment.walls
+    masses = np.min(walls.effective_masses(loop.vehicle, _configurations(loop)), axis=0)
+    found = []
+    for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
+        cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
+        found += [
+            Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
+            for root in np.roots([1.0, wall.damping / mass, wall.stiffness / mass])
+        ]
+    return found
+
+
+def _drag_modes(loop: ClosedLoop) -> list[Mode]:
+    """The fastest mode by which drag slows the machine, along the desired motion: M v̇ = −Jᵀ C J v.
+
+    J is the Jacobian of the frames, C their coefficients.
+    """
+    drag = loop.environment.drag if loop.environment else None
+    if drag is None:
+        return []
+    q = _configurations(loop)
+    jacobians = loop.vehicle.function("frame_jacobians")(q)
+    coefficients = drag.coefficients[..., np.newaxis]
+    slowing = np.einsum("sfai,sfaj->sij", jacobians, coefficients * jacobians)
+    values = np.linalg.eigvals(np.linalg.solve(loop.vehicle.mass_matrix(q), slowing))
+    rate = float(np.max(values.real))
+    remedy = "less drag (wind.drag, wind.rotational_drag)"
+    return [Mode(rate, "the drag", remedy, complex(-rate))] if rate > 0.0 else []
+
+
+def _configurations(loop: ClosedLoop) -> Array:
+    """Coordinates (s, nq) at instants of the desired motion."""
+    reference = loop.controller.reference
+    return reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
+
+
+def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:
+    """What makes integration hard besides the vehicle itself: saturated inputs, and lag if asked.
+
+    Clauses that begin with "; ", "" if there are none.
+    """
+    found = ""
+    if inputs := loop.saturated(time, state):
+        found += f"; saturated inputs: {', '.join(inputs)} (rk4 does not shorten its steps there)"
+    if lag and loop.lags:
+        shortest = np.min(loop.actuators.lag[loop.actuators.lag > 0.0])
+        found += f"; the motors' time constant is {shortest:g} s"
+    return found

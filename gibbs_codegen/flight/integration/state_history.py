@@ -1,0 +1,115 @@
+"""The states that an integrator leaves, and the intervals of time that it works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class InputRanges:
+    """Ranges of the inputs, each over a stretch of time between two samples.
+
+    `time` (k), s, is a time in each stretch; `values` (k, 2, 2, nu) are of the commanded and of the
+    applied inputs the least and the greatest.
+    """
+
+    time: Array
+    values: Array
+
+    @classmethod
+    def none(cls, width: int) -> InputRanges:
+        """Ranges of no stretch, of `width` inputs."""
+        return cls(np.zeros(0), np.zeros((0, 2, 2, width)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[InputRanges]) -> InputRanges:
+        """Ranges of parts of a flight, at least one and in the order of time, as one."""
+        times, values = [each.time for each in parts], [each.values for each in parts]
+        return cls(np.concatenate(times), np.concatenate(values))
+
+    def up_to_samples(self, time: Array, commanded: Array, applied: Array) -> Array:
+        """Ranges (2, 2, s, nu) since the sample before, with the values at both samples.
+
+        Of commanded and applied inputs (s, nu), the least and the greatest.
+        """
+        here = np.stack([commanded, applied], axis=1)
+        before = np.concatenate([here[:1], here[:-1]])
+        ranges = np.stack([np.fmin(here, before), np.fmax(here, before)], axis=2)
+        sample = np.searchsorted(time, self.time)
+        known = sample < len(time)
+        place, values = sample[known], self.values[known]
+        np.fmin.at(ranges[:, :, 0], place, values[:, :, 0])
+        np.fmax.at(ranges[:, :, 1], place, values[:, :, 1])
+        return np.moveaxis(ranges, 0, 2)
+
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
+
+    `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all.
+    Without `held` inputs the law of control commands them at every instant.
+    """
+
+    push: bool | Flags = False
+    payloads: bool | tuple[bool, ...] | Flags = False
+    held: tuple[float, ...] | None = None
+
+
+NOTHING = Acting()
+
+
+Array = NDArray[np.float64]
+
+# Times are the same, and steps whole, to this share of a step.
+SAME_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class StateHistory:
+    """Samples of the state (s, size) at times (s), and why there are no more; "" if complete.
+
+    `inputs` has the ranges of the inputs between the samples.
+    """
+
+    time: Array
+    states: Array
+    stopped: str
+    inputs: InputRanges
+
+
+@dataclass(frozen=True)
+class SmoothInterval:
+    """An interval of time, s, all through which the same acts on the robot."""
+
+    begin: float
+    end: float
+    acting: Acting
+
+    def sample_times(self, rate: float) -> Array:
+        """Multiples of 1 / rate (s) after the start of the interval, up to its end."""
+        first = int(np.floor(self.begin * rate + SAME_TIME)) + 1
+        last = int(np.floor(self.end * rate + SAME_TIME))
+        times = np.arange(first, last + 1) / rate
+        if len(times) and abs(times[-1] - self.end) * rate <= SAME_TIME:
+            times[-1] = self.end
+        return times
+
+
+@dataclass(frozen=True)
+class IntervalResult:
+    """An interval that was integrated.
+
+    `samples` are those after its begin; `end` (s) and `state` (size) are where integration came to.
+    """
+
+    samples: StateHistory
+    end: float
+    state: Array

@@ -1,0 +1,286 @@
+"""Many flights of one robot: those that are alike share what they have in common."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.flight.control.sampled import law_in_time
+from gibbs_codegen.flight.desired.trajectory import Progress, starting_state
+from gibbs_codegen.flight.integration.block_loop import SideBySide
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.fixed_step import StepGrid, check_stability
+from gibbs_codegen.flight.integration.integrate import integrate
+from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
+from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.record.recording import LateFlight, Recording, timing_fields
+from gibbs_codegen.flight.scenario.control import Motors
+from gibbs_codegen.flight.scenario.scenario import Scenario, StartOffset
+from gibbs_codegen.flight.simulation import Prepared, check_mass_matrix, prepared
+from gibbs_codegen.runtime.load import load
+
+
+class Together:
+    """Flights that share desired motion, law and limits.
+
+    Their scenarios differ in `plant`, `motors.time_constant` and `start` only; `start` is what one
+    of them begins with.
+    """
+
+    def __init__(self, start: Prepared, scenarios: Sequence[Scenario]) -> None:
+        self._common, self._scenarios = start, scenarios
+        self._like: Recording | None = None
+        self._loops: dict[int, ClosedLoop] = {}
+        self._starts: dict[tuple[float, ...], Array] = {}
+        # Lags of motors with which steps are known to be short enough.
+        self._stable: set[bytes] = set()
+
+    def flights(
+        self, threads: int, tell: Callable[[float], None]
+    ) -> list[Flight | GibbsCodegenError]:
+        """Fly them all: for each scenario the flight, or the error that refuses it."""
+        found: list[Flight | GibbsCodegenError] = []
+        histories = self._side_by_side(threads, tell)
+        for i, history in enumerate(histories):
+            try:
+                found.append(self._flight(i, history))
+            except GibbsCodegenError as error:
+                found.append(error)
+            tell((i + 1) / len(histories))
+        return found
+
+    def _side_by_side(
+        self, threads: int, tell: Callable[[float], None]
+    ) -> list[StateHistory | None]:
+        """Histories of the flights that can be computed side by side; None of the others."""
+        histories: list[StateHistory | None] = [None] * len(self._scenarios)
+        scenario = self._common.scenario
+        sampled = scenario.control.rate is not None or scenario.sensors is not None
+        if len(histories) == 1 or scenario.integration.method != "rk4" or sampled:
+            return histories
+        places = [i for i in range(len(histories)) if self._is_sound(i)]
+        if not places:
+            return histories
+        loop = self._joint_loop(places)
+        starts = np.stack([self._state(i) for i in places])
+        fly = SideBySide(
+            loop,
+            lambda k: self._loop(places[k]),
+            scenario.integration,
+            scenario.duration,
+            threads,
+        )
+        found = fly(starts, lambda time: tell(time / scenario.duration))
+        for i, history in zip(places, found, strict=True):
+            histories[i] = history
+        return histories
+
+    def _is_sound(self, i: int) -> bool:
+        """Whether nothing speaks against a flight, of which it would have to be told by itself."""
+        scenario = self._scenarios[i]
+        try:
+            loop = self._loop(i)
+            check_mass_matrix(loop.vehicle, self._common.q)
+            lag = loop.actuators.lag.tobytes()
+            waits = loop.environment is not None and (
+                loop.environment.wall or loop.environment.wind
+            )
+            if waits or lag not in self._stable:
+                check_stability(loop, StepGrid(scenario.integration).size)
+                self._stable.add(lag)
+        except UsageError:
+            return False
+        return True
+
+    def _joint_loop(self, places: Sequence[int]) -> ClosedLoop:
+        """The closed loop of several flights; arrays have an axis of these where they differ."""
+        loop, chosen = self._common.loop, [self._scenarios[i] for i in places]
+        first, plant = chosen[0], loop.vehicle
+        if first.plant:
+            varied = {name: np.array([each.plant[name] for each in chosen]) for name in first.plant}
+            plant = Vehicle(loop.vehicle.module, {**first.parameters, **varied}, "plant")
+        lags = np.stack([self._lag(each) for each in chosen])
+        actuators = replace(loop.actuators, lag=lags)
+        environment = Environment.of(plant, first, actuators.spins)
+        return replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+
+    def _loop(self, i: int) -> ClosedLoop:
+        """The closed loop of a flight, under a law that acts at all times."""
+        if i in self._loops:
+            return self._loops[i]
+        scenario, loop = self._scenarios[i], self._common.loop
+        known = {**scenario.parameters, **scenario.plant}
+        plant = Vehicle(loop.vehicle.module, known, "plant") if scenario.plant else loop.vehicle
+        actuators = replace(loop.actuators, lag=self._lag(scenario))
+        environment = Environment.of(plant, scenario, actuators.spins)
+        own = replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+        self._loops[i] = own
+        return own
+
+    def _lag(self, scenario: Scenario) -> Array:
+        """Time constants (N) of the motors in a flight, s."""
+        known, value = self._common.loop.actuators.lag, scenario.motors.time_constant
+        return known if value is None else np.full(len(known), value)
+
+    def _state(self, i: int) -> Array:
+        """State (size) in which a flight starts, which neither the plant nor a lag decides."""
+        offset, common = self._scenarios[i].start, self._common
+        place = (*offset.position, *offset.rotation)
+        if place not in self._starts:
+            loop, q, v = self._loop(i), common.q, common.v
+            if offset != common.scenario.start:
+                law = loop.controller
+                q, v = starting_state(law.vehicle, law.reference, offset)
+            self._starts[place] = loop.start(q, v)
+        return self._starts[place]
+
+    def _alone(self, i: int) -> tuple[ClosedLoop, StateHistory]:
+        """Closed loop and history of a flight by itself. Raises `UsageError` as `simulate` does."""
+        loop, scenario = self._loop(i), self._common.scenario
+        q, v, *_ = loop.parts(self._state(i))
+        check_mass_matrix(loop.vehicle, q)
+        law = law_in_time(loop.controller, self._scenarios[i], loop.actuators, None)
+        loop = replace(loop, controller=law)
+        return loop, integrate(loop, loop.start(q, v), scenario.duration, scenario.integration)
+
+    def _flight(self, i: int, history: StateHistory | None) -> Flight:
+        """A flight whose series are computed when they are asked for.
+
+        Its history is without ranges of inputs; None if it is yet to be integrated.
+        """
+        motion = self._common.motion
+        scenario = replace(motion.scenario, name=self._scenarios[i].name)
+        ranges: Callable[[], InputRanges] | None = None
+        loop, own = self._alone(i) if history is None else (self._loop(i), history)
+        if self._like is None and not own.stopped:
+            self._like = Recording(self._common.loop, scenario, own)
+        like = None if own.stopped else self._like
+        # Ranges are seldom asked for, and take an integration by itself.
+        ranges = None if history is None else lambda: self._alone(i)[1].inputs
+        recording = Recording(loop, scenario, own, like, ranges)
+        return LateFlight(recording, timing_fields(motion))
+
+
+Found = Flight | GibbsCodegenError
+
+# What flights begin with is kept of so many groups.
+_MOST_KNOWN = 4
+_known: dict[tuple[ModuleType, bytes | None], Prepared] = {}
+
+
+def simulate_many(
+    robot: ModuleType | str | os.PathLike[str],
+    scenarios: Sequence[Scenario],
+    threads: int = 1,
+    progress: Progress = lambda what, share: None,
+) -> list[Found]:
+    """Fly many scenarios with one robot.
+
+    Scenarios that differ in `plant`, `motors.time_constant` and `start` only share their desired
+    motion. Where such flights are integrated by "rk4", with the C back end, under a law that acts
+    at all times, they are computed side by side, many times as fast as one by one.
+
+    Args:
+        robot: As of `simulate`.
+        scenarios: What is flown.
+        threads: How many threads share the flights that are computed side by side.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        For each scenario its flight, whose series are computed when they are asked for, or the
+        error with which `simulate` refuses it.
+    """
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    found: dict[int, Found] = {}
+    for common, places in _alike(scenarios):
+        done, size = len(found), len(places)
+
+        def tell(share: float, done: int = done, size: int = size) -> None:
+            progress("flying", (done + share * size) / len(scenarios))
+
+        group = {place: scenarios[place] for place in places}
+        found |= _flown(module, common, group, threads, tell)
+    return [found[place] for place in range(len(scenarios))]
+
+
+def _flown(
+    module: ModuleType,
+    common: bytes | None,
+    scenarios: Mapping[int, Scenario],
+    threads: int,
+    tell: Callable[[float], None],
+) -> dict[int, Found]:
+    """Flights and errors, by the places of scenarios that share their desired motion.
+
+    It is found with the first of them that can begin. `common` tells them from others.
+    """
+    found: dict[int, Found] = {}
+    for place, scenario in scenarios.items():
+        try:
+            start = _prepared(module, common, scenario)
+        except GibbsCodegenError as error:
+            found[place] = error
+            continue
+        others = {each: s for each, s in scenarios.items() if each not in found}
+        flights = Together(start, [*others.values()]).flights(threads, tell)
+        return {**found, **dict(zip(others, flights, strict=True))}
+    return found
+
+
+def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
+    """What flights that share their desired motion begin with, which calls in a row share too.
+
+    `common` is what tells them from others, None if nothing does.
+    """
+    known = _known.pop((module, common), None)
+    if known is None:
+        known = prepared(module, scenario, lambda what, share: None, own=False)
+    if common is not None:
+        _known[module, common] = known
+        for oldest in [*_known][:-_MOST_KNOWN]:
+            del _known[oldest]
+    return known
+
+
+def _alike(scenarios: Sequence[Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
+    """Places of scenarios that share their desired motion, and what these have in common."""
+    groups: dict[Any, list[int]] = defaultdict(list)
+    for place, scenario in enumerate(scenarios):
+        groups[_common(scenario) or place].append(place)
+    return [(k if isinstance(k, bytes) else None, places) for k, places in groups.items()]
+
+
+def _common(scenario: Scenario) -> bytes | None:
+    """What tells a scenario from those that it shares its desired motion with; None if that is all.
+
+    Whether motors lag decides what a state consists of, and so how flights are integrated.
+    """
+    motors = scenario.motors
+    lags = None if motors.time_constant is None else motors.time_constant > 0.0
+    plain = replace(
+        scenario,
+        name="",
+        description="",
+        plant=dict.fromkeys(sorted(scenario.plant), 0.0),
+        start=StartOffset(),
+        motors=Motors(motors.limits, None, motors.compensation),
+    )
+    written = io.BytesIO()
+    pickler = pickle.Pickler(written)
+    pickler.fast = True  # What is equal is written alike, whether or not it is one object.
+    try:
+        pickler.dump((plain, lags))
+    except (pickle.PicklingError, TypeError, AttributeError, RecursionError):
+        return None  # A path may be any function.
+    return written.getvalue()

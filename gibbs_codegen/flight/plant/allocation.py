@@ -1,0 +1,231 @@
+"""Control allocation: the thrusts that produce a desired wrench on the base.
+
+The wrench is force and torque about the base centre in the base's frame, which is arm 1's if there
+are arms. A unit thrust of a rotor on the base produces the same wrench at every configuration, so
+one matrix serves; of rotors that joints move, `moving_rotors` tells.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.robot.wrenches import directions
+
+Array = NDArray[np.float64]
+
+# Singular values below this share of the largest belong to directions that rotors cannot command.
+RANK = 1e-9
+# Share of a wrench that thrusts may fail to produce and still count as exact.
+EXACT = 1e-9
+# Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
+# of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
+_PREFERENCE = 1e-5
+
+
+class AllocationError(UsageError):
+    """A wrench that the rotors cannot produce; `missing` names the directions they lack."""
+
+    def __init__(self, message: str, missing: Sequence[str]) -> None:
+        self.missing = tuple(missing)
+        super().__init__(message)
+
+
+class Allocation:
+    """Thrusts for wrenches: exact for six rotors, of minimum norm for more, within limits if given.
+
+    Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
+    least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m. `wrenches` (6,
+    N) are those of unit thrusts, as `Vehicle.thrust_wrenches` has them; `limits`, N, are (2, N) or
+    one pair for all.
+    """
+
+    # Whether a wrench that no thrusts produce is refused.
+    refuses = True
+
+    def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
+        self.wrenches = wrenches
+        self.limits = limits
+        left, rank = np.linalg.svd(wrenches)[0], int(ranks(wrenches))
+        self.missing = directions(left[:, rank:])
+        self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
+        # Torque is divided by the mean lever arm, so that it compares with force.
+        force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
+        self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
+        weighted = self._weights[:, np.newaxis] * wrenches
+        preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
+        self._weighted = np.vstack([weighted, preference])
+
+    def in_flight(self) -> Self:
+        """The same, which refuses no wrench but comes as near to it as thrusts can.
+
+        What rotors lack is looked at before a flight. In flight, what thrusts do not produce is
+        rounding, next to which the wrenches of a machine that tumbles are great.
+        """
+        found = copy.copy(self)
+        found.refuses = False
+        return found
+
+    def thrusts(self, wrenches: Array) -> Array:
+        """Thrusts (…, N), N, that produce wrenches (…, 6), or within limits come nearest to them.
+
+        Raises `AllocationError` for a wrench in a direction that the rotors cannot command.
+        """
+        found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
+        if self.missing and self.refuses:
+            self._check_produced(wrenches)
+        if self.limits is None:
+            return found
+        least, most = self.limits
+        beyond = np.any((found < least) | (found > most), axis=-1)
+        beyond &= np.all(np.isfinite(wrenches), axis=-1)
+        for index in np.argwhere(beyond):
+            place = tuple(index)
+            desired = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
+            nearest = lsq_linear(self._weighted, desired, bounds=self.limits, method="bvls")
+            found[place] = np.clip(nearest.x, least, most)
+        return found
+
+    def thrusts_at(self, q: Array, wrenches: Array) -> Array:
+        """`thrusts` (…, N) for wrenches (…, 6); the configurations (…, nq) make no difference."""
+        return self.thrusts(wrenches)
+
+    def residual_at(self, q: Array, wrenches: Array) -> Array:
+        """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference."""
+        return self.residual(wrenches)
+
+    def residual(self, wrenches: Array) -> Array:
+        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
+
+        Limits make no difference; 0 where thrusts are exact but for rounding.
+        """
+        return unproduced(self.wrenches, self.inverse, wrenches)
+
+    def _check_produced(self, wrenches: Array) -> None:
+        if np.any(missed := self.residual(wrenches)):
+            raise AllocationError(
+                f"the motion needs {listed(self.missing)} (in the base's frame, about the base "
+                f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
+                "tilt some thrusts in the robot file, or add rotors",
+                self.missing,
+            )
+
+
+def ranks(matrices: Array) -> NDArray[np.int64]:
+    """How many directions rotors command (…), by wrenches of unit thrusts (…, m, N).
+
+    These may be some components only.
+    """
+    values = np.linalg.svd(matrices, compute_uv=False)
+    largest = values.max(axis=-1, initial=0.0, keepdims=True)
+    found: NDArray[np.int64] = np.sum(values > RANK * largest, axis=-1)
+    return found
+
+
+def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
+    """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce.
+
+    Limits make no difference; 0 where thrusts are exact but for rounding. `inverse` (…, N, 6) is
+    the pseudo-inverse of `wrenches_of_thrusts` (…, 6, N), of unit thrusts.
+    """
+    left = np.eye(6) - wrenches_of_thrusts @ inverse
+    norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
+    exact = EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
+    residual: Array = np.where(norm > exact, norm, 0.0)
+    return residual
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names, one at least, with commas, and "and" before the last."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+class MovingAllocation(Allocation):
+    """Thrusts for wrenches at configurations, each by the allocation that holds there.
+
+    As an allocation by itself it is that of configuration `q` (nq), of which `missing` tells.
+    `limits`, N, are (2, N) or one pair for all.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, q: Array, limits: Array | tuple[float, float] | None = None
+    ) -> None:
+        super().__init__(vehicle.thrust_wrenches(q), limits)
+        self.vehicle = vehicle
+
+    def thrusts_at(self, q: Array, wrenches: Array) -> Array:
+        """Thrusts (…, N), N, that produce wrenches (…, 6) at `q`, or come nearest to them."""
+        matrices, inverses = self._at(q)
+        thrusts: Array = (inverses @ wrenches[..., np.newaxis])[..., 0]
+        doubtful = self.refuses & (unproduced(matrices, inverses, wrenches) > 0.0)
+        if self.limits is not None:
+            least, most = self.limits
+            doubtful |= np.any((thrusts < least) | (thrusts > most), axis=-1)
+        for index in np.argwhere(doubtful):
+            place = tuple(index)
+            here = Allocation(matrices[place], self.limits)
+            here.refuses = self.refuses
+            thrusts[place] = here.thrusts(wrenches[place])
+        return thrusts
+
+    def residual_at(self, q: Array, wrenches: Array) -> Array:
+        """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce at `q`."""
+        return unproduced(*self._at(q), wrenches)
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        """Wrenches of unit thrusts (…, 6, N) at configurations, and their pseudo-inverses."""
+        matrices = self.vehicle.thrust_wrenches(q)
+        return matrices, np.asarray(np.linalg.pinv(matrices, rcond=RANK), dtype=np.float64)
+
+
+def allocation_of(
+    vehicle: Vehicle, q: Array | None = None, limits: Array | tuple[float, float] | None = None
+) -> Allocation:
+    """The allocation of a robot's rotors, which serves at every configuration.
+
+    Of `q` (nq), or zero, it is told what the rotors cannot command, if they move. `limits`, N, are
+    (2, N) or one pair for all.
+    """
+    if not vehicle.rotors_move:
+        return Allocation(vehicle.thrust_wrenches(), limits)
+    return MovingAllocation(vehicle, vehicle.neutral if q is None else q, limits)
+
+
+# Of the wrenches that such rotors command: the force along the axis, and three moments.
+_DIRECTIONS = 4
+# Why such a base cannot fly without thrust.
+LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
+
+
+def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:
+    """The axis along which rotors push, if they command a force along it and three moments.
+
+    Unit vectors (…, 3) in the base's frame, along what equal thrusts of all rotors make; None if at
+    some configuration (…, nq) the rotors command other wrenches.
+    """
+    wrenches = vehicle.thrust_wrenches(q)
+    if np.any(ranks(wrenches) != _DIRECTIONS) or np.any(ranks(wrenches[..., :3, :]) != 1):
+        return None
+    return force_axis(wrenches)
+
+
+def force_axis(wrenches: Array) -> Array:
+    """Unit vectors (…, 3), base's frame, along which rotors push, as equal thrusts of all do.
+
+    `wrenches` (…, 6, N) are those of unit thrusts.
+    """
+    forces = wrenches[..., :3, :]
+    sizes = np.linalg.norm(forces, axis=-2, keepdims=True)
+    largest = np.argmax(sizes, axis=-1, keepdims=True)
+    force = np.take_along_axis(forces, largest, axis=-1)
+    # Rotors may push either way; where as many push up as down, the greatest one decides.
+    along = np.sum(forces * force, axis=(-2, -1), keepdims=True)
+    axis: Array = (force / np.copysign(np.max(sizes, axis=-1, keepdims=True), along))[..., 0]
+    return axis

@@ -1,0 +1,348 @@
+"""What acts on the robot besides its inputs, as wrenches on its frames.
+
+A push, drag in the wind, walls, spinning rotors and payloads. The forces of payloads depend on the
+acceleration under all the others, so they come last.
+
+Point masses that are fixed to frames: the forces by which they load the robot.
+
+A payload of mass m does to its frame f = m (g − p̈), where p̈ = J a + c is the acceleration of the
+frame. The acceleration a of the robot depends on f: a = a₀ + M⁻¹ Jᵀ f, where a₀ is that under all
+other forces. So the forces of all payloads solve (1 + m J M⁻¹ Jᵀ) f = m (g − c − J a₀), which is
+exact.
+
+Angular momentum of spinning rotors: the gyroscopic torques by which they resist turning.
+
+A rotor of inertia J that spins at Ω about its thrust's direction d has the angular momentum
+h = J Ω d, and does the torque −ω × h to the body that holds it, ω being the angular velocity of
+that body. Ω follows from the thrust, Ω = k √T. The torque −J dΩ/dt along d, by which a rotor
+resists a change of its speed, is left out.
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.flight.scenario.environment import Payload, Wall, Wind
+from gibbs_codegen.flight.scenario.scenario import Push, Scenario
+
+
+class Payloads:
+    """The p payloads of a flight, and the robot that carries them."""
+
+    def __init__(self, vehicle: Vehicle, payloads: Sequence[Payload]) -> None:
+        self.vehicle = vehicle
+        self.masses: Array = np.array([each.mass for each in payloads], dtype=np.float64)
+        self.begins: Array = np.array([each.begin for each in payloads], dtype=np.float64)
+        self.ends: Array = np.array([each.end for each in payloads], dtype=np.float64)
+        self.places: NDArray[np.intp] = np.array(
+            [vehicle.frames.index(each.frame) for each in payloads], dtype=np.intp
+        )
+
+    @cached_property
+    def gravity(self) -> Array:
+        """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
+        vehicle = self.vehicle
+        upwards = vehicle.layout.v.position.start + 2
+        weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]
+        mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
+        return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
+
+    def carried(self, time: float | Array) -> Flags:
+        """Which payloads are there (…, p) at times (…), s."""
+        times = np.asarray(time)[..., np.newaxis]
+        there: Flags = (times >= self.begins) & (times < self.ends)
+        return there
+
+    def add(self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: ArrayLike) -> None:
+        """Add the forces of the payloads to the wrenches (…, f, 6) of all else.
+
+        `carried` (…, p) tells which are there.
+        """
+        vehicle = self.vehicle
+        masses = np.repeat(np.where(carried, self.masses, 0.0), 3, axis=-1)
+        free = vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+        jacobian = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
+        jacobian = jacobian.reshape(*q.shape[:-1], masses.shape[-1], free.shape[-1])
+        drift = vehicle.function("frame_bias_accelerations")(q, v)[..., self.places, :3]
+        drift = (
+            drift.reshape(*q.shape[:-1], masses.shape[-1]) + (jacobian @ free[..., None])[..., 0]
+        )
+        yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(jacobian, -1, -2))
+        matrix = np.eye(masses.shape[-1]) + masses[..., None] * (jacobian @ yielding)
+        falling = masses * (np.tile(self.gravity, len(self.places)) - drift)
+        forces = np.linalg.solve(matrix, falling[..., None])[..., 0]
+        for k, place in enumerate(self.places):
+            wrenches[..., place, :3] += forces[..., 3 * k : 3 * k + 3]
+
+
+class WindDrag:
+    """The drag of frames in the wind.
+
+    `coefficients` (f, 6) are those of the forces, N s/m, and of the torques, N m s/rad.
+    """
+
+    def __init__(self, vehicle: Vehicle, wind: Wind) -> None:
+        self.wind = wind
+        self.velocity: Array = np.array(wind.velocity, dtype=np.float64)
+        # Of each gust begin and duration, s, and half the amplitude, m/s.
+        self.gusts: Array = np.array(
+            [[gust.begin, gust.duration, *np.multiply(0.5, gust.amplitude)] for gust in wind.gusts]
+        ).reshape(-1, 5)
+        self.coefficients = np.zeros((len(vehicle.frames), 6))
+        self._fill(vehicle, wind.drag, slice(3))
+        self._fill(vehicle, wind.rotational_drag, slice(3, 6))
+
+    def _fill(self, vehicle: Vehicle, drag: Mapping[str, float], entries: slice) -> None:
+        """Take coefficients of frames, for some entries of wrenches."""
+        for name, coefficient in drag.items():
+            self.coefficients[vehicle.frames.index(name), entries] = coefficient
+
+    def speed(self, time: float | Array) -> Array:
+        """Velocity (…, 3) of the wind, m/s, world axes, at times (…), s."""
+        share = (np.asarray(time)[..., np.newaxis] - self.gusts[:, 0]) / self.gusts[:, 1]
+        rise = 1.0 - np.cos(2.0 * np.pi * np.clip(share, 0.0, 1.0))
+        found: Array = self.velocity + rise @ self.gusts[:, 2:]
+        return found
+
+    def wrenches(self, time: float | Array, velocities: Array) -> Array:
+        """Wrenches (…, f, 6) of the drag on the frames: force, N, and torque, N m, world axes.
+
+        `velocities` (…, f, 6) of the frames are linear, then angular.
+        """
+        against = np.array(velocities)
+        against[..., :3] -= self.speed(time)[..., np.newaxis, :]
+        return -self.coefficients * against
+
+
+class Walls:
+    """The w walls of a flight."""
+
+    def __init__(self, vehicle: Vehicle, walls: Sequence[Wall]) -> None:
+        self.walls = tuple(walls)
+        self.places: NDArray[np.intp] = np.array(
+            [vehicle.frames.index(wall.frame) for wall in walls], dtype=np.intp
+        )
+        normals = np.array([wall.normal for wall in walls], dtype=np.float64).reshape(-1, 3)
+        self.normals: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        points = np.array([wall.point for wall in walls], dtype=np.float64)
+        self.points: Array = points.reshape(-1, 3)
+        self.stiffness: Array = np.array([wall.stiffness for wall in walls], dtype=np.float64)
+        self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
+
+    def add(self, wrenches: Array, poses: Array, velocities: Array) -> None:
+        """Add the forces of the walls to other wrenches (…, f, 6) on the frames.
+
+        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
+        theirs.
+        """
+        behind = self.points - poses[..., :3, 3][..., self.places, :]
+        depth = np.sum(self.normals * behind, axis=-1)
+        speed = -np.sum(self.normals * velocities[..., self.places, :3], axis=-1)
+        pushed = np.maximum(self.stiffness * depth + self.damping * speed, 0.0)
+        forces = np.where(depth > 0.0, pushed, 0.0)[..., np.newaxis] * self.normals
+        for k, place in enumerate(self.places):
+            wrenches[..., place, :3] += forces[..., k, :]
+
+    def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
+        """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).
+
+        The robot is free to move.
+        """
+        jacobians = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
+        across = np.einsum("wi,...wij->...wj", self.normals, jacobians)
+        yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
+        masses: Array = 1.0 / np.einsum("...wj,...jw->...w", across, yielding)
+        return masses
+
+
+class RotorSpin:
+    """The g rotors that have a spin inertia, and the frames that take their torques.
+
+    `places` (g) are numbers of the frames, `axes` (g, 3) the directions of the thrusts in their
+    axes. `spins` (N) are as of `Actuators`, negative for a rotor that spins clockwise seen from the
+    tip of its thrust, 0 for one without inertia. Raises `UsageError` for a rotor on a link that has
+    no frame, and for a module that does not say what carries its rotors.
+    """
+
+    def __init__(self, vehicle: Vehicle, spins: Array) -> None:
+        self.rotors: NDArray[np.intp] = np.flatnonzero(spins)
+        self.spins = spins[self.rotors]
+        centre, carriers = vehicle.points.index(vehicle.centre), vehicle.carriers
+        # The first frame is the base's, and the others are the last points.
+        others = carriers[len(vehicle.points) - len(vehicle.frames) + 1 :]
+        moves_with = carriers[centre + 1 + self.rotors, np.newaxis] == [centre, *others]
+        for rotor, frames in zip(self.rotors, moves_with, strict=True):
+            if carriers[centre + 1 + rotor] < 0:
+                raise UsageError(
+                    f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, and the module, which "
+                    "an earlier version generated, does not say what carries it; generate it again"
+                )
+            if not np.any(frames):
+                raise UsageError(
+                    f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, but no frame moves "
+                    "with it: add a [[frame]] on the link that carries it, and generate the "
+                    "module again"
+                )
+        self.places: NDArray[np.intp] = np.argmax(moves_with, axis=1)
+        # Where parameters differ along an axis, one robot tells the directions of all.
+        q = vehicle.neutral[np.newaxis]
+        world = vehicle.base_rotation(q[0]) @ vehicle.thrust_wrenches(q)[0, :3, self.rotors].T
+        axes = np.einsum("gij,ig->gj", vehicle.frame_poses(q)[0, self.places, :3, :3], world)
+        self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+
+    def add(self, wrenches: Array, poses: Array, velocities: Array, inputs: Array) -> None:
+        """Add the gyroscopic torques to other wrenches (…, f, 6) on the frames.
+
+        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
+        theirs.
+        """
+        thrusts = inputs[..., self.rotors]
+        # A thrust the other way is that of a rotor that turns the other way.
+        momentum = self.spins * np.sign(thrusts) * np.sqrt(np.abs(thrusts))
+        rotations = poses[..., self.places, :3, :3]
+        held = np.einsum("...gij,gj->...gi", rotations, self.axes) * momentum[..., np.newaxis]
+        torques = -np.cross(velocities[..., self.places, 3:], held)
+        for k, place in enumerate(self.places):
+            wrenches[..., place, 3:] += torques[..., k, :]
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What acts on the robot that flies; `spins` (N) are those of `Actuators`.
+
+    Raises `UsageError` for frames that the robot does not have.
+    """
+
+    vehicle: Vehicle
+    push: Push | None = None
+    payload: tuple[Payload, ...] = ()
+    wind: Wind | None = None
+    wall: tuple[Wall, ...] = ()
+    spins: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.push is not None:
+            self._check(self.push.frame, "push.frame")
+        for name in ("payload", "wall"):
+            for place, each in enumerate(getattr(self, name)):
+                self._check(each.frame, f"{name} {place + 1}: frame")
+        if self.wind is not None:
+            for key in ("drag", "rotational_drag"):
+                for frame in getattr(self.wind, key):
+                    self._check(frame, f"wind.{key}")
+
+    def _check(self, frame: str, key: str) -> None:
+        """Raise `UsageError` unless the robot has a frame, which stands at a key."""
+        frames = self.vehicle.frames
+        if frame not in frames:
+            near = difflib.get_close_matches(frame, frames, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"{key}: {self.vehicle.name} has no frame {printable(frame)}; "
+                f"{hint}its frames: {', '.join(frames)}"
+            )
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:
+        """What acts in a flight; None if nothing does at any time.
+
+        Raises `UsageError` also for a spinning rotor on a link without a frame.
+        """
+        spinning = spins if np.any(spins) else None
+        found = cls(
+            vehicle, scenario.push, scenario.payloads, scenario.wind, scenario.walls, spinning
+        )
+        acts = found.push or found.payload or found.wind or found.wall or found.spin
+        return found if acts else None
+
+    @cached_property
+    def payloads(self) -> Payloads:
+        """The payloads, p of them."""
+        return Payloads(self.vehicle, self.payload)
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The walls."""
+        return Walls(self.vehicle, self.wall)
+
+    @cached_property
+    def drag(self) -> WindDrag | None:
+        """The drag in the wind, if any."""
+        return WindDrag(self.vehicle, self.wind) if self.wind else None
+
+    @cached_property
+    def spin(self) -> RotorSpin | None:
+        """The spinning rotors, if any."""
+        return RotorSpin(self.vehicle, self.spins) if self.spins is not None else None
+
+    @cached_property
+    def pushing(self) -> Array:
+        """Wrenches (f, 6) of the push on the frames while it acts: force and torque, world axes."""
+        wrenches = np.zeros((len(self.vehicle.frames), 6))
+        if self.push is not None:
+            place = self.vehicle.frames.index(self.push.frame)
+            wrenches[place] = [*self.push.force, *self.push.torque]
+        return wrenches
+
+    def push_acts(self, time: float | Array) -> Flags:
+        """Whether the push acts at times (…), s."""
+        times = np.asarray(time)
+        if self.push is None:
+            return np.zeros(times.shape, dtype=bool)
+        return (times >= self.push.begin) & (times < self.push.end)
+
+    @property
+    def jumps(self) -> set[float]:
+        """Times, s, at which what acts, or how it changes, jumps."""
+        lasting = [each for each in (self.push, *self.payload) if each is not None]
+        gusts = self.wind.gusts if self.wind else ()
+        ends = ((gust.begin, gust.begin + gust.duration) for gust in gusts)
+        return {*itertools.chain(*ends, *((each.begin, each.end) for each in lasting))}
+
+    @property
+    def remedies(self) -> list[str]:
+        """What may keep a flight under control."""
+        return [
+            *(["a weaker push"] if self.push else []),
+            *(["a lighter payload"] if self.payload else []),
+            *(["less wind"] if self.wind else []),
+            *(["a wall further away"] if self.wall else []),
+        ]
+
+    def wrenches(
+        self,
+        time: float | Array,
+        q: Array,
+        v: Array,
+        inputs: Array,
+        pushed: Flags | bool,
+        carried: ArrayLike,
+    ) -> Array:
+        """All wrenches (…, f, 6) on the frames: force, N, torque about the origin, N m, world axes.
+
+        `pushed` (…) tells whether the push acts, `carried` (…, p) which payloads are there.
+        """
+        vehicle = self.vehicle
+        found: Array = np.asarray(pushed)[..., np.newaxis, np.newaxis] * self.pushing
+        found = np.array(np.broadcast_to(found, (*q.shape[:-1], *self.pushing.shape)))
+        if self.drag is not None or self.wall or self.spin is not None:
+            velocities = vehicle.function("frame_velocities")(q, v)
+            if self.drag is not None:
+                found += self.drag.wrenches(time, velocities)
+            if self.wall or self.spin is not None:
+                poses = vehicle.frame_poses(q)
+                self.walls.add(found, poses, velocities)
+                if self.spin is not None:
+                    self.spin.add(found, poses, velocities, inputs)
+        if np.any(carried):
+            self.payloads.add(found, q, v, inputs, carried)
+        return found

@@ -1,0 +1,227 @@
+"""A generated module as the simulator sees it: its functions with their constants, and its layout.
+
+This is all that the simulator knows of a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.kinematics import kinematics_of
+from gibbs_codegen.interface import DATA, FUNCTIONS
+from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.runtime.load import BACKENDS
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Angles, rad, that count as the same.
+_SAME_ANGLE = 1e-9
+
+
+class Vehicle:
+    """A generated module with the constants of some parameters, and its functions by their names.
+
+    The back end is "numpy" or "c". Parameters left out keep their defaults; arrays have a value for
+    each state: they broadcast to the states' leading axes. `key` of a scenario file gave them.
+    Raises `UsageError` for a module of another back end or of an older version, and for parameters
+    that `prepare` rejects.
+    """
+
+    def __init__(
+        self,
+        module: ModuleType,
+        parameters: Mapping[str, ArrayLike] | None = None,
+        key: str = "parameters",
+    ) -> None:
+        _check(module)
+        try:
+            self.constants: Any = module.prepare(dict(parameters)) if parameters else None
+        except (ValueError, TypeError) as error:
+            words = f"{error}{_about_parameters(module, parameters or {}, str(error))}"
+            raise UsageError(f"{module.NAME}: {key}: {words}") from None
+        self.module = module
+        self.name: str = module.NAME
+        self.attitude: str = module.ATTITUDE
+        self.coordinates: tuple[str, ...] = module.COORDINATES
+        constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        hybrid = module.HYBRID_COORDINATES
+        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - constrained :]
+        units = module.COORDINATE_UNITS
+        self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
+        self.kinematics = kinematics_of(self.layout)
+        # By coordinate (nq): an angle, in rad, rather than a length, in m.
+        self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
+        self.inputs: tuple[str, ...] = module.INPUTS
+        self.points: tuple[str, ...] = module.POINTS
+        self.frames: tuple[str, ...] = module.FRAMES
+        # Places of the joints among coordinates, and among velocities and accelerations.
+        self.arm, self.arm_rates = self.layout.q.joints, self.layout.v.joints
+        # The point that wrenches on the base are about.
+        self.centre = "O2" if "O2" in self.points else "base"
+        self.has_tip = "tip" in self.points
+        self.joints = len(self.joint_names)
+        self.rotors = len(self.inputs) - self.joints
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take the module's functions, with the constants."""
+        self.forward_dynamics = self.function("forward_dynamics")
+        self.forward_dynamics_with_wrenches = self.function("forward_dynamics_with_wrenches")
+        self.wrench_forces = self.function("wrench_forces")
+        self.inverse_dynamics = self.function("inverse_dynamics")
+        self.mass_matrix = self.function("mass_matrix")
+        self.input_matrix = self.function("input_matrix")
+        self.constraint_torques = self.function("constraint_torques")
+        self.positions = self.function("positions")
+        self.centre_of_mass = self.function("centre_of_mass")
+        self.centre_of_mass_jacobian = self.function("centre_of_mass_jacobian")
+        self.integrate = self.function("integrate")
+        self.frame_poses = self.function("frame_poses")
+        if self.has_tip:
+            self.tip_pose = self.function("tip_pose")
+            self.tip_jacobian = self.function("tip_jacobian")
+            self.tip_bias_acceleration = self.function("tip_bias_acceleration")
+        self.kinetic_energy = self.function("kinetic_energy")
+        self.potential_energy = self.function("potential_energy")
+
+    def function(self, name: str) -> Callable[..., Array]:
+        """A function of the module, by name, with the constants of the parameters."""
+        function: Callable[..., Array] = getattr(self.module, name)
+        return function if self.constants is None else partial(function, constants=self.constants)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's coordinates, from the base outwards."""
+        return self.coordinates[self.arm]
+
+    def base_rotation(self, q: ArrayLike) -> Array:
+        """R (…, 3, 3), from the base's frame, arm 1's if there are arms, to the world."""
+        return self.kinematics.rotation(np.asarray(q))
+
+    def centre_offset(self, q: ArrayLike) -> Array:
+        """Vector (…, 3), m, world axes, from where x, y, z are to the base centre."""
+        at_origin = np.array(q, dtype=np.float64)
+        at_origin[..., self.layout.q.position] = 0.0
+        return self.positions(at_origin)[..., self.points.index(self.centre), :]
+
+    def arm_angles(self) -> Array:
+        """Angles (…, N), rad, of the base arms about z of the base, in the order of the rotors.
+
+        Arms point away from the centre; but where azimuths are equal, by the paper's rule, angles
+        are against arm 1, which points at the centre, so that it and the arm across are both at 0.
+        A base without arms has none.
+        """
+        if "motor1" not in self.points or self.centre != "O2":
+            return np.zeros(0)
+        places, first = self.positions(self.neutral), self.points.index("motor1")
+        centre = places[..., [self.points.index(self.centre)], :]
+        arms = places[..., first : first + self.rotors, :] - centre
+        angles: Array = np.arctan2(arms[..., 1], arms[..., 0])
+        by_rule = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
+        if np.any(np.abs(np.sin(0.5 * (angles - by_rule))) > _SAME_ANGLE):
+            return angles
+        by_rule[0] = 0.0
+        return by_rule
+
+    def base_wrench(self, q: Array, generalised_force: Array) -> Array:
+        """The wrench (…, 6) on the base that a generalised force (…, nv) amounts to.
+
+        Force, N, and torque about the base centre, N m, in the base's frame.
+        """
+        world_force, torque = self.kinematics.wrench(q, generalised_force)
+        torque = torque - np.cross(self.centre_offset(q), world_force)
+        world = np.stack([world_force, torque], axis=-2)
+        wrench = world @ self.base_rotation(q)
+        return wrench.reshape(*wrench.shape[:-2], 6)
+
+    @property
+    def neutral(self) -> Array:
+        """Coordinates (nq) of zero, the base level."""
+        return np.array(self.layout.neutral)
+
+    def thrust_wrenches(self, q: Array | None = None) -> Array:
+        """Wrenches (…, 6, N) of unit thrusts: force, torque about the base centre, its frame.
+
+        Attitude and position make no difference, nor do the joints unless rotors move with them;
+        zero if None.
+        """
+        q = self.neutral if q is None else q
+        # The rotors come first, since constants may differ along the axes of the states.
+        columns = np.moveaxis(self.input_matrix(q)[..., : self.rotors], -1, 0)
+        places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
+        return np.moveaxis(self.base_wrench(places, columns), 0, -1)
+
+    @cached_property
+    def damping(self) -> Array:
+        """Damping (…, nv) of joints, N m s/rad or N s/m: of forces, the part odd in velocities."""
+        q, v = self.neutral, np.ones(self.layout.v.size)
+        forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
+        return 0.5 * (forward - backward)
+
+    @cached_property
+    def carriers(self) -> NDArray[np.intp]:
+        """By point (k) the place of the point that carries it: that of a joint, or the base centre.
+
+        −1 where a module of an earlier version does not say, which has no CARRIERS.
+        """
+        centre = self.points.index(self.centre)
+        if names := getattr(self.module, "CARRIERS", ()):
+            return np.array([self.points.index(name) for name in names])
+        found = np.full(len(self.points), centre)
+        # Rods are of the base, with their rotors.
+        told = centre + 1 + (self.rotors if self.centre == "O2" else 0)
+        found[told:] = -1 if self.joints else centre
+        return found
+
+    @cached_property
+    def rotors_move(self) -> bool:
+        """Whether joints move rotors, or may do so for all that the module says."""
+        centre = self.points.index(self.centre)
+        return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
+
+
+def _check(module: ModuleType) -> None:
+    """Raise `UsageError` for a module of another back end or of an older version."""
+    # A module that was imported rather than loaded is NumPy's.
+    if (backend := getattr(module, "backend", "numpy")) not in BACKENDS:
+        known = " or ".join(f'"{name}"' for name in BACKENDS)
+        raise UsageError(
+            f"{module.NAME}: its back end is {backend}, but this works on NumPy's arrays; load "
+            f"the module with backend={known}"
+        )
+    # A robot with several arms has no tip.
+    always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
+    wanted = (*DATA, *always)
+    if missing := [name for name in wanted if not hasattr(module, name)]:
+        raise UsageError(
+            f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
+        )
+
+
+def _about_parameters(module: ModuleType, given: Mapping[str, Any], words: str) -> str:
+    """What to add to the `words` in which `prepare` rejects parameters.
+
+    A clause that begins with "; ", or "": names that may be meant, or all that were given.
+    """
+    names = list(module.PARAMETERS)
+    unknown = [name for name in given if name not in names]
+    if not unknown:
+        listed = ", ".join(
+            f"{name} = {value:g}" if np.ndim(value) == 0 else f"{name} of shape {np.shape(value)}"
+            for name, value in given.items()
+        )
+        return "" if any(name in words for name in given) else f"; given: {listed}"
+    ends = {f"_{name.rpartition('_')[2]}" for name in unknown if "_" in name}
+    alike = [name for name in names if name.endswith(tuple(ends)) and name not in words]
+    if not alike and "did you mean" not in words:
+        return f"; its parameters: {', '.join(names)}"
+    also = f"; others that end alike: {', '.join(alike)}" if alike else ""
+    return f"{also}; PARAMETERS of the module lists all {len(names)}"

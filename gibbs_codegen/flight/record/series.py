@@ -1,0 +1,304 @@
+"""The time series of one flight, and what follows from them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.kinematics import kinematics_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.robot.layout import Layout
+
+Array = NDArray[np.float64]
+
+# Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.
+RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_greatest")
+
+
+@dataclass(frozen=True)
+class Series:
+    """Time series of one flight, a row per sample; SI units, radians, world axes with Z up.
+
+    With s samples, nq coordinates, nv velocities, nu inputs, N rotors, k points and c constrained
+    joints:
+
+    - `time` (s); `q`, `q_desired` (s, nq); `v`, `a`, `v_desired`, `a_desired` (s, nv)
+    - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
+      after thrust limits and motor lag; `commanded_least`, `commanded_greatest`, `applied_least`
+      and `applied_greatest` (s, nu): the least and the greatest of them since the sample before,
+      at all steps of the integration
+    - `constraint_torques` (s, c): that hold base arms 2 … N (eqs. 14–17) and constrained
+      links, in the order of `constraint_names`
+    - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
+      2 … N about z of the base, measured from where the motors are; none of a base without arms
+    - `positions` (s, k, 3) of the `points`, and `parents` (k): numbers of the points that each is
+      drawn as joined to, −1 for none; `base_rotation` (s, 3, 3), from the base's frame, which
+      is arm 1's if there are arms, to the world
+    - `thrust_directions` (N, 3): unit vectors of the thrusts in the base's frame; (s, N, 3) where
+      rotors move with joints
+    - `centre_desired`, `tip_desired` (s, 3): where base centre and tip should be; without a tip
+      the latter is (s, 0)
+    - `heading_error` (s): angle between base arm `tangent_arm` and the tangent of the base's path,
+      0 where the attitude does not follow the path (`tangent_arm` is 0 then)
+    - `frame_wrenches` (s, f, 6): force, N, and torque about the origin, N m, world axes, on each
+      of the `frames`, by all that acts on the robot but its inputs: push, wind, walls, payloads and
+      spinning rotors; (s, 0, 6) in files of before flights had them
+    - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
+      the wrenches on frames have done since the start
+
+    `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
+    before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
+    times, or where inputs came from step to step.
+    `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
+    limits that it reaches, from and to `binding_times` (b, 2), s.
+    `walls` (w, 6) are a point, m, and the normal of each wall; `gusts` (g, 2) are from when to when
+    each gust of the wind blows, s.
+    `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
+    inputs that motors and joints give, infinite without limits.
+    `stopped` says why the flight ended before its time; it is empty where it did not.
+    """
+
+    robot: str
+    scenario: str
+    law: str
+    control_rate: float
+    attitude: str
+    coordinates: tuple[str, ...]
+    coordinate_units: tuple[str, ...]
+    input_names: tuple[str, ...]
+    points: tuple[str, ...]
+    constraint_names: tuple[str, ...]
+    frames: tuple[str, ...]
+    tangent_arm: int
+    stopped: str
+    weight: float
+    time: Array = field(repr=False)
+    q: Array = field(repr=False)
+    v: Array = field(repr=False)
+    a: Array = field(repr=False)
+    q_desired: Array = field(repr=False)
+    v_desired: Array = field(repr=False)
+    a_desired: Array = field(repr=False)
+    commanded: Array = field(repr=False)
+    applied: Array = field(repr=False)
+    commanded_least: Array = field(repr=False)
+    commanded_greatest: Array = field(repr=False)
+    applied_least: Array = field(repr=False)
+    applied_greatest: Array = field(repr=False)
+    input_limits: Array = field(repr=False)
+    constraint_torques: Array = field(repr=False)
+    frame_wrenches: Array = field(repr=False)
+    base_arm_angles: Array = field(repr=False)
+    base_arm_angles_desired: Array = field(repr=False)
+    positions: Array = field(repr=False)
+    parents: NDArray[np.int_] = field(repr=False)
+    base_rotation: Array = field(repr=False)
+    thrust_directions: Array = field(repr=False)
+    centre_desired: Array = field(repr=False)
+    tip_desired: Array = field(repr=False)
+    heading_error: Array = field(repr=False)
+    kinetic_energy: Array = field(repr=False)
+    potential_energy: Array = field(repr=False)
+    work: Array = field(repr=False)
+    timing: str = ""
+    binding: tuple[str, ...] = field(default=(), repr=False)
+    binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors N."""
+        return int(self.thrust_directions.shape[-2])
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Places, names and units of the coordinates."""
+        units = self.coordinate_units
+        constrained = self.constraint_torques.shape[1]
+        return Layout.listed(self.attitude, self.coordinates, units, constrained)
+
+    @property
+    def rotor_points(self) -> tuple[str, ...]:
+        """Names (N) of the points where the rotors are, which come after the base centre."""
+        first = self.points.index(self.centre) + 1
+        return self.points[first : first + self.rotors]
+
+    @property
+    def errors(self) -> Array:
+        """Tracking errors (s, nv), in the places of velocities: of attitude, position and joints.
+
+        Of an attitude by a quaternion they are the rotation vector to the desired one, rad.
+        """
+        kinematics = kinematics_of(self.layout)
+        return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired)[0]
+
+    @property
+    def centre(self) -> str:
+        """Name of the point that is the base centre."""
+        return "O2" if "O2" in self.points else "base"
+
+    @property
+    def has_tip(self) -> bool:
+        """Whether the robot has a tip: one arm, or a frame of that name."""
+        return "tip" in self.points
+
+    @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
+        return ("N",) * self.rotors + self.layout.effort_units
+
+    def point(self, name: str) -> Array:
+        """Positions of a point.
+
+        Args:
+            name: Name of the point, one of `points`.
+
+        Returns:
+            Positions (s, 3), world axes, m.
+
+        Raises:
+            UsageError: If there is no such point.
+        """
+        if name not in self.points:
+            raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
+        return self.positions[:, self.points.index(name)]
+
+    def frame_wrench(self, name: str) -> Array:
+        """Wrenches on a frame.
+
+        Args:
+            name: Name of the frame, one of `frames`.
+
+        Returns:
+            Force, N, and torque about its origin, N m, (s, 6), world axes.
+
+        Raises:
+            UsageError: If there is no such frame.
+        """
+        if name not in self.frames:
+            raise UsageError(f"{name}: no such frame; there are {', '.join(self.frames)}")
+        return self.frame_wrenches[:, self.frames.index(name)]
+
+    @property
+    def centre_error(self) -> Array:
+        """Distance (s) of the base centre from where it should be, m."""
+        distance: Array = np.linalg.norm(self.point(self.centre) - self.centre_desired, axis=1)
+        return distance
+
+    @property
+    def tip_error(self) -> Array:
+        """Distance (s) of the tip from where it should be, m."""
+        distance: Array = np.linalg.norm(self.point("tip") - self.tip_desired, axis=1)
+        return distance
+
+    @property
+    def energy_error(self) -> Array:
+        """Change of energy since the start less the work done (s), J: 0 if energy balances."""
+        energy = self.kinetic_energy + self.potential_energy
+        change: Array = energy - energy[0] - self.work
+        return change
+
+
+Column = tuple[str, str, Array]
+# What the names of columns of inputs end in, and the series.
+_INPUTS = {
+    "": "applied",
+    "_least": "applied_least",
+    "_greatest": "applied_greatest",
+    "_commanded": "commanded",
+    "_commanded_least": "commanded_least",
+    "_commanded_greatest": "commanded_greatest",
+}
+
+
+def columns_of(flight: Series) -> Iterator[Column]:
+    """Name, unit and values (s) of every scalar series of a flight, time first."""
+    yield "time", "s", flight.time
+    places, velocities = flight.layout.q, flight.layout.v
+    # Components of velocities have names of their own, rates those of their coordinates.
+    rates = [f"rate_{name}" if name in places.names else name for name in velocities.names]
+    growth = [f"acceleration_{name}" for name in velocities.names]
+    per_square = [f"{unit}^2" for unit in velocities.units]
+    for names, units, suffix, series in (
+        (places.names, places.units, "", flight.q),
+        (places.names, places.units, "_desired", flight.q_desired),
+        (rates, velocities.units, "", flight.v),
+        (rates, velocities.units, "_desired", flight.v_desired),
+        (growth, per_square, "", flight.a),
+        (growth, per_square, "_desired", flight.a_desired),
+    ):
+        for name, unit, values in zip(names, units, series.T, strict=True):
+            yield f"{name}{suffix}", unit, values
+    yield from _inputs(flight)
+    for name, values in zip(flight.constraint_names, flight.constraint_torques.T, strict=True):
+        yield name, "N m", values
+    for k, values in enumerate(flight.base_arm_angles.T, start=2):
+        yield f"theta_{k}", "rad", values
+    for j, point in enumerate(flight.points):
+        for i, axis in enumerate("xyz"):
+            yield f"{point}_{axis}", "m", flight.positions[:, j, i]
+    yield from _wrenches(flight)
+    for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
+        for axis, values in zip("xyz", series.T, strict=False):
+            yield f"{point}_{axis}_desired", "m", values
+    yield "centre_error", "m", flight.centre_error
+    if flight.has_tip:
+        yield "tip_error", "m", flight.tip_error
+    yield "heading_error", "rad", flight.heading_error
+    yield "kinetic_energy", "J", flight.kinetic_energy
+    yield "potential_energy", "J", flight.potential_energy
+    yield "work", "J", flight.work
+    yield "energy_error", "J", flight.energy_error
+
+
+def _inputs(flight: Series) -> Iterator[Column]:
+    names, units = flight.input_names, flight.input_units
+    for suffix, series in _INPUTS.items():
+        for name, unit, values in zip(names, units, getattr(flight, series).T, strict=True):
+            yield f"{name}{suffix}", unit, values
+
+
+def _wrenches(flight: Series) -> Iterator[Column]:
+    """Wrenches on those frames on which one acts at some time."""
+    for frame, series in zip(flight.frames, np.moveaxis(flight.frame_wrenches, 1, 0), strict=True):
+        if np.any(series):
+            for k, axis in enumerate("xyz"):
+                yield f"{frame}_force_{axis}", "N", series[:, k]
+                yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
+
+
+_log = logging.getLogger("gibbs_codegen")
+
+
+def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
+    """Numbers (k) of the points that points are joined to, for drawings, −1 for none.
+
+    For rotors and joints that is the joint that carries them or the base centre; for frames, the
+    same where they are on the last link of an arm, or the base centre for a tip without an arm.
+    """
+    centre, parents = vehicle.points.index(vehicle.centre), vehicle.carriers.copy()
+    joint = centre + 1 + vehicle.rotors
+    frame = joint + vehicle.joints
+    if np.any(parents < 0):
+        _log.warning(
+            "%s: its links are not drawn, since the module, which an earlier version generated, "
+            "does not say what carries what; generate it again",
+            vehicle.name,
+        )
+        parents[centre + 1 : joint] = centre
+    parents[: centre + 1] = -1
+    on_the_way = np.isin(parents, parents[joint:frame])
+    on_the_way[parents == centre] = True
+    on_the_way[:frame] = False
+    if vehicle.has_tip:
+        tip = vehicle.points.index("tip")
+        on_the_way[tip] &= parents[tip] != centre
+    parents[on_the_way] = -1
+    return parents

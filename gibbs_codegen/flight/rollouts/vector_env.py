@@ -1,0 +1,581 @@
+"""Many machines as one vector environment of Gymnasium, for learning how to fly them."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from numbers import Real
+from types import ModuleType
+from typing import Any, SupportsIndex
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.actuators import robot_file_actuators
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.rollouts.arguments import Given, numpy_array, seconds, whole
+from gibbs_codegen.flight.rollouts.rollout import check_settings, known_inputs
+from gibbs_codegen.runtime.load import load, require
+from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
+
+Flags = NDArray[np.bool_]
+
+# How far from where it is to hover a machine may get, m, and its base may turn, rad.
+_FARTHEST, _STEEPEST = 3.0, 1.4
+# Weight of rates in the reward, s².
+_RATES = 0.1
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Where n environments are after a decision, or at the start of an episode.
+
+    - `time` (n): since the start of the episode, s
+    - `q` (n, nq), `v` (n, nv): coordinates and velocities
+    - `away` (n, nv): displacement from the coordinates that are wanted, as the module's
+      `difference` tells it: m and rad, of a quaternion the rotation vector
+    - `inputs` (n, nu): what is commanded, N, then N m or N of the joints
+    - `thrusts` (n, rotors): what the motors give, N
+    - `base_rotation`, `base_position`: where attitude and position of the base are in `away`
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    away: Array
+    inputs: Array
+    thrusts: Array
+    base_rotation: slice
+    base_position: slice
+
+
+Measure = Callable[[Moment], Array]
+Ending = Callable[[Moment], Flags]
+
+
+def nearness(now: Moment) -> Array:
+    """Reward (n) of hovering: 1 at rest where the machine is wanted, less elsewhere, above 0."""
+    squares = (now.away**2).sum(axis=1) + _RATES * (now.v**2).sum(axis=1)
+    reward: Array = 1.0 / (1.0 + squares)
+    return reward
+
+
+def gone(now: Moment) -> Flags:
+    """Whether a base is 3 m away from where it is wanted, or has turned by 1.4 rad (n)."""
+    far = np.linalg.norm(now.away[:, now.base_position], axis=1) > _FARTHEST
+    turned = np.linalg.norm(now.away[:, now.base_rotation], axis=1) > _STEEPEST
+    failed: Flags = far | turned
+    return failed
+
+
+def away_and_rates(now: Moment) -> Array:
+    """Observation (n, 2 nv) of hovering: the displacement, and the velocities."""
+    return np.concatenate([now.away, now.v], axis=1)
+
+
+class Fleet:
+    """n machines: where they are, and what they are told.
+
+    Until an episode begins, all are at rest where they are wanted, at `hover` (nq) or zero, and
+    motors that lag have settled at the inputs that hold a machine there, or come nearest to it.
+    Limits, N and N m, and lag, s, are those of the robot file if None. The last arguments are how a
+    decision is flown. Raises `UsageError` if something does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        count: int,
+        *,
+        hover: ArrayLike | None,
+        limits: tuple[ArrayLike, ArrayLike] | None,
+        time_constants: ArrayLike | None,
+        dt: float,
+        steps: int,
+        method: Method,
+        bounds: ArrayLike | None,
+        precision: Precision,
+        threads: int,
+    ) -> None:
+        nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
+        given = Given(vehicle.module, whole("steps", steps))
+        check_settings(steps, steps, dt, method, precision)
+        self.vehicle, self._threads = vehicle, whole("threads", threads)
+        hovers = given.states("hover", vehicle.neutral if hover is None else hover, nq)
+        self.motors = motors = _motors(given, vehicle, limits, time_constants)
+        if given.count() != 1:
+            raise UsageError("hover, time_constants: they are the same for all environments")
+        [self._hover] = given.normalised("hover", hovers)
+        self._begin = np.clip(_holding_inputs(vehicle, self._hover), motors.least, motors.most)
+        flown: Any = {"steps": given.steps, "dt": dt, "method": method, "precision": precision}
+        self._problem = Problem(
+            vehicle.module,
+            vehicle.constants,
+            np.tile(self._hover, (count, 1)),
+            np.zeros((count, nv)),
+            np.tile(self._begin, (count, 1, 1)),
+            every=steps,
+            bounds=None if bounds is None else given.range("bounds", bounds, nq + nv),
+            **flown,
+        )
+        self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
+        self.decisions = np.zeros(count, dtype=np.int64)
+        self.parameters: dict[str, Array] = {}
+
+    @property
+    def duration(self) -> float:
+        """Of a decision, s."""
+        return self._problem.steps * self._problem.dt
+
+    def restart(self, rows: Flags, away: Array, v: Array, parameters: Mapping[str, Array]) -> None:
+        """Put m of the machines, `rows` (n), where an episode begins.
+
+        They are displaced by `away` (m, nv) from where they are wanted, with velocities (m, nv).
+        Parameters (m) by name have the same names in each call, of which the first is for all
+        machines. Raises `UsageError` if no machine can have them.
+        """
+        now = self._problem
+        now.q[rows] = self.vehicle.integrate(self._hover, away)
+        now.v[rows] = v
+        now.inputs[rows] = self._begin
+        self._thrusts[rows] = self._begin[: self.vehicle.rotors]
+        self.decisions[rows] = 0
+        for name, values in parameters.items():
+            self.parameters.setdefault(name, np.empty(len(rows)))[rows] = values
+        if not parameters:
+            return
+        prepare = self.vehicle.module.prepare
+        try:
+            if isinstance(now.constants, np.ndarray):  # The C back end has a row for each machine.
+                now.constants[rows] = prepare(dict(parameters))
+            else:
+                self._problem = replace(now, constants=prepare(self.parameters))
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"{self.vehicle.name}: parameters: {error}") from None
+
+    def advance(self, inputs: Array) -> NDArray[np.int8]:
+        """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
+        told = np.clip(inputs, self.motors.least, self.motors.most)
+        motors = replace(self.motors, thrusts=self._thrusts)
+        decision = replace(self._problem, inputs=told[:, np.newaxis], motors=motors)
+        flown = known_inputs(decision, self._threads)
+        last = flown.thrusts if flown.thrusts is None else flown.thrusts[:, -1]
+        self._thrusts = (told[:, : self.vehicle.rotors] if last is None else last).copy()
+        self._problem = replace(
+            self._problem,
+            q=flown.q[:, -1].copy(),
+            v=flown.v[:, -1].copy(),
+            inputs=told[:, np.newaxis],
+        )
+        self.decisions += 1
+        return flown.ended
+
+    def moment(self) -> Moment:
+        """Where the machines are, in arrays of its own."""
+        now, places = self._problem, self.vehicle.layout.v
+        return Moment(
+            np.asarray(self.decisions * self.duration, dtype=np.float64),
+            now.q.copy(),
+            now.v.copy(),
+            np.asarray(self.vehicle.module.difference(self._hover, now.q)),
+            now.inputs[:, 0].copy(),
+            self._thrusts.copy(),
+            places.attitude,
+            places.position,
+        )
+
+
+def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
+    """Inputs (nu) that hold a machine at rest at q (nq), or come nearest to it."""
+    still = np.zeros(len(vehicle.layout.v.names))
+    force = vehicle.inverse_dynamics(q, still, still)
+    return np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0])
+
+
+def _motors(given: Given, vehicle: Vehicle, limits: Any, time_constants: Any) -> Motors:
+    """Limits and lag of a fleet's machines, as of `Fleet`, with thrusts of zero.
+
+    Raises `UsageError` if a least input is above the greatest, or lag is less than none.
+    """
+    actuators = robot_file_actuators(vehicle)
+    ends = actuators.inputs if limits is None else limits
+    least, most = given.range("limits", ends, given.inputs)
+    lag = given.lag(actuators.lag if time_constants is None else time_constants)
+    return Motors(least, most, lag, np.zeros_like(lag))
+
+
+class Draws:
+    """What the values of some names are: numbers, or distributions that they are drawn from.
+
+    A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
+    share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
+    are factors of those `known`. Raises `UsageError`, which calls them `what`, for a name that is
+    not known, and for what is no number and no distribution.
+    """
+
+    def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
+        if not isinstance(values, Mapping):
+            raise UsageError(f"{what}: values by name, not {printable(values)}")
+        for name, value in values.items():
+            if name not in known:
+                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
+            if not hasattr(value, "ppf") and not _is_number(value):
+                raise UsageError(
+                    f"{what}: {name}: a finite number or a distribution, such as "
+                    f"uniform(0.8, 1.2), not {printable(value)}"
+                )
+            if getattr(value, "relative", False) and not known[name]:
+                raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
+        self.what = what
+        self.factors = {
+            name: known[name] if getattr(value, "relative", False) else 1.0
+            for name, value in values.items()
+        }
+        self.values = dict(values)
+        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
+
+    def __call__(self, shares: Array) -> dict[str, Array]:
+        """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
+
+        Raises `UsageError` if a distribution gives what is not finite.
+        """
+        columns = dict(zip(self.drawn, shares.T, strict=True))
+        found = {}
+        for name, value in self.values.items():
+            if name in columns:
+                drawn = np.asarray(value.ppf(columns[name]), dtype=np.float64)
+                found[name] = self.factors[name] * drawn
+            else:
+                found[name] = np.full(len(shares), float(value))
+            if not np.all(np.isfinite(found[name])):
+                raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
+        return found
+
+
+def episode_draws(
+    module: ModuleType,
+    offsets: Mapping[str, Any],
+    rates: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+) -> tuple[Draws, Draws, Draws]:
+    """Offsets, rates and parameters that episodes draw, given as of `VectorEnv`."""
+    zero = dict.fromkeys(module.VELOCITIES, 0.0)
+    return (
+        Draws(offsets, zero, "offsets"),
+        Draws(rates, zero, "rates"),
+        Draws(parameters, module.PARAMETERS, "parameters"),
+    )
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is one finite real number."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+require("gymnasium", "VectorEnv")
+
+
+Observations = NDArray[np.float32]
+Infos = dict[str, Any]
+
+# What an observation can say.
+_GREATEST_SINGLE = float(np.finfo(np.float32).max)
+
+
+class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
+    """Machines of one robot that are to hover, or to do what rewards of your own ask for.
+
+    Actions are the inputs of the robot, either as they are, in N and N m, or, `normalised`, between
+    −1 for the least and 1 for the greatest. `parameters` (n), by name, are those of the episodes
+    that are under way.
+
+    Args:
+        robot: A generated module with the back end "c" or "numpy", or the name or path of one,
+            which is loaded with the C back end.
+        num_envs: How many environments there are, n.
+        hover: Coordinates (nq) that are wanted; None for those of zero.
+        offsets, rates: Displacements from there, m and rad, and velocities, m/s and rad/s, with
+            which an episode begins, by names of the module's `VELOCITIES`; zero if left out. They
+            are numbers, or distributions that every episode draws from, such as
+            `gibbs_codegen.uniform(-1, 1)` or those of `scipy.stats`.
+        parameters: Numbers or distributions, by names of the module's `PARAMETERS`.
+        limits: Least and greatest inputs, each a number or (nu), N and N m; None for those of the
+            robot file.
+        time_constants: Lag of the motors, s, a number or (rotors); None for that of the robot file.
+        dt, steps, method: A decision is held through so many steps of `dt` s, by "euler" or "rk4".
+        duration: An episode is truncated by the first decision at whose end so many seconds are
+            over; or None.
+        bounds: Least and greatest q and v, each a number or (nq + nv); beyond them an episode ends.
+        reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
+            end (n), and observations (n, m).
+        normalised: Whether actions are between −1 and 1.
+        autoreset_mode: When an environment begins its next episode.
+        precision, threads: "double" or "single", and how many threads share the environments.
+
+    Raises:
+        UsageError: If something does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        robot: ModuleType | str | os.PathLike[str],
+        num_envs: int,
+        *,
+        hover: ArrayLike | None = None,
+        offsets: Mapping[str, Any] | None = None,
+        rates: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        limits: tuple[ArrayLike, ArrayLike] | None = None,
+        time_constants: ArrayLike | None = None,
+        dt: float = 0.002,
+        steps: int = 10,
+        method: Method = "rk4",
+        duration: float | None = 10.0,
+        bounds: ArrayLike | None = None,
+        reward: Measure = nearness,
+        terminated: Ending = gone,
+        observe: Measure = away_and_rates,
+        normalised: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        precision: Precision = "double",
+        threads: int = 1,
+    ) -> None:
+        module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+        self.num_envs = whole("num_envs", num_envs)
+        given: dict[str, Any] = {"limits": limits, "time_constants": time_constants, "dt": dt}
+        given |= {"steps": steps, "method": method, "precision": precision, "threads": threads}
+        self._fleet = Fleet(Vehicle(module), self.num_envs, hover=hover, bounds=bounds, **given)
+        self._draws = episode_draws(module, offsets or {}, rates or {}, parameters or {})
+        self._reward, self._terminated, self._observe = reward, terminated, observe
+        self._most = _decisions(duration, self._fleet.duration)
+        self._mode = _mode(autoreset_mode)
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+        self._over = np.zeros(self.num_envs, dtype=np.bool_)
+        self._set_spaces(normalised)
+
+    def _set_spaces(self, normalised: bool) -> None:
+        """Tell what actions and observations are; raises `UsageError`."""
+        self._normalised = normalised
+        for name in ("reward", "terminated", "observe"):
+            if not callable(getattr(self, f"_{name}")):
+                raise UsageError(f"{name}: must be a function of a Moment")
+        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
+        motors = self._fleet.motors
+        unlimited = ~(np.isfinite(motors.least) & np.isfinite(motors.most))
+        if normalised and unlimited.any():
+            names = ", ".join(np.array(self._fleet.vehicle.inputs)[unlimited])
+            raise UsageError(
+                f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
+                "give limits=(least, most), or normalised=False"
+            )
+        least, most = (-1.0, 1.0) if normalised else (motors.least, motors.most)
+        ones = np.ones(len(motors.least))
+        observed = np.shape(self._observe(self._fleet.moment()))
+        if len(observed) != 2 or observed[0] != self.num_envs:
+            raise UsageError(f"observe: an array ({self.num_envs}, m), not of shape {observed}")
+        self.single_action_space = Box(np.float32(least * ones), np.float32(most * ones))
+        self.single_observation_space = Box(-np.inf, np.inf, observed[1:], np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Parameters (n) of the episodes that are under way, by name."""
+        return {name: values.copy() for name, values in self._fleet.parameters.items()}
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each environment, from which it can be had again."""
+        return tuple(self._seeds)
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The random numbers of each environment."""
+        return tuple(self._generators)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, Infos]:
+        """Begin episodes in all environments, or in some.
+
+        Args:
+            seed: Of the first environment, the others having the next ones; or one for each, None
+                where an environment goes on with its own random numbers.
+            options: "reset_mask" (n) says in which environments, but the first time, when it must
+                be all; the others are left as they are.
+
+        Returns:
+            Observations (n, m), and no further information.
+
+        Raises:
+            UsageError: If there are not n seeds, the mask is not n flags, or parameters are not
+                those of a machine.
+        """
+        rows = np.ones(self.num_envs, dtype=np.bool_)
+        if options and "reset_mask" in options:
+            rows = np.asarray(options["reset_mask"])
+            if rows.shape != (self.num_envs,) or rows.dtype != np.bool_ or not rows.any():
+                raise UsageError(f"reset_mask: {self.num_envs} flags, of which some are True")
+        if not (self._generators or rows.all()):
+            raise UsageError("reset_mask: the first reset must begin episodes everywhere")
+        self._seed(seed, rows)
+        self._begin(rows)
+        return self._observed(self._fleet.moment()), {}
+
+    def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
+        """Take a decision in every environment.
+
+        Args:
+            actions: Actions (n, nu); those beyond their range count as at its end.
+
+        Returns:
+            Observations (n, m), rewards (n), whether episodes have terminated (n), whether they
+            are truncated (n), and information: `ended` (n) says why a flight could not go on, as of
+            `Rollout`. With `AutoresetMode.SAME_STEP`, `final_obs` are the last observations of
+            episodes, and `final_info` is their information.
+
+        Raises:
+            UsageError: If actions are not finite numbers (n, nu), or what a function of the user's
+                returns has the wrong shape.
+            gymnasium.error.ResetNeeded: Before the first `reset`, and with
+                `AutoresetMode.DISABLED` after an episode.
+        """
+        waiting = self._over
+        if not self._generators or (self._mode == AutoresetMode.DISABLED and waiting.any()):
+            raise ResetNeeded(
+                f"call reset() first; environments whose episode is over: {np.flatnonzero(waiting)}"
+            )
+        ended = self._fleet.advance(self._inputs(actions))
+        now = self._fleet.moment()
+        rewards = self._told("reward", self._reward, now).astype(np.float64)
+        terminations = self._told("terminated", self._terminated, now).astype(np.bool_)
+        terminations |= ended != RUNNING
+        truncations = self._fleet.decisions >= self._most
+        if waiting.any():  # These begin in this step; what they were told does not count.
+            self._begin(waiting)
+            rewards[waiting] = 0.0
+            terminations[waiting] = truncations[waiting] = False
+            now = self._fleet.moment()
+        infos = _information(ended, ~waiting)
+        observations = self._observed(now)
+        self._over = over = terminations | truncations
+        if self._mode == AutoresetMode.SAME_STEP and over.any():
+            infos = _information(ended, ~over)
+            infos |= {"final_info": _information(ended, over), "_final_info": over.copy()}
+            infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
+            self._begin(over)
+            observations = self._observed(self._fleet.moment())
+        return observations, rewards, terminations, truncations, infos
+
+    def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
+        """Give environments `rows` (n) their random numbers, and all before the first episodes.
+
+        Raises `UsageError` if there are not n seeds.
+        """
+        if seed is None or isinstance(seed, SupportsIndex):
+            first = None if seed is None else operator.index(seed)
+            seeds = [None if first is None else first + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed) if np.iterable(seed) else []
+        if len(seeds) != self.num_envs:
+            words = f"a whole number, or {self.num_envs} of them"
+            raise UsageError(f"seed: {words}, not {printable(seed)}")
+        if not self._generators:
+            made = [seeding.np_random(each) for each in seeds]
+            self._generators, self._seeds = [g for g, _ in made], [s for _, s in made]
+            return
+        for i in np.flatnonzero(rows):
+            if seeds[i] is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+
+    def _begin(self, rows: Flags) -> None:
+        """Begin episodes in some of the environments (n)."""
+        chosen = [self._generators[i] for i in np.flatnonzero(rows)]
+        counts = [len(draws.drawn) for draws in self._draws]
+        shares = np.array([each.random(sum(counts)) for each in chosen])
+        columns = np.split(shares, np.cumsum(counts)[:-1], axis=1)
+        offsets, rates, parameters = (
+            draws(own) for draws, own in zip(self._draws, columns, strict=True)
+        )
+        away, v = (self._by_place(each, len(chosen)) for each in (offsets, rates))
+        self._fleet.restart(rows, away, v, parameters)
+        self._over = self._over & ~rows
+
+    def _by_place(self, values: dict[str, Array], count: int) -> Array:
+        """Values (count) by name of a velocity, as an array (count, nv)."""
+        zero, names = np.zeros(count), self._fleet.vehicle.module.VELOCITIES
+        return np.stack([values.get(name, zero) for name in names], axis=1)
+
+    def _inputs(self, actions: ArrayLike) -> Array:
+        """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
+        given = numpy_array("actions", actions)
+        if given.shape != self.action_space.shape or not np.isfinite(given).all():
+            wanted = self.action_space.shape
+            raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(given)}")
+        if not self._normalised:
+            return given
+        least, most = self._fleet.motors.least, self._fleet.motors.most
+        inputs: Array = least + 0.5 * (np.clip(given, -1.0, 1.0) + 1.0) * (most - least)
+        return inputs
+
+    def _told(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
+        """What a function of the user's, given as argument `name`, says of each environment (n).
+
+        Raises `UsageError` if that is not one value for each.
+        """
+        with np.errstate(all="ignore"):  # A machine that has gone has gone far.
+            told = np.array(function(now))
+        if told.shape != (self.num_envs,):
+            raise UsageError(f"{name}: an array ({self.num_envs},), not of shape {told.shape}")
+        return told
+
+    def _observed(self, now: Moment) -> Observations:
+        """Observations (n, m) of where the environments are."""
+        with np.errstate(all="ignore"):
+            observed = self._observe(now)
+        return np.clip(observed, -_GREATEST_SINGLE, _GREATEST_SINGLE).astype(np.float32)
+
+
+def _information(ended: NDArray[np.int8], told: Flags) -> Infos:
+    """Information on the environments that are told of (n): why flights could not go on."""
+    infos = {"ended": np.where(told, ended, np.int8(RUNNING)), "_ended": told}
+    return infos if told.any() else {}
+
+
+def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
+    """Some rows, each an object, with None for the others, as Gymnasium hands out the last ones."""
+    found = np.full(len(rows), None, dtype=object)
+    for i in np.flatnonzero(rows):
+        found[i] = values[i].copy()
+    return found
+
+
+def _decisions(duration: float | None, decision: float) -> float:
+    """After how many decisions of so many seconds an episode is truncated.
+
+    The number, less what rounding may have added. Raises `UsageError` if `duration` is no time.
+    """
+    return math.inf if duration is None else seconds("duration", duration) / decision - 1e-6
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    """When an environment begins its next episode; raises `UsageError` for an unknown word."""
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        known = ", ".join(mode.value for mode in AutoresetMode)
+        raise UsageError(f"autoreset_mode: one of {known}, not {printable(given)}") from None

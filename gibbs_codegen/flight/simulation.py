@@ -1,0 +1,198 @@
+"""The map of a simulation: from a generated module and a scenario to a flight, stage by stage.
+
+    Vehicle            module, parameters  → functions and layout of a robot  (plant/vehicle)
+      kinematics       layout              → errors and rates of angles or quaternion
+    actuators_of       scenario, robot file → limits and lag                  (plant/actuators)
+    Environment        scenario            → wrenches on frames               (plant/environment)
+    desired_motion     scenario            → Reference: q, v, a in time       (desired/trajectory)
+      desired_base     path, attitude      → coordinates of the base, exact
+      desired_with_tip path of the tip     → coordinates of the arm
+        arm_motion     knots               → joints, knot by knot
+    law_of             rotors              → which law a robot is flown by    (control/choice)
+    Controller         reference           → inputs of a state: computed torque (control/laws)
+    GeometricLaw       reference           → or the geometric law             (control/geometric)
+      law_in_time      law, rate, sensors  → inputs held between samples      (control/sampled)
+    ClosedLoop         controller, limits  → derivative of a state            (integration)
+    integrate          loop, start         → StateHistory: samples            (integration)
+    flight_of          samples             → Flight: all time series          (record/recording)
+      point_parents    module              → what hangs on what, for drawings (record/connections)
+
+The simulator knows a generated module and nothing of how it was derived.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.control.choice import control_law, law_of
+from gibbs_codegen.flight.control.sampled import OwnController, law_in_time
+from gibbs_codegen.flight.desired.timed_motion import TimedMotion, timed_motion
+from gibbs_codegen.flight.desired.trajectory import Progress, starting_state
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.integrate import integrate
+from gibbs_codegen.flight.plant.actuators import actuators_of
+from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError, allocation_of
+from gibbs_codegen.flight.plant.environment import Environment
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.record.recording import flight_of, told_timing
+from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.paths import check_path
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.runtime.load import load
+
+# What rounding may make of an eigenvalue that is zero, as a share of the largest.
+_ROUNDING = 1e-13
+
+
+def simulate(
+    robot: ModuleType | str | os.PathLike[str],
+    scenario: Scenario | str,
+    controller: OwnController | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Flight:
+    """Fly a scenario with the robot of a generated module.
+
+    Args:
+        robot: A generated module with the back end "numpy" or "c", or the name or path of one,
+            which is loaded with the C back end.
+        scenario: A scenario, or the name or path of one, which is read.
+        controller: What commands the inputs instead of the scenario's law: a callable that takes an
+            `Observation` and returns inputs u (nu). See docs/howto/controllers.md.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        The flight. If it had to end early, its `stopped` says why.
+
+    Raises:
+        UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
+            `AllocationError`), for a flight that cannot begin.
+    """
+    start = prepared(robot, scenario, progress, own=controller is not None)
+    loop, scenario = start.loop, start.scenario
+    loop = replace(
+        loop, controller=law_in_time(loop.controller, scenario, loop.actuators, controller)
+    )
+    history = integrate(
+        loop,
+        loop.start(start.q, start.v),
+        scenario.duration,
+        scenario.integration,
+        lambda time, duration: progress("flying", time / duration),
+    )
+    return told_timing(flight_of(loop, scenario, history), start.motion)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a flight begins with: motion, closed loop, and coordinates (nq), velocities (nv)."""
+
+    motion: TimedMotion
+    loop: ClosedLoop
+    q: Array
+    v: Array
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is flown, at the times at which it is flown."""
+        return self.motion.scenario
+
+
+def prepared(
+    robot: ModuleType | str | os.PathLike[str],
+    scenario: Scenario | str,
+    progress: Progress,
+    own: bool,
+) -> Prepared:
+    """Everything up to the start of a flight, with a law that is evaluated at all times.
+
+    `own`: whether the inputs come from elsewhere than the scenario's law. Raises `UsageError` for a
+    flight that cannot begin.
+    """
+    if isinstance(scenario, str):
+        scenario = read_scenario(scenario)
+    if own:
+        scenario = replace(scenario, control=replace(scenario.control, law="open_loop"))
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    check_path(scenario.base, scenario.duration, "the path of the base")
+    if scenario.arm.tip is not None:
+        check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
+    vehicle = Vehicle(module, scenario.parameters)
+    loop, motion = _closed_loop(vehicle, scenario, progress, own)
+    q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
+    for machine in {vehicle, loop.vehicle}:
+        check_mass_matrix(machine, q)
+    return Prepared(motion, loop, q, v)
+
+
+def _closed_loop(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress, own: bool
+) -> tuple[ClosedLoop, TimedMotion]:
+    """Plant, controller, motors and environment of a scenario, and the motion to follow.
+
+    `vehicle` is the robot as the controller knows it.
+    """
+    control = scenario.control
+    actuators = actuators_of(vehicle, scenario)
+    allocation = allocation_of(vehicle, limits=actuators.thrusts)
+    if not vehicle.rotors_move:  # What they command is known before there is a motion.
+        law_of(control.law, vehicle, vehicle.neutral, scenario.name)
+    motion = timed_motion(vehicle, scenario, progress)
+    reference = motion.reference
+    law = law_of(control.law, vehicle, reference(reference.knots)[0], scenario.name)
+    if law == "open_loop" and not own:
+        _check_open_loop(vehicle, allocation, reference)
+    controller = control_law(law, control, vehicle, reference, allocation)
+    plant = _plant(vehicle, scenario)
+    environment = Environment.of(plant, scenario, actuators.spins)
+    loop = ClosedLoop(plant, controller, actuators, environment, scenario.motors.compensation)
+    return loop, motion
+
+
+def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
+    """The robot that flies, which is the one that the controller knows but for some parameters."""
+    if not scenario.plant:
+        return vehicle
+    return Vehicle(vehicle.module, {**scenario.parameters, **scenario.plant}, "plant")
+
+
+def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
+    """Raise `UsageError` for a robot whose mass matrix is not positive definite at `q` (nq)."""
+    matrix = vehicle.mass_matrix(q)
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        eigenvalues = np.linalg.eigvalsh(matrix)
+        if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
+            raise UsageError(
+                f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
+                "of its joints moves no mass there; begin with another posture, or give its links "
+                "mass and thickness"
+            ) from None
+        raise UsageError(
+            f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
+            "masses and inertias must be physically possible"
+        ) from None
+
+
+def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Reference) -> None:
+    """Raise `AllocationError`, with the time, if the motion needs what rotors cannot produce.
+
+    It looks at the knots.
+    """
+    time = reference.knots
+    q, v, a = reference(time)
+    wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
+    impossible = np.flatnonzero(allocation.residual_at(q, wrenches))
+    if len(impossible):
+        try:
+            allocation.thrusts_at(q[impossible], wrenches[impossible])
+        except AllocationError as error:
+            first = f"from t = {time[impossible[0]]:.6g} s on "
+            raise AllocationError(f"{vehicle.name}: {first}{error}", error.missing) from None

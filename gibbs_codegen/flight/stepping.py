@@ -1,0 +1,198 @@
+"""A flight of which the caller owns the loop: inputs in, an observation out, step by step."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.control.sampled import DEFAULT_RATE, HeldInputs, Observation, Sensing
+from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.integration.integrate import Integration
+from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.record.recording import flight_of
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import prepared
+
+# Length of a quaternion, of which the square and its reciprocal are numbers yet.
+_SHORTEST = 1e-150
+
+
+class Simulation:
+    """A flight that goes on as far as it is stepped, with everything that the scenario says.
+
+    Only its law of control is not looked at: inputs are those of `step`, held until the next ones,
+    with `control.delay`, limits, lag of the motors, and sensors. The scenario's duration is no
+    limit.
+
+    Args:
+        robot: a generated module with the back end "numpy" or "c", or the name or path of one.
+        scenario: a scenario, or the name or path of one.
+        progress: is told what is being done, and the share of it that is done, 0 to 1.
+
+    Raises:
+        UsageError: for a flight that cannot begin.
+    """
+
+    def __init__(
+        self,
+        robot: ModuleType | str | os.PathLike[str],
+        scenario: Scenario | str,
+        progress: Progress = lambda what, share: None,
+    ) -> None:
+        start = prepared(robot, scenario, progress, own=True)
+        self._scenario, control = start.scenario, start.scenario.control
+        law = start.loop.controller
+        self._held = HeldInputs(law, "own", control.delay)
+        self._sensing = Sensing(law.vehicle, law.reference, start.scenario.sensors)
+        self._loop = replace(start.loop, controller=self._held)
+        self._start = start.q, start.v
+        self._usual = 1.0 / (control.rate or DEFAULT_RATE)
+        self.reset()
+
+    @property
+    def time(self) -> float:
+        """Time that was flown, s."""
+        return 0.0 if self._flown is None else self._flown.time
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (nq) as they are, without sensors."""
+        return self._state()[0]
+
+    @property
+    def v(self) -> Array:
+        """Velocities (nv) as they are, without sensors."""
+        return self._state()[1]
+
+    @property
+    def stopped(self) -> str:
+        """Why the flight cannot go on, "" while it can."""
+        return "" if self._flown is None else self._flown.stopped
+
+    def reset(
+        self, q: ArrayLike | None = None, v: ArrayLike | None = None, seed: int | None = None
+    ) -> Observation:
+        """Begin anew at time 0.
+
+        Args:
+            q, v: Coordinates (nq) and velocities (nv); those with which the scenario begins, if
+                None.
+            seed: Of the sensors' noise; as before if None, and at first that of the scenario.
+
+        Returns:
+            What the sensors tell.
+
+        Raises:
+            UsageError: If q or v is not so many finite numbers, a quaternion is 0 or
+                cannot be normalised, or the seed is no integer of 0 or more.
+        """
+        given = [
+            start if values is None else _numbers(name, values, len(start))
+            for name, values, start in zip("qv", (q, v), self._start, strict=True)
+        ]
+        layout = self._loop.vehicle.layout
+        length = math.hypot(*given[0][layout.q.attitude])
+        if layout.is_quaternion and not _SHORTEST < length < 1.0 / _SHORTEST:
+            raise UsageError(
+                f"q: its quaternion has length {length:g} and is no attitude; give it length 1"
+            )
+        self._sensing.reset(seed)
+        self._begin = self._loop.vehicle.kinematics.normalised(given[0]), given[1]
+        self._held.forget()
+        self._flown: Integration | None = None
+        # Times, states and inputs from which the flight of a while ago can be flown again.
+        self._marks: list[tuple[float, Array, Array]] = []
+        return self._sensing(0.0, *self._begin)
+
+    def step(self, u: ArrayLike, duration: float | None = None) -> Observation:
+        """Fly on with inputs that are held.
+
+        Args:
+            u: Inputs (nu): thrusts, N, then torques and forces of the joints, N m and N.
+            duration: How long, s; a period of the scenario's `control.rate` if None, 1 ms without.
+
+        Returns:
+            What the sensors tell after that time, or when the flight ended: see `stopped`.
+
+        Raises:
+            UsageError: If u or duration is not what it must be, or the flight has ended.
+        """
+        ahead = self._usual if duration is None else duration
+        if not (isinstance(ahead, int | float | np.number) and 0.0 < ahead < math.inf):
+            raise UsageError(
+                f"duration: must be a finite time above 0 s, not {printable(repr(ahead), 60)}"
+            )
+        if fault := self._held.fault(u):
+            raise UsageError(f"u: is {fault}")
+        if self.stopped:
+            raise UsageError(f"the flight has ended, {self.stopped}; reset begins another")
+        now = self.time
+        self._held.command(now, np.asarray(u, dtype=np.float64))
+        self._flown = self._flown or self._integration()
+        for instant in [*self._held.instants(now, now + ahead), now + ahead]:
+            self._fly(self._flown, float(instant))
+        late = max(self._flown.time - self._sensing.delay, 0.0)
+        return self._sensing(self._flown.time, *self._state(late))
+
+    def _integration(self) -> Integration:
+        """The flight at its start, with the inputs that were commanded, or none."""
+        start, scenario = self._loop.start(*self._begin), self._scenario
+        return Integration(self._loop, start, scenario.integration, scenario.duration)
+
+    def _fly(self, flown: Integration, end: float) -> None:
+        """Fly on while the same inputs act."""
+        begin, state = flown.time, flown.state
+        flown.advance(end)
+        if self._sensing.delay:
+            # The flight may have ended before that time.
+            oldest = max(flown.time - self._sensing.delay, 0.0)
+            needed = [time <= oldest for time, _, _ in self._marks]
+            self._marks = self._marks[max(sum(needed) - 1, 0) :]
+            self._marks.append((begin, state, self._held.held))
+
+    def _state(self, time: float = math.inf) -> tuple[Array, Array]:
+        """Coordinates (nq) and velocities (nv) at a time, s, of those flown; the last if later."""
+        if self._flown is None:
+            return self._begin
+        state, held = self._flown.state, self._held
+        if time < self._flown.time - held.same:
+            begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)
+            now, held.held = held.held, inputs
+            settings, duration = self._scenario.integration, self._scenario.duration
+            again = Integration(self._loop, state, settings, duration, begin)
+            again.advance(time)
+            state = again.state
+            held.held = now
+        q, v, *_ = self._loop.parts(state)
+        return q, v
+
+    def flight(self) -> Flight:
+        """The flight so far, as `simulate` records it.
+
+        Before the first step it is one sample, the start, with inputs of 0 or the least that there
+        can be.
+        """
+        flown = self._flown or self._integration()
+        return flight_of(self._loop, self._scenario, flown.history())
+
+
+def _numbers(name: str, given: ArrayLike, count: int) -> Array:
+    """So many finite numbers, in an array of their own.
+
+    Raises `UsageError`, which calls them `name`.
+    """
+    try:
+        numbers = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
+        shown = printable(repr(given), 60)
+        raise UsageError(f"{name}: must be {count} finite numbers, not {shown}")
+    return numbers

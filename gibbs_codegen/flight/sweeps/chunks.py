@@ -1,0 +1,277 @@
+"""Chunks of a sweep: cases that are flown and kept together, 1 to 10 s of work.
+
+How a sweep is cut depends on its cases alone, so that the same call finds the same chunks.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, printable
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.sweeps.fingerprint import fingerprint
+from gibbs_codegen.flight.sweeps.measures import Measure, packed
+from gibbs_codegen.flight.sweeps.plan import Block, Cases
+from gibbs_codegen.flight.sweeps.sources import ScenarioSource
+from gibbs_codegen.version import __version__
+
+if TYPE_CHECKING:
+    from gibbs_codegen.flight.record.flight import Flight
+    from gibbs_codegen.flight.scenario.scenario import Scenario
+    from gibbs_codegen.flight.sweeps.measures import Measure
+    from gibbs_codegen.flight.sweeps.store import Rows
+
+
+# What a chunk is to take at most, s; how many flights, and samples of them, may be in memory.
+_SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 256_000
+# Entries in which flights may differ that `simulate_many` computes side by side.
+_SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
+# Entries that decide how long a flight takes.
+_OF_LENGTH = ("duration", "integration", "control.rate")
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Cases `begin` to before `end` of one block, whose first case is number `first` of all."""
+
+    block: Block
+    first: int
+    begin: int
+    end: int
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.end - self.begin
+
+    @property
+    def rows(self) -> slice:
+        """Numbers of the cases."""
+        return slice(self.first + self.begin, self.first + self.end)
+
+    def after(self, count: int) -> Chunk:
+        """What is left after the first cases."""
+        return replace(self, begin=self.begin + count)
+
+    def halves(self) -> tuple[Chunk, Chunk]:
+        """The first and the second half."""
+        middle = (self.begin + self.end) // 2
+        return replace(self, end=middle), replace(self, begin=middle)
+
+
+def chunks_of(cases: Cases) -> list[Chunk]:
+    """The chunks of a sweep, in the order of the cases, none with cases of two blocks."""
+    found = []
+    for block, first in zip(cases.blocks, cases.begins, strict=False):
+        size, samples = _flights(block), block.samples
+        # Samples of a combination are cut where they would be if there were more of them.
+        stride = samples if samples >= size else size // samples * samples
+        for outer in range(0, len(block), stride):
+            end = min(outer + stride, len(block))
+            for begin in range(outer, end, size):
+                found.append(Chunk(block, first, begin, min(begin + size, end)))
+    return found
+
+
+def only_adaptive(cases: Cases) -> bool:
+    """Whether nothing but the adaptive integration keeps all cases from being side by side."""
+    return all(map(_only_adaptive, cases.blocks))
+
+
+def _only_adaptive(block: Block) -> bool:
+    try:
+        scenario = block.scenario.changed(block.chosen(0)[1])
+    except GibbsCodegenError:
+        return False
+    adaptive = scenario.integration.method == "adaptive"
+    return adaptive and scenario.control.rate is None and _together(block)
+
+
+def _together(block: Block) -> bool:
+    """Whether flights of a block differ in nothing that keeps them from being side by side."""
+    differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
+    return all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
+
+
+def _flights(block: Block) -> int:
+    """How many flights of a block make a chunk."""
+    together, entries = _together(block), dict[str, Any]()
+    fit = _fit(block, entries, together)
+    for axis in block.axes:  # One after the other is set to what takes longest.
+        if any(key.startswith(_OF_LENGTH) for key in axis.targets):
+            drawn = block.drawn.get(axis.column, np.zeros(1))
+            values = axis.varied.levels or (float(drawn.min()), float(drawn.max()))
+            tried = [{**entries, **axis.entries(value)} for value in values]
+            fits = [_fit(block, each, together) for each in tried]
+            if min(fits) <= _MOST_FLIGHTS:
+                fit = min(fits)
+                entries = tried[fits.index(fit)]
+    return min(fit, _MOST_FLIGHTS)
+
+
+def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
+    """How many flights of a block with some entries fit; if refused, more than may be."""
+    try:
+        scenario = block.scenario.changed(entries)
+    except GibbsCodegenError:
+        return _MOST_FLIGHTS + 1
+    samples = scenario.duration * scenario.integration.rate
+    most = min(_SECONDS / _seconds(scenario, together), _MOST_SAMPLES / samples, _MOST_FLIGHTS)
+    return max(int(most), 1)
+
+
+def _seconds(scenario: Scenario, together: bool) -> float:
+    """What a flight will take on one core, s, roughly.
+
+    `together` is whether flights differ in nothing that keeps them from being side by side.
+    """
+    settings, samples = scenario.integration, scenario.duration * scenario.integration.rate
+    steps = scenario.duration / settings.step if settings.method == "rk4" else 0.0
+    if together and settings.method == "rk4" and scenario.control.rate is None:
+        return 2e-3 + 3e-7 * steps + 3e-6 * samples
+    return 0.05 + 0.03 * scenario.duration + 1e-5 * steps + 2e-5 * samples
+
+
+_LONGEST_REASON = 400
+# After so long a worker hands over what it has flown, to be kept.
+_HANDED_OVER = 4.0
+
+_log = logging.getLogger("gibbs_codegen")
+
+
+@dataclass(frozen=True)
+class Task:
+    """The flights of a chunk: all that another process needs to know.
+
+    `folder` is that of the robot's module, with the `digest` of its files. `changes` are the values
+    of entries by key, for each flight. `measures` are packed.
+    """
+
+    folder: str
+    digest: str
+    scenario: ScenarioSource
+    changes: Sequence[Mapping[str, Any]]
+    measures: bytes
+
+
+def fly(task: Task) -> Rows:
+    """Fly the first cases of a chunk, as many as take some seconds but at least one.
+
+    A row for each of these is as of `store.rows_of`. Raises `UsageError` if there is no module, or
+    the measures cannot be unpacked here.
+    """
+    from gibbs_codegen.flight.sweeps.measures import unpacked
+    from gibbs_codegen.flight.sweeps.store import rows_of
+
+    module, measures = _module(task.folder, task.digest), unpacked(task.measures)
+    rows: list[Any] = []
+    left, size = _HANDED_OVER, 1  # How long flights take shows with the first.
+    while len(rows) < len(task.changes) and (left > 0.0 or not rows):
+        begin = time.monotonic()
+        some = task.changes[len(rows) : len(rows) + size]
+        found = _flights_of_cases(module, [_scenario(task.scenario, each) for each in some])
+        found.reverse()
+        while found:  # A flight takes a megabyte once it has been measured: they go one by one.
+            rows.append(_measured(measures, found.pop()))
+        spent = max(time.monotonic() - begin, 1e-3)  # Not every clock is finer.
+        left -= spent
+        size = max(int(left / spent * len(some)), 1)
+    return rows_of(*zip(*rows, strict=True))
+
+
+def dead_row(measures: int, reason: str) -> Rows:
+    """The row, in an array of one, of a case that leaves no flight, and why."""
+    from gibbs_codegen.flight.sweeps.store import rows_of
+
+    return rows_of([[math.nan] * measures], [""], [reason], [""])
+
+
+@cache
+def _module(folder: str, digest: str) -> ModuleType:
+    """The module of a folder, which is loaded once as long as its digest is the same."""
+    from gibbs_codegen.runtime.load import load
+
+    return load(folder, "c")
+
+
+def _scenario(source: ScenarioSource, changes: Mapping[str, Any]) -> Scenario | Exception:
+    """The scenario of a case, or why there is none."""
+    try:
+        return source.changed(changes)
+    except Exception as error:  # Whatever values do to a scenario concerns their case only.
+        return error
+
+
+def _flights_of_cases(
+    module: ModuleType, scenarios: Sequence[Scenario | Exception]
+) -> list[Flight | Exception]:
+    """For each scenario, or reason why there is none, the flight or why there is none."""
+    from gibbs_codegen.flight.many import simulate_many
+
+    flown = [each for each in scenarios if not isinstance(each, Exception)]
+    found: list[Flight | Exception] = []
+    try:
+        found += simulate_many(module, flown)
+    except Exception as error:  # One of them is to blame, which is told by flying it by itself.
+        words = printable(f"{type(error).__name__}: {error}")
+        _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
+        for scenario in flown:
+            try:
+                found += simulate_many(module, [scenario])
+            except Exception as error:
+                found.append(error)
+    flights = iter(found)
+    return [each if isinstance(each, Exception) else next(flights) for each in scenarios]
+
+
+def _measured(
+    measures: Mapping[str, Measure], flight: Flight | Exception
+) -> tuple[list[float], str, str, str]:
+    """Measures of a flight, if there is one, and its texts of `store.REASONS`."""
+    from gibbs_codegen.flight.sweeps.measures import of_flight
+
+    if not isinstance(flight, Exception):
+        values, why = of_flight(measures, flight)
+        return values, printable(flight.stopped, _LONGEST_REASON), "", why
+    own = isinstance(flight, GibbsCodegenError)
+    words = str(flight) if own else f"{type(flight).__name__}: {flight}"
+    return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON), ""
+
+
+class Job:
+    """Flights and measures."""
+
+    def __init__(self, measures: Mapping[str, Measure]) -> None:
+        self.measures = dict(measures)
+        self._packed = packed(measures)
+        self._digests: dict[tuple[int, int], str] = {}
+        self._of_measures = fingerprint(list(self.measures.values()))
+
+    def task(self, chunk: Chunk) -> Task:
+        """What a worker is told: the flights of a chunk."""
+        robot, scenario = chunk.block.robot, chunk.block.scenario
+        return Task(str(robot.folder), robot.digest, scenario, _changes(chunk), self._packed)
+
+    def digest(self, chunk: Chunk) -> str:
+        """The SHA-256, in hexadecimal digits, of all that determines the results of a chunk."""
+        place = (chunk.first + chunk.begin, len(chunk))
+        if place not in self._digests:
+            robot, scenario = chunk.block.robot, chunk.block.scenario
+            changes = json.dumps(_changes(chunk), default=fingerprint)
+            told = (robot.digest, scenario.text, scenario.given, self._of_measures, changes)
+            self._digests[place] = fingerprint(__version__, *told)
+        return self._digests[place]
+
+
+def _changes(chunk: Chunk) -> list[dict[str, Any]]:
+    """What each case of a chunk has of its own."""
+    return [chunk.block.chosen(place)[1] for place in range(chunk.begin, chunk.end)]

@@ -1,0 +1,133 @@
+"""Measures of a flight: numbers of its time series by name, such as "tip_error.max", or functions.
+
+Functions go to other processes by cloudpickle, which takes lambdas and what a notebook defines.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.flight.record.flight import Flight
+
+Measure = str | Callable[[Flight], float]
+
+STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
+    "max": np.max,
+    "min": np.min,
+    "mean": np.mean,
+    "rms": lambda values: np.sqrt(np.mean(np.square(values))),
+    "greatest": lambda values: np.max(np.abs(values)),
+    "last": lambda values: values[-1],
+}
+# Arrays of a flight without a row for each sample.
+_NO_SERIES = {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "walls"}
+
+
+def default(tip: bool) -> dict[str, Measure]:
+    """Measures where none are given; `tip` is whether all robots have one."""
+    points = ("centre", "tip") if tip else ("centre",)
+    kinds = {"worst": "max", "last": "last"}
+    return {f"{k} {p} error [m]": f"{p}_error.{s}" for p in points for k, s in kinds.items()}
+
+
+def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:
+    """Refuse measures that mean nothing.
+
+    That is one that is neither a function nor the name of a series and a statistic, or that has the
+    name of another column.
+    """
+    if not measures:
+        raise UsageError('measure: give at least one, such as {"worst": "tip_error.max"}')
+    for name, measure in measures.items():
+        if not isinstance(name, str) or not name.isprintable() or not name.strip():
+            raise UsageError(
+                f"measure {printable(repr(name))}: its name must be a text on one line"
+            )
+        if name in columns:
+            raise UsageError(f"measure {printable(name)}: a column of the table has that name")
+        if isinstance(measure, str):
+            _check_text(name, measure)
+        elif not callable(measure):
+            raise UsageError(
+                f"measure {printable(name)}: must be a function of a flight, or a text such as "
+                f"tip_error.max, not {printable(repr(measure), 60)}"
+            )
+
+
+def _check_text(name: str, text: str) -> None:
+    """Refuse a text that is not the name of a series and a statistic."""
+    series, _, statistic = text.partition(".")
+    words = f"measure {printable(name)}: {printable(text, 60)}"
+    if statistic not in STATISTICS:
+        known = ", ".join(STATISTICS)
+        raise UsageError(f"{words}: after a series and a dot must come one of {known}")
+    known_series = _series()
+    if series not in known_series:
+        near = difflib.get_close_matches(series[:80], known_series, n=1)
+        hint = f"; did you mean {near[0]}?" if near else "."
+        there = ", ".join(known_series)
+        raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
+
+
+def _series() -> list[str]:
+    """Names of what a flight has a row of for each sample."""
+    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
+    return sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
+
+
+def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[float], str]:
+    """Measures of a flight, NaN of those that fail, and why the first fails; "" if none does."""
+    values, why = [], ""
+    for name, measure in measures.items():
+        try:
+            values.append(_number(measure, flight))
+        except (Exception, SystemExit) as error:  # A user's function concerns its flight only.
+            values.append(math.nan)
+            own = isinstance(error, GibbsCodegenError)
+            words = str(error) if own else f"{type(error).__name__}: {error}"
+            why = why or f"measure {printable(name)}: {printable(words)}"
+    return values, why
+
+
+def _number(measure: Measure, flight: Flight) -> float:
+    """One measure of a flight."""
+    if callable(measure):
+        return float(measure(flight))
+    series, _, statistic = measure.partition(".")
+    values = np.asarray(getattr(flight, series))
+    if not values.size:
+        raise UsageError(f"this robot has no {series}")
+    found = np.asarray(STATISTICS[statistic](values))
+    if found.size != 1:
+        raise UsageError(f"{series} has {found.size} columns, and so no one last value")
+    return float(found.reshape(()))
+
+
+def packed(measures: Mapping[str, Measure]) -> bytes:
+    """Measures in a form that another process unpacks.
+
+    Raises `UsageError` if a function cannot be taken there with what it takes.
+    """
+    try:
+        found: bytes = cloudpickle.dumps(dict(measures))
+        return found
+    except Exception as error:  # Whatever a function may hold.
+        raise UsageError(
+            f"measure: what a function holds cannot be taken to another process: {printable(error)}"
+        ) from None
+
+
+def unpacked(data: bytes) -> dict[str, Measure]:
+    """Measures that `packed` packed."""
+    found: dict[str, Measure] = pickle.loads(data)  # noqa: S301  # Our own.
+    return found

@@ -1,0 +1,256 @@
+"""Robots and scenarios of a sweep: what the words for them mean, read once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
+from gibbs_codegen.files.changes import merged
+from gibbs_codegen.files.shipped import text_of
+from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.scenario.file import parse_scenario
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.version import __version__
+
+if TYPE_CHECKING:
+    from gibbs_codegen.flight.scenario.file import ScenarioTable
+
+
+Step = str | int
+
+_KEY = re.compile(r"[^.\[\]\s]+(\.[^.\[\]\s]+|\[\d+\])*")
+
+
+def steps_of(key: str) -> tuple[Step, ...]:
+    """The way to an entry: names of tables, and places in lists, from 0.
+
+    `start.offset[2]` is ("start", "offset", 2). Raises `UsageError` for what is no key.
+    """
+    if not _KEY.fullmatch(key):
+        raise UsageError(f"{printable(key)}: not a key, such as motors.time_constant")
+    found = re.findall(r"\[(\d+)\]|([^.\[\]]+)", key)
+    return tuple(int(place) if place else name for place, name in found)
+
+
+def entry(whole: Any, key: str) -> Any:
+    """What stands at a key of tables, lists and numbers, or None.
+
+    They may be plain, of pydantic or dataclasses.
+    """
+    found = whole
+    for step in steps_of(key):
+        if isinstance(step, int):
+            is_list = isinstance(found, Sequence) and not isinstance(found, str)
+            found = found[step] if is_list and step < len(found) else None
+        elif isinstance(found, Mapping):
+            found = found.get(step)
+        else:
+            found = getattr(found, step, None)
+    return found
+
+
+def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by keys as `simulate --set` takes them: of a list, all of it, with the values in it.
+
+    `says` tells what the scenario has at a key. Raises `UsageError` if a list has no such place.
+    """
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name, bracket, _ = key.partition("[")
+        if not bracket:
+            found[key] = value
+            continue
+        if name not in found:
+            found[name] = _plain_entry(says(name))
+        place, *outer = reversed(steps_of(key)[len(steps_of(name)) :])
+        inner: Any = found[name]
+        try:
+            for step in reversed(outer):
+                inner = inner[step]
+            inner[place] = value
+        except (IndexError, KeyError, TypeError):
+            raise UsageError(
+                f"{printable(key)}: the scenario has no such entry; give it there first"
+            ) from None
+    return found
+
+
+def _plain_entry(value: Any) -> Any:
+    """Tables and lists that can be changed."""
+    if isinstance(value, Mapping):
+        return {key: _plain_entry(inner) for key, inner in value.items()}
+    return [_plain_entry(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by keys, without places in lists, as in a scenario file: a table in a table."""
+    whole: dict[str, Any] = {}
+    for key, value in values.items():
+        *outer, last = steps_of(key)
+        table = whole
+        for name in outer:
+            table = table.setdefault(str(name), {})
+        table[str(last)] = value
+    return whole
+
+
+def replaced(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
+    """A dataclass, or a mapping, with other values, in tables, of some of its fields.
+
+    `key` is where it stands, for messages. Raises `UsageError` if there is no such field.
+    """
+    if isinstance(value, Mapping):
+        return {**value, **changes}
+    known = {each.name for each in fields(value)} if is_dataclass(value) else set()
+    new: dict[str, Any] = {}
+    for name, change in changes.items():
+        place = f"{key}{name}"
+        if name not in known:
+            raise UsageError(
+                f"{printable(place)}: a Scenario has no such field; give the scenario as a file, "
+                "or by its name, to vary entries of the file"
+            )
+        before = getattr(value, name)
+        if isinstance(change, Mapping):
+            new[name] = replaced(before, change, f"{place}.")
+        else:
+            new[name] = tuple(change) if isinstance(before, tuple) else change
+    return replace(value, **new)
+
+
+StrPath = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """A robot: the word for it, its module's folder, and of the module digest and parameters."""
+
+    word: str
+    folder: Path
+    digest: str
+    parameters: Mapping[str, float]
+    has_tip: bool
+
+
+@dataclass(frozen=True)
+class ScenarioSource:
+    """A scenario: the word for it, and the text of its file, or the scenario itself.
+
+    It goes to the processes that fly, which read the text once for all of their flights.
+    """
+
+    word: str
+    text: str = ""
+    given: Scenario | None = None
+
+    @cached_property
+    def _document(self) -> dict[str, Any]:
+        return tomllib.loads(self.text)
+
+    @cached_property
+    def _table(self) -> ScenarioTable:
+        """The file as it is, checked."""
+        from gibbs_codegen.files.toml import checked
+        from gibbs_codegen.flight.scenario.file import ScenarioTable
+
+        return checked(self.text, self.word, ScenarioTable, ScenarioFileError)
+
+    @cached_property
+    def plain(self) -> Scenario:
+        """The scenario without changes."""
+        return self.given or parse_scenario(self.text, self.word)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What has been made of the text stays here.
+        return ScenarioSource, (self.word, self.text, self.given)
+
+    def says(self, key: str) -> Any:
+        """What stands at a key, or what it is by default; None if there is nothing."""
+        if self.given is not None:
+            return entry(self.given, key)
+        found = entry(self._document, key)
+        return entry(self._table, key) if found is None else found
+
+    def changed(self, changes: Mapping[str, Any]) -> Scenario:
+        """The scenario with other values of some entries, by keys without places in lists.
+
+        Raises `UsageError` if values mean nothing, and `ScenarioFileError` with every fault.
+        """
+        tables = nested(changes)
+        if self.given is not None:
+            scenario: Scenario = replaced(self.given, tables)
+            return scenario
+        from gibbs_codegen.flight.scenario.file import ScenarioTable
+
+        # What is refused is read again from the text, which has the lines of faults.
+        table, _ = ScenarioTable.read(merged(self._document, tables))
+        return table.scenario() if table else parse_scenario(self.text, self.word, tables)
+
+
+def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
+    """What is known of a scenario, given as such, by the name of one that ships, or by a file.
+
+    Raises `UsageError` if there is no such file, and `ScenarioFileError` with every fault of it.
+    """
+    if isinstance(scenario, Scenario):
+        return ScenarioSource(scenario.name, given=scenario)
+    word = os.fspath(scenario)
+    text, _ = text_of(word, "scenarios", ScenarioFileError)
+    parse_scenario(text, word)
+    return ScenarioSource(word, text)
+
+
+def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSource:
+    """What is known of a robot of a sweep; its C is compiled.
+
+    `robot` is a folder of a module or its name in `generated/`, which come first, the name of a
+    robot that ships, or a robot file. Of these a module is generated where there is none, in a
+    folder of its digest in `modules`. Raises `UsageError` if there is no such robot, and
+    `RobotFileError` with every fault of the file.
+    """
+    from gibbs_codegen.runtime.load import find_module, load
+
+    word = os.fspath(robot)
+    if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
+        folder = find_module(Path(word))
+    else:
+        folder = _generated(word, modules, progress)
+    module = load(folder, "c")
+    return RobotSource(word, folder, _digest_of(folder), module.PARAMETERS, "tip" in module.POINTS)
+
+
+def _generated(word: str, modules: Path, progress: Progress) -> Path:
+    """Folder of the module of a robot file, or of a robot that ships, generated if need be."""
+    from gibbs_codegen.robot.file import read_robot
+
+    read, text = read_robot(word)
+    digest = hashlib.sha256(f"{__version__}\n{text}".encode()).hexdigest()
+    out = modules / digest[:16]
+    if not (out / read.name / "MANIFEST").is_file():
+        from gibbs_codegen.pipeline import generate_robot  # Late, as it imports SymPy.
+
+        progress(f"generating {read.name}", 0.0)
+        generate_robot(read, text, out, verify=False)
+    return (out / read.name).resolve()
+
+
+def _digest_of(folder: Path) -> str:
+    """A digest of the files of a module, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    try:
+        for path in sorted(folder.iterdir()):
+            if path.is_file():
+                digest.update(
+                    f"{path.name}\n".encode() + hashlib.sha256(path.read_bytes()).digest()
+                )
+    except OSError as error:
+        raise UsageError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
+    return digest.hexdigest()

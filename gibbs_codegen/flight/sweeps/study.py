@@ -1,0 +1,329 @@
+"""A study: the table of what a sweep gave, and what can be asked of it."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
+from gibbs_codegen.files.staging import staging_folder
+from gibbs_codegen.flight.sweeps.plan import Case, Cases
+from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
+from gibbs_codegen.flight.sweeps.store import REASONS, Rows, npy
+from gibbs_codegen.runtime.load import require
+
+StrPath = str | os.PathLike[str]
+
+# Columns that every table has, around those of keys and measures.
+_FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed", "unmeasured")
+_TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
+# What `gibbs_codegen.flight.figures.study` leaves beside them.
+_FIGURES = [
+    f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in ("png", "pdf")
+]
+
+
+class Spread(NamedTuple):
+    """How a measure is spread over `flights` that went on to their end; NaN if there is none."""
+
+    measure: str
+    flights: int
+    least: float
+    percent_5: float
+    median: float
+    percent_95: float
+    greatest: float
+
+
+class Worst(NamedTuple):
+    """A case, its value of a measure, why it stopped ("" if not), and what flies it again."""
+
+    case: int
+    value: float
+    stopped: str
+    command: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a sweep gave: a row for each case.
+
+    Attributes:
+        folder: where it is kept.
+        cases: the flights, in the order of the rows.
+        table: a structured array with the columns `case`, `robot` and `scenario`, one for each key
+            that varies, one for each measure, `stopped`, which says why a flight ended early,
+            `failed`, which says why there is none, and `unmeasured`, which says why a measure could
+            not be taken of it. Measures that there are not are NaN.
+    """
+
+    folder: Path
+    cases: Sequence[Case]
+    table: NDArray[Any]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that vary, as `sweep` was given them."""
+        return tuple(self.cases[0].values) if self.cases else ()
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Names of the measures."""
+        others = {*_FIRST, *self.keys, *_LAST}
+        return tuple(name for name in self.table.dtype.names or () if name not in others)
+
+    @property
+    def failures(self) -> NDArray[Any]:
+        """The rows of cases that gave no flight; `failed` says why."""
+        rows: NDArray[Any] = self.table[self.table["failed"] != ""]
+        return rows
+
+    @property
+    def stopped(self) -> NDArray[Any]:
+        """The rows of flights that ended early; `stopped` says why."""
+        rows: NDArray[Any] = self.table[self.table["stopped"] != ""]
+        return rows
+
+    @property
+    def unmeasured(self) -> NDArray[Any]:
+        """The rows of flights of which a measure could not be taken; `unmeasured` says why."""
+        rows: NDArray[Any] = self.table[self.table["unmeasured"] != ""]
+        return rows
+
+    @cached_property
+    def whole(self) -> NDArray[Any]:
+        """The rows of flights that went on to their end."""
+        flew = (self.table["failed"] == "") & (self.table["stopped"] == "")
+        rows: NDArray[Any] = self.table[flew]
+        return rows
+
+    def summary(self) -> list[Spread]:
+        """How each measure is spread over the flights that went on to their end."""
+        return [self._spread(measure) for measure in self.measures]
+
+    def worst(self, measure: str, count: int = 5, smallest: bool = False) -> list[Worst]:
+        """The flights with the greatest values of a measure, those that ended early among them.
+
+        Args:
+            measure: The measure.
+            count: How many.
+            smallest: Whether small values are the bad ones.
+
+        Returns:
+            The cases, the worst first.
+
+        Raises:
+            UsageError: If there is no such measure.
+        """
+        values = self._column(measure)
+        # NaN is neither great nor small; equal values stay in the order of the cases.
+        order = np.argsort(values if smallest else -values, kind="stable")
+        order = order[np.isfinite(values[order])][:count]
+        stopped = self.table["stopped"]
+        return [
+            Worst(int(row), float(values[row]), str(stopped[row]), self.command(int(row)))
+            for row in order
+        ]
+
+    def command(self, case: int) -> str:
+        """The command line that flies a case again, for a shell.
+
+        Args:
+            case: Its number.
+
+        Returns:
+            Such as `gibbs-codegen simulate hexarotor_3link --scenario hover --set duration=5`.
+        """
+        flown = self.cases[case]
+        words = ["gibbs-codegen", "simulate", flown.robot, "--scenario", flown.scenario]
+        for key, value in flown.changes.items():
+            words += ["--set", f"{key}={_toml(value)}"]
+        return shlex.join(words)
+
+    def sensitivity(self, measure: str) -> list[Sensitivity]:
+        """How much each key explains of a measure, of flights that went on to their end.
+
+        Robot and scenario count as keys where there are several.
+
+        Args:
+            measure: The measure.
+
+        Returns:
+            What `sensitivity` says of each key, those that explain most first.
+
+        Raises:
+            UsageError: If there is no such measure.
+        """
+        self._column(measure)
+        rows = self.whole[np.isfinite(self.whole[measure])]
+        columns = {key: rows[key] for key in ("robot", "scenario", *self.keys)}
+        # NaN, which is unlike itself: a robot that has no such parameter.
+        varied = {k: c for k, c in columns.items() if len(np.unique(c[c == c])) > 1}
+        found = sensitivities(varied, rows[measure])
+        return sorted(found, key=lambda each: -np.nansum([each.alone, each.joint]))
+
+    def to_parquet(self, path: StrPath) -> None:
+        """Write the table as Parquet, which pandas, polars, DuckDB, Julia, R and MATLAB read.
+
+        Args:
+            path: The file.
+
+        Raises:
+            UsageError: If `pyarrow` is not installed, which the extra of that name brings.
+            OutputError: If the file cannot be written.
+        """
+        require("pyarrow", "Parquet")
+        import pyarrow
+        from pyarrow import parquet
+
+        columns = {name: self.table[name].tolist() for name in self.table.dtype.names or ()}
+        try:
+            parquet.write_table(pyarrow.table(columns), path)
+        except OSError as error:
+            raise _cannot(path, error) from None
+
+    def save(self) -> None:
+        """Write the study into its folder, where `read_study` finds it.
+
+        The files are `table.npy`, the same table as `table.csv`, and `cases.json`, which comes last
+        and has the digest of the table that it belongs to. Figures of another table are removed.
+
+        Raises:
+            OutputError: If they cannot be written; what was there remains.
+        """
+        try:
+            with staging_folder(self.folder) as new:
+                (new / _TABLE).write_bytes(npy(self.table))
+                with (new / _CSV).open("w", encoding="utf-8", newline="") as file:
+                    writer = csv.writer(file, lineterminator="\n")
+                    writer.writerow(self.table.dtype.names or ())
+                    writer.writerows(self.table.tolist())
+                cases = [json.dumps(vars(case)) for case in self.cases]
+                lines = ",\n".join(cases)
+                digest = json.dumps(_digest(new / _TABLE))
+                said = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
+                (new / _CASES).write_text(said, encoding="utf-8")
+                old = self.folder / _TABLE
+                if old.exists() and _digest(old) != _digest(new / _TABLE):
+                    for name in _FIGURES:
+                        (self.folder / name).unlink(missing_ok=True)
+                for name in (_CSV, _TABLE, _CASES):
+                    os.replace(new / name, self.folder / name)
+        except OSError as error:
+            raise _cannot(self.folder, error) from None
+
+    def _column(self, measure: str) -> NDArray[np.float64]:
+        """The values of a measure, which must exist."""
+        if measure not in self.measures:
+            known = ", ".join(self.measures)
+            raise UsageError(f"{printable(measure)}: no such measure; there are {known}")
+        values: NDArray[np.float64] = self.table[measure]
+        return values
+
+    def _spread(self, measure: str) -> Spread:
+        values = self.whole[measure]
+        values = values[np.isfinite(values)]
+        if not len(values):
+            return Spread(measure, 0, *[float("nan")] * 5)
+        numbers = np.percentile(values, [0.0, 5.0, 50.0, 95.0, 100.0]).tolist()
+        return Spread(measure, len(values), *numbers)
+
+
+def read_study(folder: StrPath) -> Study:
+    """The study that a sweep left.
+
+    Args:
+        folder: Where it is, as `out` of `sweep`.
+
+    Returns:
+        The study.
+
+    Raises:
+        UsageError: If there is none, or it is not whole.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise UsageError(f"{printable(folder)}: there is no such folder")
+    try:
+        said = json.loads((place / _CASES).read_text("utf-8"))
+        digest, cases = said["table"], [Case(**case) for case in said["cases"]]
+        table = np.load(place / _TABLE, allow_pickle=False)
+        fits = _digest(place / _TABLE) == digest
+    except (OSError, TypeError, ValueError, KeyError) as error:
+        raise _no_study(folder, error) from None
+    if not fits:
+        why = f"{_TABLE} and {_CASES} are of different studies; call the sweep again"
+        raise _no_study(folder, why)
+    return Study(place, cases, table)
+
+
+def _digest(path: Path) -> str:
+    """The SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _no_study(folder: StrPath, why: object) -> UsageError:
+    return UsageError(
+        f"{printable(folder)}: holds no study that a sweep finished: {printable(why)}"
+    )
+
+
+def _toml(value: Any) -> str:
+    """A value as `--set` takes it, which reads back exactly."""
+    if value is None:
+        return ""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
+
+
+def _cannot(path: StrPath, error: OSError) -> OutputError:
+    return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")
+
+
+# Columns that every table has.
+FIXED = ("case", "robot", "scenario", *REASONS)
+
+
+def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
+    """The table of a sweep: a structured array with a row for each case."""
+    blocks, sizes = cases.blocks, [len(block) for block in cases.blocks]
+    columns: dict[str, NDArray[Any]] = {
+        "case": np.arange(len(cases)),
+        "robot": np.repeat([block.robot.word for block in blocks], sizes),
+        "scenario": np.repeat([block.scenario.word for block in blocks], sizes),
+    }
+    own = [block.columns() for block in blocks]
+    for name in cases.columns:
+        parts = [each.get(name, [math.nan] * n) for each, n in zip(own, sizes, strict=True)]
+        columns[name] = _column(parts)
+    columns |= {name: rows["measures"][:, place] for place, name in enumerate(measures)}
+    columns |= {name: rows[name] for name in REASONS}
+    table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def _column(parts: Sequence[Sequence[Any] | NDArray[Any]]) -> NDArray[Any]:
+    """Numbers or switches as an array of these; a mixture, or anything else, as texts."""
+    arrays = [np.asarray(part) for part in parts]
+    kinds = {"number" if array.dtype.kind in "iuf" else array.dtype.kind for array in arrays}
+    if kinds == {"number"} or kinds == {"b"}:
+        return np.concatenate(arrays)
+    return np.array([str(value) for part in parts for value in part])

@@ -1,0 +1,195 @@
+"""Sweeps: many flights that differ in entries of their scenarios, on any executor, into a table.
+
+    robot_source, scenario_source   words               → modules, scenarios     (sources)
+    cases_of       parameters, samples                   → Cases                  (plan, axes)
+    chunks_of      cases                                 → chunks, 1 to 10 s each (chunks)
+    Job            measures                              → digest, task of a chunk (job)
+    Running        chunks not in the store, executor     → store                  (running)
+      fly          a chunk, in a worker                  → measures of its flights (work)
+    table_of       rows of all chunks                    → Study                  (table, study)
+
+What a chunk's file is named by is all that determines it: so the same call goes on where it was
+ended, be it by force, and the table is the same whatever has computed it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, OutputError, UsageError, printable
+from gibbs_codegen.files.staging import check_output_folder
+from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.sweeps import measures as known_measures
+from gibbs_codegen.flight.sweeps.chunks import Job, chunks_of, only_adaptive
+from gibbs_codegen.flight.sweeps.measures import Measure
+from gibbs_codegen.flight.sweeps.plan import Cases, cases_of
+from gibbs_codegen.flight.sweeps.running import Running, own_count
+from gibbs_codegen.flight.sweeps.sampling import varied
+from gibbs_codegen.flight.sweeps.sources import StrPath, robot_source, scenario_source
+from gibbs_codegen.flight.sweeps.store import REMOVED, Rows, Store, joined
+from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
+
+_MOST_SAMPLES = 2**24
+# How often a line of the log says what is done, s.
+_LOG_SECONDS = 30.0
+_SLOW = (
+    'these flights are flown one by one; with integration.method = "rk4" they would be flown side '
+    "by side, many times as fast"
+)
+
+_log = logging.getLogger("gibbs_codegen.flight.sweeps")
+
+
+def sweep(
+    robots: StrPath | Sequence[StrPath],
+    scenarios: StrPath | Scenario | Sequence[StrPath | Scenario],
+    parameters: Mapping[str, Any] | None = None,
+    samples: int = 1,
+    seed: int = 0,
+    measure: Mapping[str, Measure] | None = None,
+    executor: Executor | None = None,
+    out: StrPath = "sweep",
+    progress: Progress = lambda what, share: None,
+    workers: int | None = None,
+) -> Study:
+    """Fly all cases of a sweep, but for those that an earlier call has flown, and measure them.
+
+    Args:
+        robots: One or several of what the command line takes as ROBOT.
+        scenarios: One or several scenarios, names or files of scenarios.
+        parameters: What entries of the scenario take on, by their keys, such as
+            `motors.time_constant`, `start.offset[2]` or `plant.gravity`; a bare name of the
+            module's PARAMETERS is one of [parameters], and * in such names matches any. A value is
+            a list, which crosses with those of other keys; a distribution (`uniform`, `normal`,
+            `log_uniform`); `scaled` of these, which are factors of what robot or scenario says; or
+            `together` of these, one for all that a key with * matches.
+        samples: How many times numbers are drawn for each combination of listed values.
+        seed: Of what is drawn, noise of sensors included.
+        measure: Measures by name: functions of a `Flight`, or texts such as "tip_error.max".
+        executor: What computes: any executor of `concurrent.futures`, whose workers see `out`;
+            None for processes of this machine.
+        out: Folder in which modules, what is done, and the study are kept.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        workers: How many processes of this machine there are; default: one for each processor.
+
+    Returns:
+        The study.
+
+    Raises:
+        UsageError: If something asked for means nothing.
+        RobotFileError, ScenarioFileError: If a file is refused.
+        OutputError: If results cannot be written; what was done is kept.
+    """
+    _check_counts(samples, seed, workers)
+    check_output_folder(out)
+    folder = Path(os.path.realpath(out))
+    _check_own(folder)
+    found = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
+    flown = [scenario_source(each) for each in _listed(scenarios)]
+    given = {key: varied(value) for key, value in (parameters or {}).items()}
+    cases = cases_of(found, flown, given, samples, seed)
+    chosen = measure or known_measures.default(all(robot.has_tip for robot in found))
+    known_measures.check(chosen, (*FIXED, *cases.columns))
+    _refuse_hopeless(cases)
+    if samples > 1 and not any(each.drawn or each.seed is not None for each in cases.blocks):
+        raise UsageError(
+            f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
+            "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
+        )
+    job, count = Job(chosen), workers or own_count()
+    rows = _flown(job, cases, Store(folder), executor, count, progress)
+    study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
+    study.save()
+    return study
+
+
+def _listed(given: Any) -> list[Any]:
+    """One or several, as a list."""
+    one = isinstance(given, str | os.PathLike | Scenario)
+    found = [given] if one else list(given)
+    if not found:
+        raise UsageError("a sweep needs at least one robot and one scenario")
+    return found
+
+
+def _check_counts(samples: int, seed: int, workers: int | None) -> None:
+    """Refuse numbers that are not whole, or too small or large."""
+    counts = {"samples": (samples, 1), "seed": (seed, 0), "workers": (workers or 1, 1)}
+    for name, (value, least) in counts.items():
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole or value < least:
+            shown = printable(repr(value), 40)
+            raise UsageError(f"{name}: must be a whole number of at least {least}, not {shown}")
+    if samples > _MOST_SAMPLES:
+        raise UsageError(f"samples: at most {_MOST_SAMPLES}, not {samples}")
+
+
+def _check_own(folder: Path) -> None:
+    """Refuse a folder that holds something else than a sweep, which might replace it."""
+    # A sweep writes modules first, and nothing else before `chunks` is there.
+    others = {path.name for path in folder.glob("[!.]*")} - {"modules"}
+    if others and not (folder / "chunks").is_dir():
+        raise UsageError(
+            f"{printable(folder)}: holds {printable(min(others))}, and no sweep has written it; "
+            "give a folder that is new or empty, or one of an earlier sweep"
+        )
+
+
+def _refuse_hopeless(cases: Cases) -> None:
+    """Raise the error of scenarios none of which can be read: a key is misspelt, mostly."""
+    for block in cases.blocks:
+        errors = []
+        for place in (places := {0, len(block) // 2, len(block) - 1}):
+            try:
+                block.scenario.changed(block.chosen(place)[1])
+            except GibbsCodegenError as error:
+                errors.append(error)
+        if len(errors) == len(places):
+            raise errors[0]
+
+
+def _flown(
+    job: Job,
+    cases: Cases,
+    store: Store,
+    executor: Executor | None,
+    workers: int,
+    progress: Progress,
+) -> Rows:
+    """The rows of cases, of which those that are not in the store are flown.
+
+    Raises `OutputError` if what was written is not there any more.
+    """
+    chunks = chunks_of(cases)
+    done, everything, logged = 0, len(cases), time.monotonic()
+
+    def tell(more: int) -> None:
+        nonlocal done, logged
+        done += more
+        progress("flying", done / everything)
+        if time.monotonic() - logged > _LOG_SECONDS:
+            logged = time.monotonic()
+            _log.info("%d of %d flights are done", done, everything)
+
+    found = [store.read(job.digest(each)) for each in chunks]
+    kept = {c.rows.start: len(r) for c, r in zip(chunks, found, strict=True) if r is not None}
+    missing = [each for each in chunks if kept.get(each.rows.start, 0) < len(each)]
+    tell(sum(kept.values()))
+    if len(missing) > workers and only_adaptive(cases):
+        _log.warning(_SLOW)
+    if missing:
+        Running(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
+        found = [store.read(job.digest(each)) for each in chunks]
+    rows = [each for each in found if each is not None]
+    if sum(map(len, rows)) < everything:
+        raise OutputError(REMOVED)
+    return joined(rows)

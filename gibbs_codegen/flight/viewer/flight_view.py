@@ -1,0 +1,296 @@
+"""A flight as a scene: the robot at some time, its paths, walls, thrusts and what pushes it."""
+
+from __future__ import annotations
+
+import html
+import time
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.style import COLOURS
+from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, thrust_directions
+from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.scenario.paths import plane
+from gibbs_codegen.flight.viewer.batch import rgb
+from gibbs_codegen.flight.viewer.machine import (
+    MachineScene,
+    Points,
+    Posture,
+    Skeleton,
+    least_loads,
+    set_stage,
+    skeleton,
+)
+from gibbs_codegen.flight.viewer.page import (
+    ViewPage,
+    empty_server,
+    key_list,
+    panel_text,
+    that_fits,
+    view_page,
+)
+
+_CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
+_DASHES = f"repeating-linear-gradient(90deg, {_DESIRED} 0 5px, transparent 5px 9px)"
+# Share of thrusts and of efforts that are not too large to be shown at full length and colour.
+_USUAL = 0.95
+# A robot smaller than this share of the whole flight is followed.
+_SMALL = 0.7
+# Points of a path, and thickness of its line, px.
+_POINTS, _LINE = 600, 3.0
+
+
+class FlightScene:
+    """Nodes of a flight in an empty scene, with the frame of the base if `frames` is 1, else 0."""
+
+    def __init__(self, server: Any, flight: Flight, frames: int) -> None:
+        self.flight, self._scene, self._frames = flight, server.scene, frames
+        drawn = _skeleton(flight)
+        self._world = server.scene.add_frame("/flight", show_axes=False)
+        pushed = [name for name in flight.frames if np.any(flight.frame_wrench(name))]
+        self._forces = [flight.frame_wrench(name)[:, :3] for name in pushed]
+        places = [_place(flight, name) for name in pushed]
+        self.machine = MachineScene(server.scene, "/flight/robot", drawn, places, frames)
+        self._thrust = _usual(flight.applied[:, : flight.rotors])
+        # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
+        self._push = _usual(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
+        self._efforts, self._largest = _efforts(flight, drawn.size)
+        self.paths = self._draw_paths()
+        self._draw_walls()
+        low, high = bounds(flight)
+        self._middle = 0.5 * (low + high)
+        self.follows = 2.0 * drawn.size < _SMALL * float(np.max(high - low))
+        reach = drawn.size if self.follows else 0.5 * float(np.linalg.norm(high - low))
+        set_stage(server, "/flight", float(low[2]), reach)
+
+    def show(self, sample: int) -> None:
+        """Put the robot where it is at a sample."""
+        flight = self.flight
+        rotation, points = flight.base_rotation[sample], flight.positions[sample]
+        centre = points[flight.points.index(flight.centre)]
+        frames = np.tile(np.eye(4), (self._frames, 1, 1))
+        frames[:, :3, :3], frames[:, :3, 3] = rotation, centre
+        forces = np.array([force[sample] for force in self._forces]).reshape(-1, 3)
+        self.machine.show(
+            Posture(
+                points,
+                thrust_directions(flight, sample) @ rotation.T,
+                flight.applied[sample, : flight.rotors] / (self._thrust or 1.0),
+                self._efforts[sample],
+                forces / (self._push or 1.0),
+                frames,
+            )
+        )
+        self._world.position = -(centre if self.follows else self._middle)
+
+    def key(self) -> list[tuple[str, str]]:
+        """Colours, as CSS has them, and in words what they mean."""
+        entries = self.machine.key(self._thrust, self._largest)
+        if self._forces:
+            entries.append(self.machine.force_key(self._push))
+        entries.append((_CENTRE, "path of the base centre"))
+        if self._has_arm:
+            entries.append((_TIP, "path of the tip"))
+        entries.append((_DASHES, "desired paths"))
+        return entries + [(_WALL, "wall")] * bool(len(self.flight.walls))
+
+    @property
+    def _has_arm(self) -> bool:
+        return self.flight.has_tip and bool(self.flight.layout.q.joint_places)
+
+    def _draw_paths(self) -> list[Any]:
+        flight = self.flight
+        paths = [("centre", flight.point(flight.centre), flight.centre_desired, _CENTRE)]
+        if self._has_arm:
+            paths.append(("tip", flight.point("tip"), flight.tip_desired, _TIP))
+        drawn = []
+        for name, actual, desired, colour in paths:
+            drawn.append(self._draw_line(f"path of {name}", _segments(actual), colour))
+            dashes = _segments(desired)[::2]
+            if len(dashes):
+                drawn.append(self._draw_line(f"desired path of {name}", dashes, _DESIRED))
+        return drawn
+
+    def _draw_line(self, name: str, segments: Array, colour: str) -> Any:
+        """Draw a line of segments (p, 2, 3), m."""
+        look = {"thickness": _LINE, "thickness_units": "screen"}
+        return self._scene.add_line_segments(f"/flight/{name}", segments, rgb(colour), **look)
+
+    def _draw_walls(self) -> None:
+        low, high = bounds(self.flight)
+        middle, half = 0.5 * (low + high), 0.6 * float(np.linalg.norm(high - low))
+        for number, wall in enumerate(self.flight.walls, start=1):
+            point, normal = wall[:3], wall[3:]
+            foot = middle - normal * ((middle - point) @ normal) / (normal @ normal)
+            square = half * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+            self._scene.add_mesh_simple(
+                f"/flight/wall {number}",
+                square @ np.array(plane(normal)) + foot,
+                np.array([[0, 1, 2], [0, 2, 3]]),
+                color=rgb(_WALL),
+                opacity=0.35,
+                side="double",
+            )
+
+
+def known_samples(flight: Flight) -> NDArray[np.int_]:
+    """Numbers of the samples at which the robot is somewhere: one that diverged may end nowhere.
+
+    Raises `UsageError` if there is none.
+    """
+    known: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
+    if not len(known):
+        raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
+    return known
+
+
+def _skeleton(flight: Flight) -> Skeleton:
+    points = Points(
+        flight.parents.tolist(),
+        flight.points.index(flight.centre),
+        flight.rotors,
+        len(flight.layout.q.joint_places),
+        len(flight.base_arm_angles_desired),
+    )
+    directions = thrust_directions(flight, 0) @ flight.base_rotation[0].T
+    return skeleton(points, flight.positions, directions)
+
+
+def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
+    """Efforts of the joints, then those that hold base arms, of a robot of some size.
+
+    As shares (s, t) of the usual ones of the same unit, and these, 0 where all are noise.
+    """
+    arms = len(flight.base_arm_angles_desired)
+    joints = flight.applied[:, flight.rotors :]
+    values = np.abs(np.hstack([joints, flight.constraint_torques[:, :arms]]))
+    units = np.array([*flight.layout.effort_units, *["N m"] * arms])
+    least, most = least_loads(flight.weight, size), {}
+    for unit in np.unique(units).tolist():
+        of_unit = values[:, units == unit]
+        most[unit] = max(_usual(of_unit), least[unit]) if np.any(of_unit > least[unit]) else 0.0
+    return values / np.array([most[unit] or np.inf for unit in units.tolist()]), most
+
+
+def _usual(values: Array) -> float:
+    """What most of the absolute values do not exceed."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(known, _USUAL)) if len(known) else 0.0
+
+
+def _segments(path: Array) -> Array:
+    """A line through places (s, 3) as segments (p, 2, 3), of no more points than are needed."""
+    path = path[np.isfinite(path).all(axis=1)]
+    if not len(path):
+        return np.zeros((0, 2, 3))
+    kept = path[np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))]
+    return np.stack([kept[:-1], kept[1:]], axis=1)
+
+
+def _place(flight: Flight, frame: str) -> int:
+    """Number of the point at which a frame is."""
+    return flight.points.index(frame if frame in flight.points else flight.centre)
+
+
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "8")
+
+
+class FlightPanel:
+    """Controls of a flight on a server without any, and the scene that follows them.
+
+    Raises `UsageError` if the robot is nowhere at any time.
+    """
+
+    def __init__(self, server: Any, flight: Flight) -> None:
+        gui, self._flight = server.gui, flight
+        self._known = known_samples(flight)
+        self._times = flight.time[self._known]
+        self._scene = FlightScene(server, flight, frames=1)
+        title = html.escape(f"{flight.robot}, {flight.scenario}")
+        gui.add_html(panel_text(f"<b>{title}</b>{key_list(self._scene.key())}"))
+        self._plays = gui.add_checkbox("play", True)
+        start, end = float(self._times[0]), float(self._times[-1])
+        self._time = gui.add_slider("time, s", start, round(max(end, start + 0.01), 3), 0.01, start)
+        self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1")
+        self._follow = gui.add_checkbox("follow the robot", self._scene.follows)
+        machine, paths = self._scene.machine, self._scene.paths
+        self._choices = [
+            (gui.add_checkbox("thrusts", True), [machine.thrusts.node]),
+            (gui.add_checkbox("paths", True), paths),
+            (gui.add_checkbox("frame of the base", False), [machine.frames]),
+        ]
+        self._numbers = gui.add_html("")
+        gui.main_panel.dock_right()
+        self._clock, self._put, self._shown = time.monotonic(), start, (-1, False)
+
+    def step(self) -> None:
+        """Go on in time, and follow the controls."""
+        now = time.monotonic()
+        if self._plays.value and self._time.value == self._put:
+            start, end = self._times.min(), self._times.max()
+            later = self._put + float(self._speed.value) * (now - self._clock)
+            self._time.value = round(float(later if later <= end else start), 3)
+        self._clock, self._put = now, self._time.value
+        for choice, nodes in self._choices:
+            for node in nodes:
+                if node.visible != choice.value:
+                    node.visible = choice.value
+        place = max(int(np.searchsorted(self._times, self._put, side="right")) - 1, 0)
+        shown = int(self._known[place]), self._follow.value
+        if shown != self._shown:
+            self._scene.follows = shown[1]
+            self._scene.show(shown[0])
+            self._numbers.content = _numbers(self._flight, shown[0])
+            self._shown = shown
+
+
+def _numbers(flight: Flight, sample: int) -> str:
+    """Errors and the largest thrust at a sample, as HTML."""
+    rows = [("base centre off by", 1e3 * flight.centre_error[sample], "mm")]
+    if flight.has_tip:
+        rows.append(("tip off by", 1e3 * flight.tip_error[sample], "mm"))
+    thrusts = np.abs(flight.applied[sample, : flight.rotors])
+    if len(thrusts):
+        rows.append(("largest thrust", float(thrusts.max()), "N"))
+    cells = "".join(
+        f'<tr><td>{name}</td><td style="text-align: right; padding: 0 6px">{value:.3f}</td>'
+        f"<td>{unit}</td></tr>"
+        for name, value, unit in rows
+    )
+    return panel_text(f"<table>{cells}</table>")
+
+
+# Frames per second, and frames at most, while there is room.
+_RATE, _MOST = 25.0, 1000
+
+
+def flight_page(flight: Flight) -> ViewPage:
+    """Record a flight, with as many frames as there is room for in less than 2 MB.
+
+    Raises `UsageError` if viser is not installed, or the robot is nowhere at any time.
+    """
+    known = known_samples(flight)
+    start, end = flight.time[known[[0, -1]]]
+
+    def recorded(frames: int) -> ViewPage:
+        samples = {*samples_at(flight, np.linspace(start, end, frames))}
+        return _recorded(flight, sorted(samples.intersection(known.tolist())))
+
+    return that_fits(recorded, min(int((end - start) * _RATE) + 1, _MOST))
+
+
+def _recorded(flight: Flight, samples: list[int]) -> ViewPage:
+    """The page that shows some samples."""
+    with empty_server() as server:
+        scene = FlightScene(server, flight, frames=0)
+        scene.show(samples[0])
+        recording = server.get_scene_serializer()
+        for before, sample in pairwise(samples):
+            recording.insert_sleep(float(flight.time[sample] - flight.time[before]))
+            scene.show(sample)
+        client = recording.as_html()
+    return view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())

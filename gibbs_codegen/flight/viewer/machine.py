@@ -1,0 +1,436 @@
+"""A generated module at rest in some posture: where its parts are, and what acts in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.figures.robot_artists import disc_radius
+from gibbs_codegen.figures.scene import VIEW, seen_from
+from gibbs_codegen.figures.style import COLOURS
+from gibbs_codegen.flight.analysis.trim import Balancing
+from gibbs_codegen.flight.plant.actuators import robot_file_actuators
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.record.series import Array, point_parents
+from gibbs_codegen.flight.viewer.batch import Batch, Bytes, rgb, turned_to
+
+Indices = NDArray[np.int_]
+
+# Of how far a robot's points reach: the largest disc.
+_LARGEST_DISC = 0.4
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a robot by their places in its list: base centre, N rotors, n joints, others.
+
+    `parents` are the points that each is joined to, −1 for none; `arms` is the number of base arms
+    that constraints hold, which lead to the last rotors.
+    """
+
+    parents: Sequence[int]
+    centre: int
+    rotors: int
+    joints: int
+    arms: int
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """What is drawn of a robot.
+
+    `rods` are numbers (r, 2) of the points that each rod joins; `joints` and `rotors` are those of
+    the points that are marked as such; `loads` (r) is the number of the effort that colours each
+    rod, of the n joints and then of the base arms, −1 for none. `radius` is that of a rotor's disc,
+    m, and `size` how far the robot reaches from its base centre, m, to which the rest is in
+    proportion.
+    """
+
+    rods: Indices
+    joints: Indices
+    rotors: Indices
+    loads: Indices
+    radius: float
+    size: float
+
+
+def skeleton(points: Points, positions: Array, directions: Array) -> Skeleton:
+    """Rods from every point of a robot to the one that it is joined to, and what else is drawn.
+
+    `positions` are (…, k, 3) in some postures, m, and `directions` (N, 3) unit vectors of the
+    thrusts in the first of them, in the same axes.
+    """
+    first = points.centre + 1
+    rotors = np.arange(first, first + points.rotors)
+    joints = range(first + points.rotors, first + points.rotors + points.joints)
+    rods = [(parent, point) for point, parent in enumerate(points.parents) if parent >= 0]
+    # A link goes on from its joint; base arm k leads to rotor k, and the first one is not held.
+    loads = {joint: number for number, joint in enumerate(joints)}
+    held = {int(rotors[-points.arms + k]): points.joints + k for k in range(points.arms)}
+    around = positions - positions[..., [points.centre], :]
+    reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
+    places = positions.reshape(-1, *positions.shape[-2:])[0]
+    spokes = places[rotors] - places[np.asarray(points.parents, dtype=np.int_)[rotors]]
+    found = disc_radius(places[rotors], directions, np.linalg.norm(spokes, axis=1))
+    radius = min(found, _LARGEST_DISC * reach)
+    return Skeleton(
+        np.array(rods, dtype=np.int_).reshape(-1, 2),
+        np.array([points.centre, *joints], dtype=np.int_),
+        rotors,
+        np.array([held.get(end, loads.get(start, -1)) for start, end in rods], dtype=np.int_),
+        radius,
+        reach + radius,
+    )
+
+
+# Accelerations, m/s² and rad/s², and shares of the largest entry, below which there is none.
+_STILL, _ZERO = 1e-6, 1e-12
+# Postures from which it is told which entries of the hybrid system are filled.
+_POSTURES = 4
+# How far joints may be bent to begin with, and how far angles without limits go, rad.
+_BENT, _TURN = (-0.7, 0.7, -2.4, 2.4), float(np.pi)
+
+
+@dataclass(frozen=True)
+class State:
+    """A robot at rest, with all that is computed of it.
+
+    - `q` (nq), `u` (nu): coordinates and inputs, `a` (nv): accelerations
+    - `points` (k, 3), `directions` (N, 3), `frames` (f, 4, 4): in the world, as of `Posture`
+    - `held` (c): torques of the constraints, N m
+    - `system` (m, m + 1 + nu): I_H, R_H and B_H of the hybrid system
+    - `conditions`: those of M and of I_H, infinite where they are singular
+    """
+
+    q: Array
+    u: Array
+    a: Array
+    points: Array
+    directions: Array
+    frames: Array
+    held: Array
+    system: Array
+    conditions: tuple[float, float]
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the inputs hold the robot where it is."""
+        return bool(np.all(np.abs(self.a) < _STILL))
+
+
+class Machine:
+    """A generated module, with the back end "numpy" or "c", whose parameters can be changed."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self.module = module
+        self._given: dict[str, float] = {}
+        self.vehicle = Vehicle(module)
+        actuators = robot_file_actuators(self.vehicle)
+        self.input_limits, self.joint_limits = actuators.inputs, actuators.joints
+        self.parents = point_parents(self.vehicle).tolist()
+
+    def give(self, parameters: dict[str, float]) -> None:
+        """Take other parameters of `prepare`; those not given get their defaults.
+
+        Raises `UsageError` if `prepare` rejects them; the ones before stay.
+        """
+        if parameters != self._given:
+            self.vehicle = Vehicle(self.module, parameters)
+            self._given = dict(parameters)
+
+    @property
+    def arms(self) -> int:
+        """Number of base arms that constraints hold."""
+        return max(len(self.vehicle.arm_angles()) - 1, 0)
+
+    def start(self) -> Array:
+        """Where controls begin: level, with joints bent so that the arms hang down and away."""
+        vehicle = self.vehicle
+        centre = vehicle.points.index(vehicle.centre)
+        controls = np.zeros(6 + vehicle.joints)
+        controls[3:-3] = np.clip(0.0, *self.joint_limits)
+        # What a joint does depends on those after it: twice.
+        for joint in 2 * np.flatnonzero(vehicle.is_angle[vehicle.arm]).tolist():
+            tried = np.repeat(controls[np.newaxis], len(_BENT), axis=0)
+            tried[:, 3 + joint] = np.clip(_BENT, *self.joint_limits[:, joint])
+            points = np.array([vehicle.positions(self.coordinates(each)) for each in tried])
+            around = points - points[:, [centre]]
+            score = np.sum(around[..., 2] - np.linalg.norm(around, axis=-1), axis=-1)
+            controls = tried[int(np.argmin(np.round(score, 9)))]
+        return controls
+
+    def controls(self, room: float) -> tuple[list[str], Array]:
+        """Names with units of the robot's coordinates, and their least and greatest values (2, n).
+
+        They are angles of the attitude, which are roll, pitch and yaw instead of a quaternion,
+        joints and position. `room` is how far those go that are lengths without limits, m.
+        """
+        vehicle = self.vehicle
+        names, units = vehicle.layout.q.names, vehicle.layout.q.units
+        entries = [*zip(names, units, strict=True)]
+        attitude = entries[vehicle.layout.q.attitude]
+        if vehicle.layout.is_quaternion:
+            attitude = [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad")]
+        chosen = [*attitude, *entries[vehicle.arm], *entries[vehicle.layout.q.position]]
+        rooms = np.array([_TURN if unit == "rad" else room for _, unit in chosen])
+        low, high = -rooms, rooms
+        joints = slice(3, 3 + vehicle.joints)
+        for ends, limits in ((low, self.joint_limits[0]), (high, self.joint_limits[1])):
+            ends[joints] = np.where(np.isfinite(limits), limits, ends[joints])
+        return [f"{name}, {unit}" for name, unit in chosen], np.stack([low, high])
+
+    def input_controls(self, u: Array, room: float) -> tuple[list[str], Array]:
+        """Names with units of the robot's inputs, and their least and greatest values (2, nu).
+
+        Inputs without limits go as far as `room` in the largest usual one, of `u`, of their unit.
+        """
+        vehicle = self.vehicle
+        units = np.array(["N"] * vehicle.rotors + [*vehicle.layout.effort_units])
+        usual = [room * float(np.abs(u[units == unit]).max()) or 1.0 for unit in units]
+        ends = np.outer([-1.0, 1.0], usual)
+        ends = np.where(np.isfinite(self.input_limits), self.input_limits, ends)
+        return [f"{n}, {unit}" for n, unit in zip(vehicle.inputs, units, strict=True)], ends
+
+    def beyond(self, u: Array) -> list[str]:
+        """A sentence for each input that exceeds the limits of the robot file."""
+        sides = zip(self.vehicle.inputs, u, *self.input_limits, strict=True)
+        return [
+            f"{name} = {value:.4g} is beyond its limits, {low:.4g} to {high:.4g}."
+            for name, value, low, high in sides
+            if value < low - _STILL or value > high + _STILL
+        ]
+
+    def coordinates(self, controls: Array) -> Array:
+        """Coordinates (nq) of three angles of the attitude, joints and position."""
+        layout = self.vehicle.layout
+        q = self.vehicle.neutral
+        turns, q[layout.q.joints], q[layout.q.position] = np.split(controls, [3, len(controls) - 3])
+        if layout.is_quaternion:
+            turns = Rotation.from_euler("xyz", turns).as_quat()
+        q[layout.q.attitude] = turns
+        return q
+
+    def hover(self, q: Array) -> Array:
+        """The inputs (nu) of least thrust that hold the robot, or do so as nearly as they can.
+
+        They know no limits.
+        """
+        still = np.zeros(self.vehicle.layout.v.size)
+        force = self.vehicle.inverse_dynamics(q, still, still)
+        return Balancing.of(self.vehicle, q, force).least
+
+    def state(self, q: Array, u: Array) -> State:
+        """The robot at rest; what is undetermined is no number."""
+        vehicle = self.vehicle
+        still = np.zeros(vehicle.layout.v.size)
+        with np.errstate(all="ignore"):
+            a = vehicle.forward_dynamics(q, still, u)
+            matrix = vehicle.mass_matrix(q)
+            system = self.hybrid_system(q)
+            hybrid = system[:, : len(system)]
+            return State(
+                q,
+                u,
+                a,
+                vehicle.positions(q),
+                self._directions(q),
+                vehicle.frame_poses(q),
+                vehicle.constraint_torques(q, still, a, u),
+                system,
+                (float(np.linalg.cond(matrix)), float(np.linalg.cond(hybrid))),
+            )
+
+    def hybrid_system(self, q: Array) -> Array:
+        """I_H, R_H and B_H of the robot at rest beside each other, (m, m + 1 + nu)."""
+        function = self.vehicle.function
+        residual = function("hybrid_residual")(q, np.zeros(self.vehicle.layout.v.size))
+        matrix, inputs = function("hybrid_mass_matrix")(q), function("hybrid_input_matrix")(q)
+        whole: Array = np.hstack([matrix, residual[:, np.newaxis], inputs])
+        return whole
+
+    def pattern(self) -> NDArray[np.bool_]:
+        """Whether each entry of the hybrid system at rest is not zero in every posture."""
+        generator = np.random.default_rng(1)
+        filled = np.zeros((1, 1), dtype=bool)
+        for _ in range(_POSTURES):
+            q = self.coordinates(generator.uniform(0.2, 1.2, 6 + self.vehicle.joints))
+            filled = filled | changed(self.hybrid_system(q), np.zeros((1, 1)))
+        return filled
+
+    def skeleton(self, q: Array) -> Skeleton:
+        """How the robot is drawn, in sizes taken at coordinates q."""
+        vehicle = self.vehicle
+        centre = vehicle.points.index(vehicle.centre)
+        points = Points(self.parents, centre, vehicle.rotors, vehicle.joints, self.arms)
+        return skeleton(points, vehicle.positions(q), self._directions(q))
+
+    def _directions(self, q: Array) -> Array:
+        """Unit vectors (N, 3) of the thrusts in the world."""
+        forces = self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]
+        directions: Array = (forces / np.linalg.norm(forces, axis=0)).T
+        return directions
+
+
+def changed(new: Array, old: Array) -> NDArray[np.bool_]:
+    """Which entries of an array differ from those of another by more than rounding."""
+    size = np.nanmax(np.abs(new), initial=1.0)
+    differs: NDArray[np.bool_] = np.abs(new - old) > _ZERO * size
+    return differs
+
+
+# Colours of rotors, thrusts and other forces; of rods without an effort, and with the largest.
+ROTOR, THRUST, FORCE = COLOURS[4], COLOURS[7], COLOURS[2]
+RELAXED, LOADED = "#8d99a6", "#d00000"
+_JOINT_COLOUR = "#262626"
+# Of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes; of the
+# radius of a rotor: its thickness.
+_ROD, _JOINT, _ARROW, _LENGTH, _AXES, _DISC = 0.008, 0.014, 0.012, 0.3, 0.08, 0.06
+# Of the robot's weight, and for torques times its size: what rounding and control leave is less.
+_NOISE = 1e-6
+# How much longer than others an arrow may be.
+_LONGEST = 1.5
+# About the share of a robot's size to which places in a file are rounded.
+_GRAIN = 2.0**-12
+_UP = np.array([[0.0, 0.0, 1.0]])
+# Angle of view of the camera, rad; and how near it is, in distances from which all would be seen.
+_FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Where a robot is, and what acts on it.
+
+    - `points` (k, 3): positions in the world, m
+    - `directions` (N, 3): unit vectors of the thrusts in the world
+    - `thrusts` (N), `efforts` (t): shares of what is drawn at full length or colour
+    - `forces` (f, 3): other forces in the world, in what is drawn at full length
+    - `frames` (p, 4, 4): poses in the world of frames that are drawn
+    """
+
+    points: Array
+    directions: Array
+    thrusts: Array
+    efforts: Array
+    forces: Array
+    frames: Array
+
+
+class MachineScene:
+    """Nodes of a robot, under a root node, which are put wherever its points are.
+
+    `pushed` are numbers of the points at which other forces act than thrusts; so many frames are
+    drawn.
+    """
+
+    def __init__(
+        self, scene: Any, root: str, skeleton: Skeleton, pushed: list[int], frames: int
+    ) -> None:
+        self._skeleton, self._pushed = skeleton, pushed
+        grain = _GRAIN * 2.0 ** np.floor(np.log2(skeleton.size))
+
+        def batch(name: str, shape: str, count: int, colour: str, **look: Any) -> Batch:
+            return Batch(scene, f"{root}/{name}", shape, count, colour, grain, **look)
+
+        rotors = len(skeleton.rotors)
+        self._rods = batch("rods", "rod", len(skeleton.rods), RELAXED)
+        self._joints = batch("joints", "ball", len(skeleton.joints), _JOINT_COLOUR)
+        self._rotors = batch("rotors", "rod", rotors, ROTOR, opacity=0.6, cast_shadow=False)
+        self.thrusts = batch("thrusts", "arrow", rotors, THRUST, cast_shadow=False)
+        self.forces = batch("forces", "arrow", len(pushed), FORCE, cast_shadow=False)
+        self.frames = scene.add_batched_axes(
+            f"{root}/frames",
+            np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
+            np.zeros((frames, 3)),
+            axes_length=_AXES * skeleton.size,
+            axes_radius=0.05 * _AXES * skeleton.size,
+            visible=False,
+        )
+
+    def show(self, posture: Posture) -> None:
+        """Put everything where the robot is."""
+        skeleton, size, points = self._skeleton, self._skeleton.size, posture.points
+        self._rods.span(points[skeleton.rods[:, 0]], points[skeleton.rods[:, 1]], _ROD * size)
+        shares = np.append(np.nan_to_num(posture.efforts), 0.0)[skeleton.loads]
+        self._rods.colour(mixed(np.where(skeleton.loads < 0, 0.0, shares)))
+        joints = points[skeleton.joints]
+        upright = turned_to(np.repeat(_UP, len(joints), axis=0))
+        self._joints.put(joints, upright, np.full_like(joints, _JOINT * size))
+        seats, along = points[skeleton.rotors], posture.directions
+        flat = skeleton.radius * np.array([1.0, 1.0, _DISC])
+        lower = seats - 0.5 * flat[2] * along
+        self._rotors.put(lower, turned_to(along), np.tile(flat, (len(seats), 1)))
+        lengths = np.clip(np.nan_to_num(posture.thrusts), -_LONGEST, _LONGEST)[:, np.newaxis]
+        self.thrusts.span(seats, seats + _LENGTH * size * lengths * along, _ARROW * size)
+        struck = points[self._pushed]
+        self.forces.span(struck, struck + _LENGTH * size * posture.forces, _ARROW * size)
+        if len(posture.frames):
+            turns = Rotation.from_matrix(posture.frames[:, :3, :3]).as_quat()
+            self.frames.batched_wxyzs = np.roll(turns, 1, axis=1).astype(np.float32)
+            self.frames.batched_positions = posture.frames[:, :3, 3].astype(np.float32)
+
+    def key(self, thrust: float, efforts: dict[str, float]) -> list[tuple[str, str]]:
+        """Colours of a robot, as CSS has them, and in words what they mean.
+
+        An arrow has full length for a `thrust`, N, and full colour for the effort of each unit.
+        """
+        long = _LENGTH * self._skeleton.size
+        entries = [(THRUST, f"thrust, {thrust:.3g} N is {long:.2g} m long")] if thrust else []
+        shades = f"linear-gradient(90deg, {RELAXED}, {LOADED})"
+        words = {"N m": "torque", "N": "force"}
+        return entries + [
+            (shades, f"{words[unit]} at a joint, 0 to {most:.3g} {unit}")
+            for unit, most in efforts.items()
+            if most
+        ]
+
+    def force_key(self, force: float) -> tuple[str, str]:
+        """Colour, as CSS has it, and meaning of other forces' arrows; full length is `force`, N."""
+        long = _LENGTH * self._skeleton.size
+        return FORCE, f"other forces on the robot, {force:.3g} N is {long:.2g} m long"
+
+
+def set_stage(server: Any, root: str, floor: float, reach: float) -> None:
+    """Draw a floor at a height, m, and look at the origin.
+
+    `reach`, m, is how far from the origin there is something to be seen.
+    """
+    # One, two or five times a power of ten: several cells, and not too many, are in sight.
+    power = 10.0 ** np.floor(np.log10(reach))
+    cell = 0.1 * power * max(step for step in (1.0, 2.0, 5.0) if step * power <= reach)
+    server.scene.add_grid(
+        f"{root}/floor",
+        infinite_grid=True,
+        cell_size=cell,
+        cell_color=(225, 225, 225),
+        section_size=5.0 * cell,
+        section_color=(200, 200, 200),
+        fade_distance=12.0 * reach,
+        position=(0.0, 0.0, floor),
+    )
+    camera = server.initial_camera
+    camera.fov = _FIELD_OF_VIEW
+    camera.look_at = (0.0, 0.0, 0.0)
+    camera.position = seen_from(VIEW)[2] * _CLOSE * reach / np.tan(0.5 * _FIELD_OF_VIEW)
+
+
+def least_loads(weight: float, size: float) -> dict[str, float]:
+    """Forces (N) and torques (N m), by unit, that nothing but noise is below; 0 if unknown."""
+    force = _NOISE * float(np.nan_to_num(weight))
+    return {"N": force, "N m": force * size}
+
+
+def mixed(shares: Array) -> Bytes:
+    """Red, green and blue (n, 3), 0 to 255, of rods by shares (n) of the largest effort.
+
+    More than 1 counts as 1.
+    """
+    ends = np.array([rgb(RELAXED), rgb(LOADED)], dtype=np.float64)
+    share = np.clip(shares, 0.0, 1.0)[:, np.newaxis]
+    colours: Bytes = np.round(ends[0] + share * (ends[1] - ends[0])).astype(np.uint8)
+    return colours

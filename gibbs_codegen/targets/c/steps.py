@@ -1,0 +1,407 @@
+"""Functions in C that call others in loops over small matrices: time steps.
+
+Their source is a template, for one state and for a block of states alike. What they keep on the way
+is in one array, since local arrays cannot have a length that depends on the number of states.
+
+The numerical methods of time steps in C, in the same words for states and for derivatives.
+
+A method accelerates, moves, and combines vectors entry by entry. What is done to states is linear
+in positions, velocities and accelerations, so the same is done to columns of their derivatives.
+
+Which entries of the derivatives of a time step can differ from zero.
+
+The functions that a step calls have patterns; those of what is done one after the other are
+products of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import FUNCTIONS, LANES, Signature
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.patterns import patterns
+from gibbs_codegen.program.scratch import stack_bytes
+from gibbs_codegen.program.trigonometry import gather_angles
+from gibbs_codegen.robot.layout import inputs, layout_of
+from gibbs_codegen.targets.c.function import SCRATCH, FunctionText, function_text
+from gibbs_codegen.targets.c.statements import (
+    array_size,
+    call,
+    local_arrays,
+    loop,
+    read_arrays,
+    vector_loop,
+    written_arrays,
+)
+from gibbs_codegen.targets.documentation import calls, doxygen
+
+Lines = list[str]
+
+
+@dataclass(frozen=True)
+class Accelerate:
+    """The acceleration of a stage, at some coordinates and velocities."""
+
+    stage: int
+    q: str
+    v: str
+
+
+@dataclass(frozen=True)
+class Move:
+    """Coordinates after the displacement; moves are counted from 1."""
+
+    number: int
+    q: str
+    result: str
+
+
+@dataclass(frozen=True)
+class Each:
+    """Statements for the entries `e` of vectors; `step` is the length of the step.
+
+    `by_length` has the derivatives by that length, of which that of the first acceleration is zero.
+    """
+
+    lines: tuple[str, ...]
+    by_length: tuple[str, ...]
+
+
+Method = Sequence[Accelerate | Move | Each]
+
+# Vectors with an entry for each of VELOCITIES that each method needs, and places of the robot.
+VECTORS = {
+    "step_euler": ["acceleration_1", "displacement"],
+    "step_rk4": [*(f"acceleration_{i}" for i in range(1, 5)), "displacement", "rate"],
+}
+PLACES: dict[str, Lines] = {"step_euler": [], "step_rk4": ["half", "later"]}
+
+_DISPLACEMENT_DH = (
+    "displacement_dh[e] = R(0.5) * v[e] + step / R(6.0) * (sum + R(0.5) * step * sum_dh);"
+)
+METHODS: dict[str, Method] = {
+    "step_euler": (
+        Accelerate(1, "q", "v"),
+        Each(
+            (
+                "v_next[e] = v[e] + step * acceleration_1[e];",
+                "displacement[e] = step * v_next[e];",
+            ),
+            (
+                "v_next_dh[e] = acceleration_1[e];",
+                "displacement_dh[e] = v[e] + R(2.0) * step * acceleration_1[e];",
+            ),
+        ),
+        Move(1, "q", "q_next"),
+    ),
+    "step_rk4": (
+        Accelerate(1, "q", "v"),
+        Each(
+            (
+                "displacement[e] = R(0.5) * step * v[e];",
+                "rate[e] = v[e] + R(0.5) * step * acceleration_1[e];",
+            ),
+            (
+                "displacement_dh[e] = R(0.5) * v[e];",
+                "rate_dh[e] = R(0.5) * acceleration_1[e];",
+            ),
+        ),
+        Move(1, "q", "half"),
+        Accelerate(2, "half", "rate"),
+        Each(
+            (
+                "displacement[e] = R(0.5) * step * rate[e];",
+                "rate[e] = v[e] + R(0.5) * step * acceleration_2[e];",
+            ),
+            (
+                "displacement_dh[e] = R(0.5) * (v[e] + step * acceleration_1[e]);",
+                "rate_dh[e] = R(0.5) * (acceleration_2[e] + step * acceleration_2_dh[e]);",
+            ),
+        ),
+        Move(2, "q", "later"),
+        Accelerate(3, "later", "rate"),
+        Each(
+            (
+                "displacement[e] = step * (rate[e] - R(0.5) * v[e]);",
+                "rate[e] = v[e] + step * acceleration_3[e];",
+            ),
+            (
+                "const real slope = acceleration_2[e] + R(0.5) * step * acceleration_2_dh[e];",
+                "displacement_dh[e] = R(0.5) * v[e] + step * slope;",
+                "rate_dh[e] = acceleration_3[e] + step * acceleration_3_dh[e];",
+            ),
+        ),
+        Move(3, "half", "later"),
+        Accelerate(4, "later", "rate"),
+        Each(
+            (
+                "const real sum = acceleration_1[e] + acceleration_2[e] - acceleration_3[e];",
+                "displacement[e] = R(0.5) * step * (v[e] + step / R(6.0) * sum);",
+            ),
+            (
+                "const real sum_dh = acceleration_2_dh[e] - acceleration_3_dh[e];",
+                _DISPLACEMENT_DH,
+            ),
+        ),
+        Move(4, "q", "half"),
+        Each(
+            (
+                "const real first = acceleration_1[e] + acceleration_2[e];",
+                "const real sum = first + R(3.0) * acceleration_3[e];",
+                "const real later_two = R(2.0) * acceleration_3[e] + acceleration_4[e];",
+                "const real all = first + acceleration_2[e] + later_two;",
+                "displacement[e] = R(0.5) * step * (v[e] + step / R(6.0) * sum);",
+                "v_next[e] = v[e] + step / R(6.0) * all;",
+            ),
+            (
+                "const real sum_dh = acceleration_2_dh[e] + R(3.0) * acceleration_3_dh[e];",
+                "const real two_dh = acceleration_2_dh[e] + acceleration_3_dh[e];",
+                "const real all_dh = R(2.0) * two_dh + acceleration_4_dh[e];",
+                _DISPLACEMENT_DH,
+                "v_next_dh[e] = (all + step * all_dh) / R(6.0);",
+            ),
+        ),
+        Move(5, "half", "q_next"),
+    ),
+}
+
+
+def state_lines(method: Method, derivatives: bool, is_quaternion: bool) -> Lines:
+    """What a method, one of `METHODS`, does to states.
+
+    `derivatives`: whether derivatives of accelerations and moves are kept, for `column_lines`; with
+    a quaternion moves are no sums.
+    """
+    lines = []
+    for part in method:
+        if isinstance(part, Each):
+            start = ["const int e = i * lanes + lane;", "const real step = h[lane];"]
+            lines += loop("i", "NV", vector_loop("lane", "lanes", [*start, *part.lines]))
+        elif isinstance(part, Move):
+            lines += _called("integrate", [part.q, "displacement", part.result])
+            if derivatives and is_quaternion:
+                given = [part.q, "displacement", "by_q", "by_v"]
+                lines += _called("integrate_derivatives", given)
+                kept = f"moves + {part.number - 1} * MOVE * lanes"
+                lines += call("keep_move", ["lanes", "by_q", "by_v", kept])
+        else:
+            given = [part.q, part.v, "u", f"acceleration_{part.stage}"]
+            if not derivatives:
+                lines += _called("forward_dynamics", given)
+                continue
+            by = ["by_q", "by_v", "by_u"]
+            lines += _called("forward_dynamics_derivatives", [*given, *by])
+            lines += call("keep_slope", ["lanes", *by, _slope(part)])
+    return lines
+
+
+def column_lines(method: Method, is_quaternion: bool) -> Lines:
+    """What a method does to columns of derivatives; with a quaternion moves are no sums."""
+    lines = []
+    for part in method:
+        if isinstance(part, Each):
+            start = ["const int e = i * LANES + x;", "const real step = h[lane_of(lanes, x)];"]
+            lines += loop("i", "NV", vector_loop("x", "LANES", [*start, *part.lines]))
+        elif isinstance(part, Accelerate):
+            given, name = [_slope(part), f"acceleration_{part.stage}"], "first_slope"
+            if part.stage > 1:
+                given[1:1], name = [part.q, part.v], "slope"
+            lines += call(name, ["lanes", "column", *given])
+        elif is_quaternion:
+            kept = f"moves + {part.number - 1} * MOVE * lanes"
+            lines += call("move", ["lanes", kept, part.q, "displacement", part.result])
+        else:
+            lines += loop("e", "NV * LANES", [f"{part.result}[e] = {part.q}[e] + displacement[e];"])
+    return lines
+
+
+def length_lines(robot: str, method: Method) -> Lines:
+    """What a method does to a state, with the derivatives by the length of the step."""
+    lines = []
+    for part in method:
+        if isinstance(part, Each):
+            lines += loop("e", "NV", [*part.lines, *part.by_length])
+            continue
+        if isinstance(part, Move):
+            given = ["constants", part.q, "displacement"]
+            lines += call(f"{robot}_integrate", [*given, part.result])
+            lines += call(f"{robot}_integrate_derivatives", [*given, "by_q", "by_v"])
+            moved = "displacement_dh", f"{part.result}_dh"
+        else:
+            given = ["constants", part.q, part.v, "u", f"acceleration_{part.stage}"]
+            lines += call(f"{robot}_forward_dynamics_derivatives", [*given, "by_q", "by_v", "by_u"])
+            moved = f"{part.v}_dh", f"acceleration_{part.stage}_dh"
+        lines += call("apply", ["by_q", f"{part.q}_dh", "by_v", *moved])
+    return lines
+
+
+def _slope(part: Accelerate) -> str:
+    return f"slopes + {part.stage - 1} * SLOPE * lanes"
+
+
+def _called(function: str, arguments: Sequence[str]) -> Lines:
+    """A call of a function for one state, or for a block; arguments follow the constants."""
+    return call("CALL", [function, "constants", *arguments])
+
+
+_DOUBLE = 8
+_BASE = 6
+
+
+@dataclass(frozen=True)
+class _StepText:
+    """A time step as its template takes it.
+
+    `vectors` are the arrays of columns of derivatives. `arrays` are those of states, with the entry
+    of the scratch where each begins, of `entries` in all besides `slopes`, the derivatives of so
+    many accelerations.
+    """
+
+    name: str
+    derivatives: bool
+    parameters: Lines
+    state_lines: Lines
+    column_lines: Lines
+    vectors: Sequence[str]
+    arrays: Mapping[str, int]
+    entries: int
+    slopes: int
+
+
+@dataclass(frozen=True)
+class _StepsText:
+    """Everything in the template of time steps that depends on the robot."""
+
+    name: str
+    NAME: str
+    is_quaternion: bool
+    derivatives: bool
+    runge_kutta: bool
+    moves: str
+    steps: Sequence[_StepText]
+
+
+def composed_texts(model: Model) -> list[FunctionText]:
+    """What the templates are given of the functions that are composed of others.
+
+    The first has all definitions that they share.
+    """
+    steps = {signature.name: _step_text(model, signature) for signature in model.composed}
+    if not steps:
+        return []
+    context = _StepsText(
+        model.robot.name,
+        model.robot.name.upper(),
+        layout_of(model.robot).is_quaternion,
+        any(step.derivatives for step in steps.values()),
+        "step_rk4_derivatives" in steps,
+        "moves, " if layout_of(model.robot).is_quaternion else "",
+        list(steps.values()),
+    )
+    shared = [render("c_steps.c.jinja", context).splitlines()]
+    texts = []
+    for signature in model.composed:
+        step = steps[signature.name]
+        work = calls(model.robot, step.name)
+        documentation = doxygen(model.robot, signature, work, _stack(model, step))
+        bodies = [_body(signature, step, lanes) for lanes in (False, True)]
+        texts.append(function_text(model.robot.name, signature, documentation, shared, *bodies))
+        shared = []
+    return texts
+
+
+def _step_text(model: Model, signature: Signature) -> _StepText:
+    """What the template is given of one step."""
+    method = signature.name.removesuffix("_derivatives")
+    derivatives, layout = method != signature.name, layout_of(model.robot)
+    size = layout.v.size
+    sizes = dict.fromkeys(VECTORS[method], size) | dict.fromkeys(PLACES[method], layout.q.size)
+    called = FUNCTIONS[signature.name].composed
+    if derivatives and layout.is_quaternion:
+        sizes["moves"] = called["integrate_derivatives"] * 2 * _BASE**2
+    if derivatives:
+        width = len(inputs(model.robot))
+        sizes |= {"by_q": size**2, "by_v": size**2, "by_u": size * width}
+        # They are the last, since how long they are depends on the precision.
+        sizes["slopes"] = 0
+    ends = [*itertools.accumulate(sizes.values())]
+    names = [output.name for output in FUNCTIONS[signature.name].outputs]
+    return _StepText(
+        signature.name,
+        derivatives,
+        read_arrays(signature.arguments) + written_arrays(names),
+        state_lines(METHODS[method], derivatives, layout.is_quaternion),
+        column_lines(METHODS[method], layout.is_quaternion),
+        [*VECTORS[method], *PLACES[method]],
+        dict(zip(sizes, [0, *ends[:-1]], strict=True)),
+        ends[-1],
+        called["forward_dynamics_derivatives"] if derivatives else 0,
+    )
+
+
+def _body(signature: Signature, step: _StepText, lanes: bool) -> Lines:
+    """Body of a step, for a block of states (`lanes`), or for one state."""
+    outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
+    arrays = ["constants", *signature.arguments, *outputs, SCRATCH]
+    entries = f"({step.entries} + {step.slopes} * SLOPE)" if step.slopes else str(step.entries)
+    return [
+        local_arrays([SCRATCH], array_size(entries, lanes)),
+        *call(f"{signature.name}_states", [*arrays, "LANES" if lanes else "1"]),
+    ]
+
+
+def _stack(model: Model, step: _StepText) -> int:
+    """Stack that a step takes for one state of doubles (bytes): its own, and that of its parts."""
+    size = layout_of(model.robot).v.size
+    own = step.entries
+    if step.derivatives:
+        columns = [-(-width // LANES) * LANES for width in (2 * size, len(inputs(model.robot)))]
+        own += step.slopes * size * sum(columns) + (len(step.vectors) + 4) * size * LANES
+    functions = map(model.program.function, FUNCTIONS[step.name].composed)
+    return _DOUBLE * own + 2 * max(stack_bytes(gather_angles(part)) for part in functions)
+
+
+Pairs = frozenset[tuple[int, int]]
+
+
+def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
+    """Rows and columns of A and B of "step_euler" or "step_rk4", in the tangent space.
+
+    The model has the derivatives of steps.
+    """
+    size, width = layout_of(model.robot).v.size, len(inputs(model.robot))
+    known = patterns(model)
+
+    def of(matrix: str, row: int = 0, column: int = 0) -> Pairs:
+        pattern = known[matrix]
+        return frozenset(
+            (row + i, column + j) for i, j in zip(pattern.rows, pattern.columns, strict=True)
+        )
+
+    # A state is q and v, and behind it are the inputs, which stay as they are.
+    every = frozenset((i, i) for i in range(2 * size + width))
+    accelerated = every | of("acceleration_dq", size) | of("acceleration_dv", size, size)
+    accelerated |= of("acceleration_du", size, 2 * size)
+    moved = every | of("coordinates_dq") | of("coordinates_dv", 0, size)
+    stage = _product(moved, accelerated)
+    whole = stage
+    stages = FUNCTIONS[f"{name}_derivatives"].composed["forward_dynamics_derivatives"]
+    for _ in range(1, stages):
+        whole = _product(stage, whole)
+    states = {(i, j) for i, j in whole if i < 2 * size}
+    return {
+        "A": frozenset((i, j) for i, j in states if j < 2 * size),
+        "B": frozenset((i, j - 2 * size) for i, j in states if j >= 2 * size),
+    }
+
+
+def _product(left: Pairs, right: Pairs) -> Pairs:
+    """Pattern of a product of matrices."""
+    columns: dict[int, set[int]] = {}
+    for i, j in right:
+        columns.setdefault(i, set()).add(j)
+    return frozenset((i, j) for i, k in left for j in columns.get(k, ()))

@@ -1,0 +1,189 @@
+"""Motor lag, compensated: flights as if there were none, and thrusts that find back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.emitted import emitted_module
+
+from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.fixed_step import rk4_step
+from gibbs_codegen.flight.integration.state_history import NOTHING
+from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.allocation import allocation_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.reference import Motion, Reference
+from gibbs_codegen.flight.scenario.control import Law
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.robot.file import read_robot
+
+Array = NDArray[np.float64]
+Load = Callable[[str], ModuleType]
+
+
+def flown(name: str, **changes: Any) -> Scenario:
+    return read_scenario(name, {"integration": {"method": "rk4"}, **changes})
+
+
+def test_the_papers_flight_goes_on_with_lagging_motors(fast: Load) -> None:
+    """Without compensation control is lost at once."""
+    changes: dict[str, Any] = {"motors": {"time_constant": 0.02}}
+    flight = simulate(fast("hexarotor_3link"), flown("paper", **changes))
+    assert not flight.stopped
+    assert flight.time[-1] == pytest.approx(4.0 * np.pi)
+    assert flight.tip_error.max() < 1e-4
+    assert flight.centre_error.max() < 1e-5
+    changes["motors"]["compensation"] = False
+    lost = simulate(fast("hexarotor_3link"), flown("paper", **changes))
+    assert lost.time[-1] < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.exhaustive
+def test_adaptive_steps_take_the_papers_flight_too(fast: Load) -> None:
+    scenario = read_scenario("paper", {"motors": {"time_constant": 0.02}})
+    flight = simulate(fast("hexarotor_3link"), scenario)
+    assert not flight.stopped
+    assert flight.tip_error.max() < 1e-4
+
+
+@pytest.mark.parametrize("time_constant", [0.005, 0.2])
+def test_a_flight_with_lag_is_that_without(time_constant: float, fast: Load) -> None:
+    """Feedback and all, from a start that is off."""
+    start = {"offset": [0.2, -0.1, 0.1], "turn_deg": [5, 10, -5]}
+    free = flown("circle", start=start, duration=2.0)
+    lagging = replace(free, motors=replace(free.motors, time_constant=time_constant))
+    with_lag, without = (simulate(fast("hexarotor_3link"), each) for each in (lagging, free))
+    assert with_lag.centre_error.max() > 0.1
+    for name in ("q", "v", "applied"):
+        theirs = getattr(without, name)
+        tolerance = 1e-5 * np.abs(theirs).max()
+        assert getattr(with_lag, name) == pytest.approx(theirs, rel=0, abs=tolerance), name
+
+
+def test_open_loop_thrusts_are_those_of_the_desired_motion(fast: Load) -> None:
+    changes: dict[str, Any] = {
+        "base": {"attitude": {"kind": "level"}},
+        "control": {"law": "open_loop"},
+        "motors": {"time_constant": 0.1},
+    }
+    flight = simulate(fast("hexarotor"), flown("circle", **changes, duration=1.0))
+    assert flight.centre_error.max() < 1e-4
+    asked, given = flight.commanded[:, :6], flight.applied[:, :6]
+    assert np.abs(asked - given).max() > 0.01 * np.ptp(given)
+
+
+def loop_of(module: ModuleType, law: Law = "computed_torque", lag: float = 0.05) -> ClosedLoop:
+    """A loop along a smooth motion, whose first motor does not lag and last does most."""
+    vehicle = Vehicle(module)
+    count = vehicle.layout.v.size
+    time = np.linspace(0.0, 2.0, 9)
+    rates, phases = 0.5 + 0.1 * np.arange(count), np.arange(count)
+    angles = rates * time[:, np.newaxis] + phases
+    motion = 0.3 * np.array([np.sin(angles), rates * np.cos(angles), -(rates**2) * np.sin(angles)])
+    reference = Reference(Motion(time, *motion))
+    controller = Controller(
+        vehicle, reference, allocation_of(vehicle), Gains.of(5.0, 0.8, count), law
+    )
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[1:] = lag * np.arange(1, vehicle.rotors)
+    return ClosedLoop(vehicle, controller, actuators, compensated=True)
+
+
+def start_of(loop: ClosedLoop, off: float) -> Array:
+    """A state beside the motion at its begin, whose lagging thrusts are `off` what is wanted."""
+    q, v, _ = loop.controller.reference(0.0)
+    state = loop.start(q + 0.05 * np.cos(np.arange(len(q))), v)
+    state[loop.work_place + 2 : loop.memory_place] += off
+    return state
+
+
+@pytest.mark.parametrize("law", ["computed_torque", "open_loop"])
+def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast: Load) -> None:
+    """As e^(−t/T), each with its own T, whatever else happens."""
+    loop = loop_of(fast("hexarotor"), law)
+    state, size = start_of(loop, 2.0), 0.002
+    for step in range(50):
+        state = rk4_step(loop, step * size, state, size, NOTHING)
+    q, v, _, thrusts, memory = loop.parts(state)
+    wanted = loop.controller(50 * size, q, v, memory)[: len(thrusts)]
+    decay = np.exp(-50 * size / loop.actuators.lag[1:])
+    assert (thrusts - wanted)[1:] == pytest.approx(2.0 * decay, abs=1e-5)
+
+
+@dataclass(frozen=True)
+class Swinging(Controller):
+    """A law like no other, which remembers how far the robot has gone."""
+
+    memory: int = 1
+
+    def __call__(
+        self, time: float | Array, q: Array, v: Array, memory: Array | None = None
+    ) -> Array:
+        """Inputs that swing with time, place, speed, and what is remembered."""
+        assert memory is not None
+        phase = np.asarray(time) + np.sum(q, axis=-1) + 0.1 * np.sum(v, axis=-1) + memory[..., 0]
+        swing: Array = np.sin(phase[..., np.newaxis] + np.arange(len(self.vehicle.inputs)))
+        return swing
+
+    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """The sum of velocities (…, 1)."""
+        return np.asarray(np.sum(v, axis=-1, keepdims=True), dtype=np.float64)
+
+
+@pytest.mark.parametrize(
+    ("robot", "law"),
+    [
+        ("hexarotor_3link", Controller),
+        ("hexarotor_3link", Swinging),
+        pytest.param("everything", Swinging, marks=pytest.mark.slow),  # rotors on links
+    ],
+)
+def test_commands_look_ahead_along_the_motion_that_the_acting_thrusts_make(
+    robot: str, law: type[Controller], fast: Load
+) -> None:
+    """By thrusts that the law wants a little earlier and later in flights that are integrated."""
+    file = Path(__file__).parents[2] / "robots/everything.toml"
+    module = fast(robot) if robot != "everything" else emitted_module(read_robot(str(file))[0])
+    loop = loop_of(module)
+    known = loop.controller
+    loop = replace(
+        loop, controller=law(known.vehicle, known.reference, known.allocation, known.gains)
+    )
+    rotors, state, time, size = loop.vehicle.rotors, start_of(loop, 0.3), 0.3, 1e-6
+    wanted = []
+    for side in (-size, size):
+        q, v, _, _, memory = loop.parts(rk4_step(loop, time, state, side, NOTHING))
+        wanted.append(loop.controller(time + side, q, v, memory)[:rotors])
+    parts = loop.parts(state)
+    more = loop.commanded(time, parts) - loop.controller(time, parts.q, parts.v, parts.memory)
+    rates = (wanted[1] - wanted[0]) / (2.0 * size)
+    assert more[:rotors] == pytest.approx(loop.actuators.lag * rates, rel=1e-3, abs=1e-3)
+    assert np.abs(more[1:rotors]).max() > 0.02
+    assert more[0] == 0.0
+    assert not np.any(more[rotors:])
+
+
+def test_commands_at_limits_stay_within_them_and_bring_the_robot_back(fast: Load) -> None:
+    """Where limits begin to bind the law's thrusts have kinks, and no rate there is endless."""
+    changes = {
+        "motors": {"limits": [-10, 13], "time_constant": 0.03},
+        "start": {"offset": [0.8, 0.4, -0.3], "turn_deg": [10, 5, 0]},
+    }
+    scenario = flown("hover", **changes, duration=3.0)
+    flight = simulate(fast("hexarotor"), scenario)
+    assert not flight.stopped
+    assert np.all((flight.applied[:, :6] >= -10.0) & (flight.applied[:, :6] <= 13.0))
+    assert np.any(np.abs(flight.applied[:, :6] - 13.0) < 1e-3)
+    assert np.abs(flight.commanded[:, :6]).max() < 100.0
+    assert flight.centre_error[-1] < 1e-3

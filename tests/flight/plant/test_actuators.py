@@ -1,0 +1,193 @@
+"""Limits and lag of motors and joints: those of the robot file where the scenario is silent."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.scenario import Scenario, Settings
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.runtime.load import load
+
+Load = Callable[[str], ModuleType]
+
+JOINTS = [f"flying_arm_5__j_{a}" for a in ("base_link_link_1", "link_1_link_2")]
+RK4 = Settings(method="rk4", step=0.002)
+ROBOT = """
+name = "mixed"
+[base]
+mass = 2.0
+inertia = [0.02, 0.03, 0.04, 0, 0, 0]
+attitude = "quaternion"
+[[rotor]]
+position = [0.3, 0, 0]
+limits = [-1, 12]
+drag = 0.02
+spin_inertia = 1e-4
+speed_per_sqrt_thrust = 300
+[[rotor]]
+position = [-0.3, 0, 0]
+drag = -0.02
+time_constant = 0.05
+[[link]]
+xyz = [0, 0, -0.1]
+axis = "y"
+mass = 0.2
+com = [0, 0, -0.1]
+inertia = [0.001, 0.001, 0.001, 0, 0, 0]
+limits_deg = [-90, 30]
+velocity = 2.5
+[[link]]
+joint = "fixed"
+xyz = [0, 0, -0.2]
+mass = 0.1
+inertia = [0.001, 0.001, 0.001, 0, 0, 0]
+[[link]]
+joint = "prismatic"
+xyz = [0, 0, -0.1]
+mass = 0.1
+inertia = [0.001, 0.001, 0.001, 0, 0, 0]
+limits = [0, inf]
+effort = 3
+[[frame]]
+name = "hand"
+on = "link3"
+"""
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Folders of the modules of a robot with some limits, and of one that ships with all."""
+    folder = tmp_path_factory.mktemp("limits")
+    (folder / "mixed.toml").write_text(ROBOT, encoding="utf-8")
+    robots = {"mixed": folder / "mixed.toml", "hextilt": "hextilt_flying_arm_5"}
+    return {name: generate(file, folder, verify=False) for name, file in robots.items()}
+
+
+def hover(**changes: Any) -> Scenario:
+    return read_scenario("hover", {"duration": 0.5, **changes})
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_the_robot_file_tells_what_the_scenario_does_not(
+    backend: str, folders: dict[str, Path]
+) -> None:
+    """Fixed links have no entry, and what is not given is not limited."""
+    vehicle, inf = Vehicle(load(folders["mixed"], backend)), np.inf
+    found = actuators_of(vehicle, hover())
+    assert found.thrusts.tolist() == [[-1, -inf], [12, inf]]
+    assert found.lag.tolist() == [0, 0.05]
+    assert found.joints[:, 0] == pytest.approx([-np.pi / 2, np.pi / 6], rel=1e-15)
+    assert found.joints[:, 1].tolist() == [0, inf]
+    assert found.efforts.tolist() == [inf, 3]
+    assert found.velocities.tolist() == [2.5, inf]
+    # A rotor with a positive drag spins clockwise, seen from the tip of its thrust.
+    assert found.spins == pytest.approx([-0.03, 0.0])
+    assert found.inputs.tolist() == [[-1, -inf, -inf, -3], [12, inf, inf, 3]]
+
+
+def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None:
+    """Thrusts and lag of all motors at once, joints one by one."""
+    vehicle = Vehicle(load(folders["mixed"]))
+    turning, sliding = vehicle.joint_names
+    arm = {
+        "limits_deg": {turning: [-10, 10]},
+        "effort": {turning: 4},
+        "velocity": {sliding: 0.1},
+    }
+    found = actuators_of(vehicle, hover(arm=arm, motors={"limits": [0, 9], "time_constant": 0}))
+    assert found.thrusts.tolist() == [[0, 0], [9, 9]]
+    assert found.lag.tolist() == [0, 0]
+    assert found.joints[:, 0] == pytest.approx(np.radians([-10, 10]))
+    assert found.joints[:, 1].tolist() == [0, np.inf]
+    assert found.efforts.tolist() == [4, 3]
+    assert found.velocities.tolist() == [2.5, 0.1]
+    with pytest.raises(UsageError, match=r"arm\.effort\.elbow: mixed has no joint elbow; its "):
+        actuators_of(vehicle, hover(arm={"effort": {"elbow": 1}}))
+
+
+def test_motors_that_are_off_have_no_least_thrust(folders: dict[str, Path]) -> None:
+    off = {"law": "off"}
+    module = load(folders["hextilt"], "c")
+    assert not np.any(simulate(module, hover(control=off)).applied)
+    limited = simulate(module, hover(control=off, motors={"limits": [0.5, 1]}))
+    assert np.all(limited.applied[:, :6] == 0.5)  # The scenario says so.
+
+
+def test_a_module_without_its_robot_file_has_no_limits(
+    folders: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = shutil.copytree(folders["mixed"], tmp_path / "mixed")
+    (folder / "robot.toml").unlink()
+    vehicle = Vehicle(load(folder))
+    found, expected = actuators_of(vehicle, hover()), Actuators.unlimited(vehicle)
+    assert np.array_equal(found.inputs, expected.inputs)
+    assert not np.any(found.lag)
+
+
+@pytest.mark.parametrize("text", ["[[rotor]", "rotor = 3", "[[rotor]]\n" * 3, "link = [1]", "\xff"])
+def test_a_robot_file_of_another_robot_is_refused(
+    text: str, folders: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = shutil.copytree(folders["mixed"], tmp_path / "mixed")
+    (folder / "robot.toml").write_text(text, encoding="latin-1")
+    with pytest.raises(UsageError, match=r"robot.toml: is not .* generate the module again"):
+        actuators_of(Vehicle(load(folder)), hover())
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+def test_joints_give_no_more_than_their_effort(method: str, folders: dict[str, Path]) -> None:
+    """A start that is off asks for more than the limits of the robot file."""
+    module = load(folders["hextilt"], "c")
+    start = {"offset": [0.15, 0.1, -0.1]}
+    scenario = hover(start=start, integration={"method": method, "step": 0.002})
+    arm = {"effort": dict.fromkeys(Vehicle(module).joint_names, 0.05)}
+    weak = hover(start=start, arm=arm, integration={"method": method, "step": 0.002})
+    flights = [simulate(module, each) for each in (scenario, replace(weak, duration=0.2))]
+    for flight, most in zip(flights, ([1, 1, 0.3, 0.3, 0.3], [0.05] * 5), strict=True):
+        asked, given = (np.abs(inputs[:, 6:]) for inputs in (flight.commanded, flight.applied))
+        assert np.all(given <= most)
+        assert np.array_equal(given, np.minimum(asked, most))
+        assert np.abs(flight.energy_error).max() < 1e-4
+    assert np.any(np.abs(flights[1].commanded[:, 6:]) > 0.05)
+    assert np.min(flights[0].applied[:, :6]) >= 0.0854858
+
+
+def test_only_motors_with_a_time_constant_lag(folders: dict[str, Path]) -> None:
+    """In open loop, along a path on which the thrusts change."""
+    path = {"kind": "line", "start": [0, 0, 2], "end": [0, 0, 2.5], "duration": 0.5}
+    finely = {"rate": 1000}
+    control = {"control": {"law": "open_loop"}, "motors": {"compensation": False}}
+    scenario = hover(**control, base={"path": path}, integration=finely)
+    arm = {"limits_deg": {Vehicle(load(folders["mixed"])).joint_names[0]: [-90, 90]}}
+    scenario = replace(scenario, arm=hover(arm=arm).arm)
+    flight = simulate(load(folders["mixed"], "c"), scenario)
+    late = flight.commanded[:, :2] - flight.applied[:, :2]
+    assert np.ptp(flight.commanded[:, 0]) > 1.0
+    assert not np.any(late[:, 0])
+    assert late[0, 1] == 0.0
+    assert np.abs(late[:, 1]).max() > 0.1
+    # ds/dt = (commanded - s) / time constant, by central differences
+    s, time = flight.applied[:, 1], flight.time
+    rate = (s[2:] - s[:-2]) / (time[2:] - time[:-2])
+    assert rate == pytest.approx(late[1:-1, 1] / 0.05, rel=1e-3, abs=0.1)
+
+
+def test_a_motion_that_is_too_fast_for_a_joint_is_refused(fast: Load) -> None:
+    arm = {"velocity": {"theta_9": 0.1}}
+    paper = read_scenario("paper", {"duration": 1, "arm": arm})
+    message = r"arm: at t = [\d.]+ s theta_9 has to move at [\d.]+ rad/s, faster than its limit of"
+    with pytest.raises(UsageError, match=message + r" 0\.1 rad/s; .* arm\.velocity\.theta_9"):
+        simulate(fast("hexarotor_3link"), paper)

@@ -1,0 +1,97 @@
+"""A force and a torque at any frame: against momentum and energy, and in both loops alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.scenario import Push, Scenario, Settings
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.runtime.load import load
+
+Load = Callable[[str], ModuleType]
+
+FORCE, TORQUE = np.array([0.7, -0.4, 0.5]), np.array([0.02, 0.05, -0.03])
+BEGIN, END = 0.1003, 0.3007  # Neither is on the grid of steps.
+RK4 = Settings(method="rk4", step=0.0005, rate=1000.0)
+TIGHT = Settings(relative_tolerance=1e-12, absolute_tolerance=1e-13, rate=1000.0)
+
+
+@pytest.fixture(scope="module")
+def dual_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the module of a robot with two arms, with a frame at the end of each."""
+    return generate("dual_arm", tmp_path_factory.mktemp("dual"), verify=False)
+
+
+def adrift(push: Push, settings: Settings) -> Scenario:
+    """A robot that falls, bent and turned, with its motors off, and is pushed."""
+    start = {"turn_deg": [20, 30, 40]}
+    scenario = read_scenario("hover", {"start": start, "control": {"law": "off"}})
+    return replace(scenario, duration=0.4, integration=settings, push=push)
+
+
+@pytest.mark.parametrize("frame", ["base", "right_hand", "left_hand"])
+def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: Path) -> None:
+    """Linear and angular momentum about the centre of mass, by the push's own lever."""
+    module = load(dual_arm, "c")
+    push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
+    flight = simulate(module, adrift(push, TIGHT))
+    assert not flight.stopped
+    momentum = module.centroidal_momentum(flight.q, flight.v)
+    mass = np.linalg.norm(module.gravity_forces(flight.q)[0, :3]) / 9.81
+    pushed = min(END, flight.time[-1]) - BEGIN
+    gained = momentum[-1, :3] - momentum[0, :3]
+    fallen = np.array([0.0, 0.0, -9.81 * mass * flight.time[-1]])
+    assert gained - fallen == pytest.approx(FORCE * pushed, abs=1e-9)
+    # The lever changes in time: the angular momentum is the integral of the torque.
+    place = flight.points.index(frame) if frame in flight.points else None
+    poses = module.frame_poses(flight.q)[:, module.FRAMES.index(frame), :3, 3]
+    assert place is None or np.allclose(poses, flight.positions[:, place])
+    torque = TORQUE + np.cross(poses - module.centre_of_mass(flight.q), FORCE)
+    whole = (flight.time > BEGIN) & (flight.time < END)
+    during, time = momentum[whole, 3:], flight.time[whole]
+    steps = 0.5 * (torque[whole][1:] + torque[whole][:-1]) * np.diff(time)[:, np.newaxis]
+    assert during[-1] - during[0] == pytest.approx(steps.sum(axis=0), abs=1e-6)
+    assert np.abs(during[-1] - during[0]).max() > 1e-3
+    still = momentum[flight.time < BEGIN, 3:]
+    assert still == pytest.approx(np.tile(still[0], (len(still), 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["base", "right_hand"])
+def test_both_loops_push_alike_and_energy_balances(frame: str, dual_arm: Path) -> None:
+    push = Push(tuple(FORCE), BEGIN, END, tuple(TORQUE), frame)
+    exact = simulate(load(dual_arm, "c"), adrift(push, TIGHT))
+    compiled = simulate(load(dual_arm, "c"), adrift(push, RK4))
+    free = simulate(load(dual_arm, "c"), replace(adrift(push, RK4), push=None))
+    assert np.abs(exact.energy_error).max() < 1e-9
+    assert np.ptp(exact.work) > 1e-3
+    assert compiled.q == pytest.approx(exact.q, abs=1e-7)
+    assert compiled.work == pytest.approx(exact.work, abs=1e-7)
+    assert compiled.a == pytest.approx(exact.a, abs=1e-4)
+    assert np.abs(free.q - exact.q)[-1].max() > 1e-3
+
+
+def test_a_push_at_the_tip_is_what_a_force_there_was(fast: Load) -> None:
+    """By the mass matrix and the Jacobian of the tip, as flights were computed before."""
+    module = fast("hexarotor_3link")
+    push = Push((3.0, -1.0, 2.0), 0.0, 1.0)
+    flight = simulate(module, replace(read_scenario("circle"), duration=0.2, push=push))
+    force = np.asarray(push.force) @ module.tip_jacobian(flight.q)[:, :3]
+    free = module.forward_dynamics(flight.q, flight.v, flight.applied)
+    extra = np.linalg.solve(module.mass_matrix(flight.q), force[..., np.newaxis])[..., 0]
+    assert flight.a == pytest.approx(free + extra, rel=1e-9, abs=1e-9)
+
+
+def test_an_unknown_frame_is_refused_with_those_there_are(fast: Load) -> None:
+    scenario = replace(read_scenario("hover"), push=Push(frame="hand\n"))
+    message = r"push.frame: hexarotor_3link has no frame hand\\n; its frames: base, tip"
+    with pytest.raises(UsageError, match=message):
+        simulate(fast("hexarotor_3link"), scenario)

@@ -1,0 +1,72 @@
+"""The page of a robot, for robots of every kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from support.browser import visit
+from support.pixels import count, pixels
+
+import gibbs_codegen
+from gibbs_codegen.flight.viewer import page as viewer_page
+from gibbs_codegen.flight.viewer.machine import ROTOR, THRUST, Machine
+
+Shipped = Callable[[str], ModuleType]
+
+# A base without rotors, and a joint that slides.
+SLIDER = """\
+name = "slider"
+gravity = 9.81
+[base]
+attitude = "quaternion"
+mass = 2
+inertia = [0.02, 0.02, 0.03, 0, 0, 0]
+[[link]]
+name = "slide"
+joint = "prismatic"
+axis = "z"
+xyz = [0, 0, -0.1]
+mass = 1
+inertia = [0.01, 0.01, 0.01, 0, 0, 0]
+limits = [0, 0.25]
+"""
+
+
+def test_a_robot_without_rotors_that_slides_is_shown(tmp_path: Path) -> None:
+    (tmp_path / "slider.toml").write_text(SLIDER)
+    file, out = str(tmp_path / "slider.toml"), str(tmp_path / "made")
+    module = gibbs_codegen.load(gibbs_codegen.generate(file, out))
+    machine = Machine(module)
+    labels, ends = machine.controls(1.0)
+    assert labels[3] == "slide, m"
+    assert ends[:, 3].tolist() == [0.0, 0.25]
+    page = gibbs_codegen.view_html(module)
+    assert len(page.text) < 2_000_000
+    assert "thrust" not in page.text.rpartition('id="key"')[2]
+    assert "force at a joint" in page.text
+
+
+def test_a_page_has_fewer_frames_rather_than_more_room(
+    shipped: Shipped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = gibbs_codegen.view_html(shipped("quadrotor")).size
+    monkeypatch.setattr(viewer_page, "_ROOM", whole - 1000)
+    assert gibbs_codegen.view_html(shipped("quadrotor")).size <= whole - 1000
+
+
+@pytest.mark.slow
+def test_rotors_that_joints_move_are_drawn_where_they_are(shipped: Shipped, tmp_path: Path) -> None:
+    gibbs_codegen.view_html(shipped("hydrus")).save(tmp_path / "hydrus.html")
+    with visit((tmp_path / "hydrus.html").as_uri(), 600, 400) as seen:
+        seen.page.wait_for_function(
+            "parseFloat(document.querySelector('input')?.value) > 1", timeout=120_000
+        )
+        seen.page.keyboard.press("Space")
+        picture = pixels(seen.page)
+        assert (seen.foreign, seen.faults) == ([], [])
+    assert count(picture, THRUST) + count(picture, ROTOR) > 20
+    dark = (picture.max(axis=-1) < 140).mean()
+    assert dark > 0.002
