@@ -32,20 +32,24 @@ class Walls:
         self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
 
     def add(self, wrenches: Array, poses: Array, velocities: Array) -> None:
-        """Add the forces of the walls to other wrenches.
+        """Add the forces of the walls to other wrenches, which `forces` tells one by one.
 
         Args:
             wrenches: Wrenches (…, f, 6) on the frames, which are changed.
             poses: Poses (…, f, 4, 4) of the frames.
             velocities: Velocities (…, f, 6) of the frames: linear, then angular, world axes.
         """
+        forces = self.forces(poses, velocities)[..., np.newaxis] * self.normals
+        for k, place in enumerate(self.places):
+            wrenches[..., place, :3] += forces[..., k, :]
+
+    def forces(self, poses: Array, velocities: Array) -> Array:
+        """The force (…, w) of each wall along its normal, N, by poses and velocities of frames."""
         behind = self.points - poses[..., :3, 3][..., self.places, :]
         depth = np.sum(self.normals * behind, axis=-1)
         speed = -np.sum(self.normals * velocities[..., self.places, :3], axis=-1)
         pushed = np.maximum(self.stiffness * depth + self.damping * speed, 0.0)
-        forces = np.where(depth > 0.0, pushed, 0.0)[..., np.newaxis] * self.normals
-        for k, place in enumerate(self.places):
-            wrenches[..., place, :3] += forces[..., k, :]
+        return np.where(depth > 0.0, pushed, 0.0)
 
     def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
         """The masses that walls feel along their normals, of a robot that is free to move.

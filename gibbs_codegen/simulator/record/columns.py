@@ -54,6 +54,8 @@ def columns_of(flight: Series) -> Iterator[Column]:
         for i, axis in enumerate("xyz"):
             yield f"{point}_{axis}", "m", flight.positions[:, j, i]
     yield from _wrenches(flight)
+    for k, values in enumerate(flight.wall_forces.T, start=1):
+        yield f"wall_{k}_force", "N", values
     for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
         for axis, values in zip("xyz", series.T, strict=False):
             yield f"{point}_{axis}_desired", "m", values

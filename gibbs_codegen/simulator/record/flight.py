@@ -27,6 +27,8 @@ _ROWS = 4096
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
 _OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
+# Fields that a flight made by hand may lack.
+_OF_NO_TIME |= {"wall_forces"}
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "walls": np.zeros((0, 6)),
         "gusts": np.zeros((0, 2)),
         "frames": np.array([], dtype=str),
+        "wall_forces": np.full((len(stored["time"]), len(stored.get("walls", ()))), np.nan),
         "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }
     found |= {name: value for name, value in later.items() if name not in stored}

@@ -54,7 +54,8 @@ class Series:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
-    `walls` (w, 6) are a point, m, and the normal of each wall; `gusts` (g, 2) are from when to when
+    `walls` (w, 6) are a point, m, and the normal of each wall, `wall_forces` (s, w) how it pushes
+    along that, N, which is NaN in files of before flights had them; `gusts` (g, 2) are from when to when
     each gust of the wind blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits.
@@ -108,6 +109,7 @@ class Series:
     binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
