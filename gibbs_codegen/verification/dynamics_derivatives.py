@@ -76,8 +76,9 @@ class Dynamics:
         """
         if not self.forward:
             return matrix
+        columns = math.prod(matrix.shape[2:])
         with np.errstate(invalid="ignore"):
-            product: Array = self.mass_matrix @ matrix.reshape(*matrix.shape[:2], math.prod(matrix.shape[2:]))
+            product: Array = self.mass_matrix @ matrix.reshape(*matrix.shape[:2], columns)
         return product.reshape(matrix.shape)
 
     def inertial(self, matrix: Array) -> Array:

@@ -53,9 +53,7 @@ def test_of_a_rotor_that_is_held_at_nothing_nothing_is_told(flight: Flight) -> N
     limits, least = flight.input_limits.copy(), flight.commanded_least.copy()
     greatest = flight.commanded_greatest.copy()
     limits[:, 1] = least[:, 1] = greatest[:, 1] = 0.0
-    held = replace(
-        flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest
-    )
+    held = replace(flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
     assert reached_limits(held) == ""
     greatest[6, 1] = 3.0
     assert "F_2 was asked for 3 N of 0 N at" in reached_limits(held)

@@ -317,7 +317,7 @@ def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude, tmp_path: 
     body = RigidBody(0.0, 2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     robot = Robot("stone", Base(attitude=attitude, origin="base", body=body), ())
     module = emitted_module(robot)
-    with pytest.raises(AllocationError, match='cannot command force along x, .* to "off"'):
+    with pytest.raises(AllocationError, match=r'cannot command force along x, .* to "off"'):
         simulate(module, read_scenario("hover", {"duration": 0.2}))
     falling = read_scenario("hover", {"duration": 0.2, "control": {"law": "off"}})
     flight = simulate(module, falling)

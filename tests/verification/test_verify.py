@@ -61,9 +61,7 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
 
 
 @pytest.mark.parametrize("attitude", ["xyz", "quaternion"])
-def test_a_base_that_is_carried_passes_with_derivatives(
-    attitude: Attitude, tmp_path: Path
-) -> None:
+def test_a_base_that_is_carried_passes_with_derivatives(attitude: Attitude, tmp_path: Path) -> None:
     """It has no rotors and no joints that move, hence no inputs."""
     body = RigidBody(0.0, 2.0, inertia=(0.03, 0.03, 0.05, 0.0, 0.0, 0.0))
     mast = RigidBody(0.0, 0.2, inertia=(1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0))

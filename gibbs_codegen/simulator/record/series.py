@@ -54,9 +54,9 @@ class Series:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
-    `walls` (w, 6) are a point, m, and the normal of each wall, `wall_forces` (s, w) how it pushes
-    along that, N, which is NaN in files of before flights had them; `gusts` (g, 2) are from when to when
-    each gust of the wind blows, s.
+    `walls` (w, 6) are a point, m, and the normal of each wall, and `wall_forces` (s, w) what it
+    pushes with along that, N, NaN in files of before flights said so; `gusts` (g, 2) are from when
+    to when each gust of the wind blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
