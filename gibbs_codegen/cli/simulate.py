@@ -66,6 +66,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 @terminal.ended_by_signals()
 def _simulate(options: argparse.Namespace) -> int:
+    import numpy as np
+
     from gibbs_codegen.files.changes import changes_of
     from gibbs_codegen.flight.figures.flight import check_results, write_results
     from gibbs_codegen.flight.scenario.file import read_scenario
@@ -92,6 +94,11 @@ def _simulate(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
+    for k, (wall, forces) in enumerate(zip(scenario.walls, flight.wall_forces.T, strict=True), 1):
+        most = int(np.nan_to_num(forces).argmax())
+        words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
+        words += f"{forces[-1]:.3g} N at the end"
+        print(f"wall {k}, on {printable(wall.frame)}: {words if forces.any() else 'not touched'}")
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
     _print_timing(flight, printable(options.out))

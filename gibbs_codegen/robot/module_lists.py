@@ -78,11 +78,10 @@ def carriers(robot: Robot) -> tuple[str, ...]:
     of_body = {BASE: "O2" if rods else "base"}
     for i, link in enumerate(robot.links, start=1):
         of_body[i] = next(joints) if link.moves else of_body[robot.parents[i - 1]]
-    base = [BASE] * (2 + rods if rods else 1)
-    placed = [*(rotor.on for rotor in robot.thrusters), *(f.on for f in frames_of(robot)[1:])]
-    thrusters = len(robot.thrusters)
-    moving = [robot.parents[i - 1] for i in robot.moving]
-    bodies = [*base, *placed[:thrusters], *moving, *placed[thrusters:]]
+    bodies = [BASE] * (2 + rods if rods else 1)
+    bodies += [rotor.on for rotor in robot.thrusters]
+    bodies += [robot.parents[i - 1] for i in robot.moving]
+    bodies += [frame.on for frame in frames_of(robot)[1:]]
     return tuple(of_body[body] for body in bodies)
 
 

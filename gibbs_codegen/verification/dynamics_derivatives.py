@@ -63,9 +63,9 @@ class Dynamics:
         """Derivatives of the results, (s, nv, n) or (s, nv), as those of forces."""
         if not self.forward:
             return matrix
+        columns = math.prod(matrix.shape[2:])
         with np.errstate(invalid="ignore"):
-            columns = matrix.reshape(*matrix.shape[:2], math.prod(matrix.shape[2:]))
-            product: Array = self.mass_matrix @ columns
+            product: Array = self.mass_matrix @ matrix.reshape(*matrix.shape[:2], columns)
         return product.reshape(matrix.shape)
 
     def inertial(self, matrix: Array) -> Array:

@@ -47,6 +47,24 @@ def test_a_flight_leaves_series_and_figures(workplace: Path) -> None:
     assert flight.tip_error.max() < 1e-6
 
 
+def test_the_force_of_every_wall_is_told(workplace: Path) -> None:
+    wall = "{frame='tip', point=[%s, 0, 3], normal=[-1, 0, 0], stiffness=400, damping=9}"
+    walls = f"wall=[{wall % 5}, {wall % 9}]"
+    options = ["--scenario", "inspection", "--set", walls, "--set", "duration=8", "--no-figures"]
+    done = run("simulate", "hexarotor_3link", *options, "--out", "leant", cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    flight = read_flight(workplace / "leant" / "flight.npz")
+    forces = -flight.frame_wrench("tip")[:, 0]
+    assert flight.wall_forces[:, 0] == pytest.approx(forces)
+    assert not flight.wall_forces[:, 1].any()
+    begin = f"wall 1, on tip: at most {forces.max():.3g} N, at t = "
+    assert f"{begin}{flight.time[forces.argmax()]:.4g} s; {forces[-1]:.3g} N at the end\n" in (
+        done.stdout
+    )
+    assert "wall 2, on tip: not touched\n" in done.stdout
+    assert forces[-1] > 5.0
+
+
 def test_options_reach_the_flight(workplace: Path) -> None:
     scenario = workplace / "mine.toml"
     scenario.write_text(

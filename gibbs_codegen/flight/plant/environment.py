@@ -139,18 +139,18 @@ class Walls:
         self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
 
     def add(self, wrenches: Array, poses: Array, velocities: Array) -> None:
-        """Add the forces of the walls to other wrenches (…, f, 6) on the frames.
+        """Add the forces of walls to wrenches (…, f, 6), which are changed, as of `forces`."""
+        forces = self.forces(poses, velocities)[..., np.newaxis] * self.normals
+        for k, place in enumerate(self.places):
+            wrenches[..., place, :3] += forces[..., k, :]
 
-        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
-        theirs.
-        """
+    def forces(self, poses: Array, velocities: Array) -> Array:
+        """The force (…, w) of each wall along its normal, N, by poses and velocities of frames."""
         behind = self.points - poses[..., :3, 3][..., self.places, :]
         depth = np.sum(self.normals * behind, axis=-1)
         speed = -np.sum(self.normals * velocities[..., self.places, :3], axis=-1)
         pushed = np.maximum(self.stiffness * depth + self.damping * speed, 0.0)
-        forces = np.where(depth > 0.0, pushed, 0.0)[..., np.newaxis] * self.normals
-        for k, place in enumerate(self.places):
-            wrenches[..., place, :3] += forces[..., k, :]
+        return np.where(depth > 0.0, pushed, 0.0)
 
     def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
         """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).

@@ -39,6 +39,7 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "walls": np.zeros((0, 6)),
         "gusts": np.zeros((0, 2)),
         "frames": np.array([], dtype=str),
+        "wall_forces": np.full((len(stored["time"]), len(stored.get("walls", ()))), np.nan),
         "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }
     found |= {name: value for name, value in later.items() if name not in stored}
@@ -77,6 +78,8 @@ _ROWS = 4096
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
 _OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
+# Fields that a flight made by hand may lack.
+_OF_NO_TIME |= {"wall_forces"}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 

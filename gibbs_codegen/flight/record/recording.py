@@ -63,6 +63,7 @@ class Recording:
             (("parents", "thrust_directions"), self._connections),
             (("centre_desired", "tip_desired"), self._paths),
             (("weight", "walls", "gusts"), self._surroundings),
+            (("wall_forces",), self._wall_forces),
             (("kinetic_energy", "potential_energy"), self._energies),
         )
 
@@ -164,6 +165,15 @@ class Recording:
 
     def _surroundings(self) -> dict[str, Any]:
         return _surroundings(self.loop.vehicle, self.scenario)
+
+    def _wall_forces(self) -> dict[str, Any]:
+        """Force (s, w) of each wall, N."""
+        environment, vehicle, (q, v, *_) = self.loop.environment, self.loop.vehicle, self._parts
+        forces = np.zeros((len(self._time), 0))
+        if environment is not None and environment.wall:
+            velocities = vehicle.function("frame_velocities")(q, v)
+            forces = environment.walls.forces(vehicle.frame_poses(q), velocities)
+        return {"wall_forces": forces}
 
     def _energies(self) -> dict[str, Any]:
         """Energies (s), J."""

@@ -57,8 +57,9 @@ class Series:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
-    `walls` (w, 6) are a point, m, and the normal of each wall; `gusts` (g, 2) are from when to when
-    each gust of the wind blows, s.
+    `walls` (w, 6) are a point, m, and the normal of each wall, and `wall_forces` (s, w) what it
+    pushes with along that, N, NaN in files of before flights said so; `gusts` (g, 2) are from when
+    to when each gust of the wind blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
@@ -111,6 +112,7 @@ class Series:
     binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
+    wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -245,6 +247,8 @@ def columns_of(flight: Series) -> Iterator[Column]:
         for i, axis in enumerate("xyz"):
             yield f"{point}_{axis}", "m", flight.positions[:, j, i]
     yield from _wrenches(flight)
+    for k, values in enumerate(flight.wall_forces.T, start=1):
+        yield f"wall_{k}_force", "N", values
     for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
         for axis, values in zip("xyz", series.T, strict=False):
             yield f"{point}_{axis}_desired", "m", values

@@ -203,9 +203,8 @@ def _result_lines(robot: Robot) -> Lines:
     )
     if layout_of(robot).is_quaternion:
         text += (
-            " No attitude makes them so. A quaternion that is not of unit length is normalised "
-            f"by {robot.name}_integrate only, where the square of its length is neither 0 nor "
-            "infinite."
+            " No attitude makes them so. A quaternion that is not of unit length is normalised by "
+            f"{robot.name}_integrate only, if the square of its length is neither 0 nor infinite."
         )
     else:
         text += (

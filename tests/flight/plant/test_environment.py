@@ -238,6 +238,46 @@ def test_inspection_pushes_with_the_force_of_two_springs_in_a_row(fast: Load) ->
     assert flight.tip_error[-1] < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("frequency", "load", "wanted", "pressed"),
+    [(5, 0.064, 5.0, 0.9), (30, 2.29, 1.0, 1.0), (60, 9.18, 5.0, 5.0)],
+)
+def test_an_arm_that_is_pressed_along_its_length_buckles(
+    frequency: float, load: float, wanted: float, pressed: float, fast: Load
+) -> None:
+    """What the page on scenarios says of walls."""
+    module = fast("hextilt_flying_arm_5")
+    vehicle, stiffness, tip = Vehicle(module), 400.0, module.FRAMES.index("tip")
+    # The arm hangs where its joints are at 0.
+    posture = dict(zip(vehicle.joint_names, [90.0, 0.0, 0.0, 0.0, 0.0], strict=True))
+    q = vehicle.neutral
+    q[vehicle.arm] = np.radians([*posture.values()])
+    across = -module.frame_jacobians(q)[tip, 0]
+    mass = 1.0 / (across @ np.linalg.solve(module.mass_matrix(q), across))
+    pushing = np.zeros((len(module.FRAMES), 6))
+    pushing[tip, 0] = -1.0
+    moves = 1e-5 * np.eye(len(across))
+    ends = (module.wrench_forces(module.integrate(q, x), pushing) for x in (moves, -moves))
+    slopes = np.subtract(*ends).T / 2e-5
+    worst = np.linalg.eigvals(np.linalg.solve(module.mass_matrix(q), slopes)).real.max()
+    assert frequency**2 / worst == pytest.approx(load, rel=0.01)
+    depth = wanted * (1.0 / stiffness + 1.0 / (mass * frequency**2))
+    place = module.frame_poses(q)[tip, :3, 3] + [0.05, 0.0, 0.0]
+    path = {"kind": "line", "start": [0, 0, 0], "end": [0.05 + depth, 0, 0], "duration": 3}
+    wall = {"frame": "tip", "point": place.tolist(), "normal": [-1, 0, 0]}
+    changes = {
+        "duration": 8,
+        "base": {"path": path},
+        "arm": {"posture_deg": posture, "effort": dict.fromkeys(posture, 100.0)},
+        "control": {"law": "computed_torque", "frequency": frequency},
+        "wall": [wall | {"stiffness": stiffness, "damping": 40}],
+        "integration": {"method": "rk4", "step": 5e-4},
+    }
+    flight = simulate(module, read_scenario("hover", changes))
+    assert not flight.stopped
+    assert flight.wall_forces[-1, 0] == pytest.approx(pressed, rel=0.01)
+
+
 # Payloads
 
 

@@ -57,7 +57,8 @@ def test_wrenches_on_frames(flight: Flight, tmp_path: Path) -> None:
     """Frames that nothing acts on have no columns, and older files have no wrenches."""
     wrenches = flight.frame_wrenches.copy()
     wrenches[:, 1] = np.arange(6) + flight.time[:, np.newaxis]
-    loaded = dataclasses.replace(flight, frame_wrenches=wrenches)
+    walls = {"walls": np.ones((2, 6)), "wall_forces": np.ones((len(flight.time), 2))}
+    loaded = dataclasses.replace(flight, frame_wrenches=wrenches, **walls)
     assert np.array_equal(loaded.frame_wrench("tip"), wrenches[:, 1])
     with pytest.raises(UsageError, match="hand: no such frame; there are base, tip"):
         loaded.frame_wrench("hand")
@@ -65,13 +66,18 @@ def test_wrenches_on_frames(flight: Flight, tmp_path: Path) -> None:
     assert np.array_equal(columns["tip_force_z [N]"], wrenches[:, 1, 2])
     assert np.array_equal(columns["tip_torque_x [N m]"], wrenches[:, 1, 3])
     assert not any(name.startswith("base_force") for name in columns)
-    flight.write_npz(tmp_path / "now.npz")
+    assert np.array_equal(columns["wall_2_force [N]"], walls["wall_forces"][:, 1])
+    loaded.write_npz(tmp_path / "now.npz")
+    assert np.array_equal(read_flight(tmp_path / "now.npz").wall_forces, walls["wall_forces"])
     with np.load(tmp_path / "now.npz") as stored:
-        older = {key: stored[key] for key in stored if not key.startswith("frame")}
+        new = ("frame", "wall_")
+        older = {key: stored[key] for key in stored if not key.startswith(new)}
     np.savez(tmp_path / "old.npz", **older)
     again = read_flight(tmp_path / "old.npz")
     assert again.frames == ()
     assert again.frame_wrenches.shape == (len(flight.time), 0, 6)
+    assert np.isnan(again.wall_forces).all()
+    assert again.wall_forces.shape == (len(flight.time), 2)
     assert next(again.columns())[0] == "time"
 
 
