@@ -319,7 +319,7 @@ def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
     levers = np.zeros((steps.shape[-1], tree.size, len(tree.seats)))
 
     def moving(number: int, local: Array) -> Iterator[tuple[Joint, Array]]:
-        length = np.linalg.norm(local)
+        length = np.asarray(np.linalg.norm(local))
         while number != WORLD:
             yield tree.joints[number], length
             length = length + steps[number]

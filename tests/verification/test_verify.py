@@ -162,9 +162,10 @@ import sys
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.rollouts import compare_rollouts
-robot, numpy = read_robot(sys.argv[1] + "/robot.toml")[0], load(sys.argv[1])
+from gibbs_codegen.verification.tree import Tree
+tree, numpy = Tree(read_robot(sys.argv[1] + "/robot.toml")[0]), load(sys.argv[1])
 for precision in ("double", "single"):
-    (found,) = compare_rollouts(numpy, robot, 0, precision, ("-O0",))
+    (found,) = compare_rollouts(numpy, tree, 0, precision, ("-O0",))
     print("passed" if found.passed else "failed")
 """
 
