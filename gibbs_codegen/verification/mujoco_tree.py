@@ -226,10 +226,7 @@ def _missing(joint: Joint) -> float:
     moments, _ = _principal(joint)
     if joint.mass == 0.0 or moments[0] > _ROUNDING * moments[2]:
         return 0.0
-    missing = float(moments[2] or joint.mass * joint.com @ joint.com)
-    if missing == 0.0:
-        raise NotApplicableError("MuJoCo has no body that is a point mass in its joint")
-    return missing
+    return float(moments[2] or joint.mass * joint.com @ joint.com)
 
 
 def _numbers(values: Iterable[float]) -> str:

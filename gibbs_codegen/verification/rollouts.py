@@ -96,8 +96,7 @@ def _problems(numpy: ModuleType, tree: Tree, states: States, dt: float) -> Itera
     motors = Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
     some = replace(plain, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])
     some = replace(some, feedback=Feedback(gain, q, v[:1]))
-    parameters = numpy.PARAMETERS.items()
-    varied = {name: x * rng.uniform(0.99, 1.01, _STATES) for name, x in parameters}
+    varied = {n: x * rng.uniform(0.99, 1.01, _STATES) for n, x in numpy.PARAMETERS.items()}
     lagging = replace(motors, time_constants=lags)
     whole = replace(some, inputs=inputs, wrenches=wrenches, motors=lagging, every=2)
     desired = Feedback(gain, np.repeat(q, _STEPS, axis=1), v * by_step)
@@ -114,5 +113,4 @@ def _bounds(problem: Problem) -> Array:
     largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -6:]
     widest = np.diff(largest, axis=1).argmax(axis=1)[:, None]
     between = np.take_along_axis(0.5 * (largest[:, 1:] + largest[:, :-1]), widest, axis=1)
-    bounds: Array = between[:, 0] * [[-1.0], [1.0]]
-    return bounds
+    return np.array([-between[0, 0], between[1, 0]])
