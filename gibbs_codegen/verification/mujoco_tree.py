@@ -70,6 +70,8 @@ class MuJoCo:
             The quantities at those states.
         """
         if self._thicker:
+            for thicker in self._thicker:
+                thicker.tree = self.tree  # The base may have been placed since.
             both = zip(*(thicker.at(states) for thicker in self._thicker), strict=True)
             return Quantities._make(None if x is None else 2.0 * x - y for x, y in both)
         with _without_log():

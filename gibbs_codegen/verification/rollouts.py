@@ -74,8 +74,7 @@ def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:
     q, v, u, wrenches = states.q, states.v, states.u, states.W
     falling = numpy.forward_dynamics(q, v, 0.0 * u)
     driven = numpy.forward_dynamics_with_wrenches(q, v, u, wrenches) - falling
-    with np.errstate(all="ignore"):
-        share = np.nanmax(np.abs(driven).max(axis=0) / np.abs(falling).max(axis=0), initial=1.0)
+    share = (np.abs(driven).max(axis=0) / np.abs(states.a).max(axis=0)).max(initial=1.0)
     states = replace(states, a=falling, u=u / share, W=wrenches / share)
     return states, _LONG * float(states.h.min())
 
@@ -107,10 +106,11 @@ def _problems(numpy: ModuleType, tree: Tree, states: States, dt: float) -> Itera
 
 
 def _bounds(problem: Problem) -> Array:
-    """Bounds (2, nq + nv) that some states exceed in each entry, and none by rounding alone."""
+    """Bounds (2, nq + nv) that one or two states exceed in some entries, none by rounding alone."""
     free = plain_rollout(replace(problem, every=1))
     entries = np.concatenate([free.q, free.v], axis=-1)
-    largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -6:]
+    largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -3:]
     widest = np.diff(largest, axis=1).argmax(axis=1)[:, None]
     between = np.take_along_axis(0.5 * (largest[:, 1:] + largest[:, :-1]), widest, axis=1)
-    return np.array([-between[0, 0], between[1, 0]])
+    bounds = np.where(np.arange(between.shape[2]) % 4 == [[0], [2]], between[:, 0], np.inf)
+    return np.array([-bounds[0], bounds[1]])
