@@ -171,11 +171,15 @@ for precision in ("double", "single"):
 
 
 @pytest.mark.parametrize(
-    ("faults", "least"), [(3, 3), pytest.param(30, 29, marks=pytest.mark.slow)]
+    ("attitude", "faults", "least"),
+    [
+        ("angles", 3, 3),
+        pytest.param("angles", 30, 29, marks=pytest.mark.slow),
+        pytest.param("quaternion", 30, 29, marks=pytest.mark.slow),
+    ],
 )
-@pytest.mark.parametrize("attitude", ["angles", pytest.param("quaternion", marks=pytest.mark.slow)])
 def test_planted_faults_in_rollouts_are_found(
-    faults: int, least: int, attitude: str, copied: Path, request: pytest.FixtureRequest
+    attitude: str, faults: int, least: int, copied: Path, request: pytest.FixtureRequest
 ) -> None:
     tool("cc")
     folder = copied if attitude == "angles" else request.getfixturevalue("quaternion")
