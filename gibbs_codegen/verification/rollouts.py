@@ -17,8 +17,7 @@ from gibbs_codegen.rollouts.compiled import compiled_rollout
 from gibbs_codegen.rollouts.plain import plain_rollout
 from gibbs_codegen.rollouts.problem import REALS, Feedback, Method, Motors, Precision, Problem
 from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
-from gibbs_codegen.verification.self_consistency import conditions
-from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
 
@@ -27,7 +26,7 @@ ROLLOUTS = "rollouts"
 _STATES, _DRAWN = 2 * LANES + 4, 10
 # Steps are longer by so much than those that are short beside the time in which velocities change.
 _STEPS, _LONG = 6, 5.0
-_ROUNDINGS = 100.0
+_ROUNDINGS = 20.0
 
 
 def compare_rollouts(
@@ -48,10 +47,14 @@ def compare_rollouts(
     against = f"NumPy, in {precision} precision"
     rows = []
     try:
-        states, dt = _suited(numpy, States.random(tree, _DRAWN * _STATES, (seed, 7)))
-        # Accelerations lose the digits of the mass matrix's condition number, and a few more.
-        condition = float(conditions(numpy.mass_matrix(states.q)).max())
-        limit = _ROUNDINGS * float(np.finfo(REALS[precision]).eps) * condition
+        states = States.random(tree, _DRAWN * _STATES, (seed, 7))
+        sizes = Sizes(tree, states)
+        conditions = np.linalg.cond(numpy.mass_matrix(states.q) / sizes.free_matrix)
+        fittest = np.argsort(conditions)[:_STATES]
+        # What accelerations lose of their digits, by the mass matrix or beside a large robot.
+        lost = max(float(conditions[fittest[-1]]), sizes.disparity)
+        limit = _ROUNDINGS * float(np.finfo(REALS[precision]).eps) * lost
+        states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
         for problem in _problems(numpy, tree, states, dt):
             ours = compiled_rollout(replace(problem, precision=precision), flags=flags)
             for name, theirs in vars(plain_rollout(problem)).items():
@@ -65,12 +68,7 @@ def compare_rollouts(
 
 
 def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:
-    """The best conditioned of states, and the length of a step.
-
-    Their forces are small enough for accelerations to be natural however light a link is.
-    """
-    fittest = np.argsort(conditions(numpy.mass_matrix(states.q)))[:_STATES]
-    states = States(*(x[fittest] for x in vars(states).values()))
+    """States with forces so small that accelerations are natural, and the length of a step."""
     q, v, u, wrenches = states.q, states.v, states.u, states.W
     falling = numpy.forward_dynamics(q, v, 0.0 * u)
     driven = numpy.forward_dynamics_with_wrenches(q, v, u, wrenches) - falling
