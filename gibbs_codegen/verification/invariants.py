@@ -262,19 +262,12 @@ def _limit(signature: Signature, solved: float) -> float:
 
 def _condition(evaluation: Evaluation, states: States) -> float:
     """The largest condition number of mass matrices that are scaled to a diagonal of ones."""
-    found = conditions(evaluation.results("mass_matrix", states)["mass_matrix"])
-    return float(found.max(initial=1.0, where=np.isfinite(found)))
-
-
-def conditions(matrices: Array) -> Array:
-    """Condition numbers (s,) of matrices (s, n, n) scaled to a diagonal of ones."""
+    matrices = evaluation.results("mass_matrix", states)["mass_matrix"]
     with np.errstate(all="ignore"):
         units = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
         scaled = matrices / units[:, :, None] / units[:, None, :]
         whole = np.isfinite(scaled).all(axis=(1, 2))
-        found = np.full(len(matrices), np.inf)
-        found[whole] = np.linalg.cond(scaled[whole])
-    return found
+        return float(np.linalg.cond(scaled[whole]).max(initial=1.0))
 
 
 def _alike(

@@ -202,10 +202,10 @@ def _compare_rollouts(folder: Path, robot: Robot, verification: Verification) ->
     if not (folder / f"{robot.name}_rollout.c").is_file():
         verification.not_done[ROLLOUTS] = "the module has no C source of them"
         return []
-    numpy, seed = load(folder), verification.seed
-    rows = compare_rollouts(numpy, robot, seed, "double", _UNOPTIMISED)
+    given = load(folder), Tree(robot), verification.seed
+    rows = compare_rollouts(*given, "double", _UNOPTIMISED)
     if SINGLE_PRECISION not in verification.not_done:
-        rows += compare_rollouts(numpy, robot, seed, "single", _UNOPTIMISED)
+        rows += compare_rollouts(*given, "single", _UNOPTIMISED)
     return rows
 
 

@@ -39,48 +39,43 @@ class MuJoCo:
     # It refers all inertias to the centre of mass of the whole robot.
     growth = 2
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, more: float = 0.0) -> None:
         self.tree = tree
-        thin = any(_missing(joint) for joint in tree.joints)
+        self._thicker: list[MuJoCo] = []
+        if more == 0.0 and any(_missing(joint) for joint in tree.joints):
+            self._thicker = [MuJoCo(tree, 1.0), MuJoCo(tree, 2.0)]
+            return
         try:
             with _without_log():
-                texts = [_model_text(tree, more) for more in ((1.0, 2.0) if thin else (0.0,))]
-                self._models = [mujoco.MjModel.from_xml_string(text) for text in texts]
+                self._model = mujoco.MjModel.from_xml_string(_model_text(tree, more))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
-        model = self._models[0]
-        bodies = {model.body(number).name for number in range(model.nbody)}
+        bodies = {self._model.body(number).name for number in range(self._model.nbody)}
         if any(f"body_{seat.joint}" not in bodies for seat in tree.seats):
             raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")
-        self._turn, self._step = model.body_quat[1].copy(), model.body_pos[1].copy()
-        names = [model.joint(number).name for number in range(model.njnt)]
+        self._data = mujoco.MjData(self._model)
+        self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
+        names = [self._model.joint(number).name for number in range(self._model.njnt)]
         numbers = [int(name.removeprefix("joint_")) for name in names]
         self._places = np.array([tree.joints[number].place for number in numbers])
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes."""
+        if self._thicker:
+            for thicker in self._thicker:
+                thicker.tree = self.tree  # The base may have been placed since.
+            both = zip(*(thicker.at(states) for thicker in self._thicker), strict=True)
+            return Quantities._make(None if x is None else 2.0 * x - y for x, y in both)
         with _without_log():
             return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
         """What MuJoCo's functions give for one state, in its order, nothing touching anything."""
+        model, data, tree = self._model, self._data, self.tree
         turn = np.empty(4)
         mujoco.mju_mat2Quat(turn, rotation.ravel())
-        mujoco.mju_mulQuat(turn, turn.copy(), self._turn)
-        place = position + rotation @ self._step
-        found = [self._computed(model, turn, place, q, v, a) for model in self._models]
-        if len(found) == 1:
-            return found[0]
-        return Quantities._make(
-            None if more is None else 2.0 * more - twice for more, twice in zip(*found, strict=True)
-        )
-
-    def _computed(
-        self, model: mujoco.MjModel, turn: Array, place: Array, q: Array, v: Array, a: Array
-    ) -> Quantities:
-        """The quantities of a model whose first body begins at `place`, turned by a quaternion."""
-        tree, data = self.tree, mujoco.MjData(model)
-        model.body_quat[1], model.body_pos[1] = turn, place
+        mujoco.mju_mulQuat(model.body_quat[1], turn, self._turn)
+        model.body_pos[1] = position + rotation @ self._step
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
@@ -91,30 +86,33 @@ class MuJoCo:
         matrix = np.empty((tree.size, tree.size))
         for row, unit in zip(matrix, np.eye(tree.size), strict=True):
             mujoco.mj_mulM(model, data, row, unit)
-        poses = np.array([_pose(data, seat) for seat in tree.seats])
-        jacobians = np.empty((len(poses), 6, tree.size))
-        for seat, pose, rows in zip(tree.seats, poses, jacobians, strict=True):
-            body = data.body(f"body_{seat.joint}").id
-            mujoco.mj_jac(model, data, rows[:3], rows[3:], pose[:3, 3], body)
         return Quantities(
             mass_matrix=matrix,
             residual=-data.qfrc_bias,
             inverse_dynamics=data.qfrc_inverse.copy(),
-            poses=poses,
-            jacobians=jacobians,
+            poses=np.array([self._pose(seat) for seat in tree.seats]),
+            jacobians=np.array([self._jacobian(seat) for seat in tree.seats]),
             kinetic_energy=data.energy[1],
             potential_energy=data.energy[0],
         )
 
+    def _body(self, joint: int) -> int:
+        return int(self._data.body(f"body_{joint}").id)
 
-def _pose(data: mujoco.MjData, point: Point) -> Array:
-    """Transform (4, 4) of a point that is fixed to a body."""
-    body = data.body(f"body_{point.joint}")
-    pose = np.eye(4)
-    axes = body.xmat.reshape(3, 3)
-    pose[:3, :3] = axes @ point.rotation
-    pose[:3, 3] = body.xpos + axes @ point.local
-    return pose
+    def _pose(self, point: Point) -> Array:
+        body = self._body(point.joint)
+        pose = np.eye(4)
+        axes = self._data.xmat[body].reshape(3, 3)
+        pose[:3, :3] = axes @ point.rotation
+        pose[:3, 3] = self._data.xpos[body] + axes @ point.local
+        return pose
+
+    def _jacobian(self, point: Point) -> Array:
+        jacobian = np.empty((6, self.tree.size))
+        place = self._pose(point)[:3, 3]
+        linear, angular = jacobian[:3], jacobian[3:]
+        mujoco.mj_jac(self._model, self._data, linear, angular, place, self._body(point.joint))
+        return jacobian
 
 
 @contextmanager
@@ -201,10 +199,7 @@ def _missing(joint: Joint) -> float:
     moments, _ = _principal(joint)
     if joint.mass == 0.0 or moments[0] > _ROUNDING * moments[2]:
         return 0.0
-    missing = float(moments[2] or joint.mass * joint.com @ joint.com)
-    if missing == 0.0:
-        raise NotApplicableError("MuJoCo has no body that is a point mass in its joint")
-    return missing
+    return float(moments[2] or joint.mass * joint.com @ joint.com)
 
 
 def _numbers(values: Iterable[float]) -> str:

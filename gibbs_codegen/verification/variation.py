@@ -19,8 +19,8 @@ from gibbs_codegen.verification.tree import Tree
 
 Inertia = tuple[float, float, float, float, float, float]
 
-# Larger or smaller by 2 to 8 times; so that sums are, with some small addend, a little less far.
-_OCTAVES, _ADDED_OCTAVES = (1.0, 3.0), (1.3, 2.7)
+# Larger or smaller by 2 to 8 times, with a small addend too.
+_OCTAVES = (1.3, 2.7)
 # What stands for zero beside other numbers, as a share of the smallest of them; and what is zero.
 _SMALL, _FLAT = (0.05, 0.2), 1e-9
 # Least eigenvalue of a mass matrix of unit diagonal that rounding surely leaves positive.
@@ -129,13 +129,13 @@ class _Draw:
 
     def factor(self) -> float:
         """From 2 to 8, or the inverse of that."""
-        return self.factors(1, _OCTAVES)[0]
+        return self.factors(1)[0]
 
-    def factors(self, count: int, octaves: tuple[float, float] = _ADDED_OCTAVES) -> list[float]:
+    def factors(self, count: int) -> list[float]:
         """Several such factors, all larger or all smaller."""
         smaller = int(self._rng.integers(2)) ^ self._turned
-        factors = 2.0 ** ((1 - 2 * smaller) * self._rng.uniform(*octaves, count))
-        return [*map(float, factors)]
+        octaves = (1 - 2 * smaller) * self._rng.uniform(*_OCTAVES, count)
+        return [2.0**octave for octave in octaves.tolist()]
 
     def share(self, least: float, most: float) -> float:
         """Between two bounds."""
@@ -181,11 +181,10 @@ def _stretched(inertia: Inertia, draw: _Draw, natural: float) -> Inertia:
     spread = [factor * moment for factor, moment in zip(factors, along, strict=True)]
     least = min(filter(None, spread), default=natural)
     x, y, z = (moment or draw.share(*_SMALL) * least for moment in spread)
-    least, signs = min(x, y, z), [draw.sign() for _ in range(3)]
     # What is diagonally dominant is positive definite.
-    roots = np.sqrt(factors)
+    least, roots = min(x, y, z), [draw.sign() * factor**0.5 for factor in factors]
     xy, xz, yz = (
-        signs[i] * signs[j] * (float(roots[i] * roots[j]) * product or draw.share(*_SMALL) * least)
+        roots[i] * roots[j] * product or draw.sign() * draw.share(*_SMALL) * least
         for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), inertia[3:], strict=True)
     )
     return y + z, x + z, x + y, xy, xz, yz

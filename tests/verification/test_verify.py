@@ -188,19 +188,24 @@ import sys
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.verification.rollouts import compare_rollouts
-robot, numpy = read_robot(sys.argv[1] + "/robot.toml")[0], load(sys.argv[1])
+from gibbs_codegen.verification.tree import Tree
+tree, numpy = Tree(read_robot(sys.argv[1] + "/robot.toml")[0]), load(sys.argv[1])
 for precision in ("double", "single"):
-    (found,) = compare_rollouts(numpy, robot, 0, precision, ("-O0",))
+    (found,) = compare_rollouts(numpy, tree, 0, precision, ("-O0",))
     print("passed" if found.passed else "failed")
 """
 
 
 @pytest.mark.parametrize(
-    ("faults", "least"), [(3, 3), pytest.param(30, 29, marks=pytest.mark.slow)]
+    ("attitude", "faults", "least"),
+    [
+        ("angles", 3, 3),
+        pytest.param("angles", 30, 29, marks=pytest.mark.slow),
+        pytest.param("quaternion", 30, 29, marks=pytest.mark.slow),
+    ],
 )
-@pytest.mark.parametrize("attitude", ["angles", pytest.param("quaternion", marks=pytest.mark.slow)])
 def test_planted_faults_in_rollouts_are_found(
-    faults: int, least: int, attitude: str, copied: Path, request: pytest.FixtureRequest
+    attitude: str, faults: int, least: int, copied: Path, request: pytest.FixtureRequest
 ) -> None:
     tool("cc")
     folder = copied if attitude == "angles" else request.getfixturevalue("quaternion")
