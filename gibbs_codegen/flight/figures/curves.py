@@ -1,4 +1,4 @@
-"""Curves over the time of a flight: lines, their names at the end, labels and legends."""
+"""Curves over the time of a flight, and reachable wrenches: lines, names at their ends, legends."""
 
 from __future__ import annotations
 
