@@ -209,7 +209,7 @@ class OwnController(Protocol):
 
 
 class LawAsController:
-    """A law of the simulator that is told observations, and remembers from sample to sample.
+    """A law of the package that is told observations, and remembers from sample to sample.
 
     While an input is at a limit of `actuators`, nothing that is remembered grows.
     """
