@@ -38,7 +38,7 @@ TESTS = [
     f"tests/{name}.py"
     for name in (
         *("runtime/test_load", "equations/test_normal_form", "equations/test_typeset"),
-        *("targets/test_numpy", "robot/test_file", "scenario/test_path_tables"),
+        *("targets/test_numpy", "robot/test_file", "flight/scenario/test_path_tables"),
     )
 ]
 

@@ -1,4 +1,4 @@
-"""The map of the house: from a robot file to a generated module, stage by stage.
+"""The map of the generator: from a robot file to a generated module, stage by stage.
 
     read_robot         robot file      → Robot, plain checked data       (robot/file)
     derive             Robot           → Model: the derivation, lowered  (derivation/derive)
@@ -13,8 +13,8 @@
 
 Robot files are made from URDF and MJCF by exchange/importing, and exported by exchange/exporting.
 
-Beside it, the simulator reads a scenario (scenario/file), loads a generated module (runtime/load)
-and flies it (simulator/simulation); it knows nothing of the derivation.
+The other wing, `flight`, loads a generated module (runtime/load), reads a scenario
+(flight/scenario/file) and flies it (flight/simulation); it knows nothing of the derivation.
 
 Left of the program everything is a SymPy value; right of it everything is a string; right of
 `generated/` everything is a float.

@@ -249,7 +249,7 @@ CASES = {
     "flight/rollouts/test_in_c.py": {
         "test_no_warning_and_no_byte_out_of_place": (2, 2),
     },
-    "flight/rollouts/test_traced.py": {
+    "flight/rollouts/test_jax_rollout.py": {
         "test_a_controller_is_traced": (0, 1),
         "test_everything_is_as_in_numpy": (1, 1),
         "test_it_is_differentiated_and_transformed": (0, 1),

@@ -22,7 +22,7 @@ FOLDERS = sorted({path.parent.relative_to(PACKAGE) for path in PACKAGE.rglob("*.
 SECTION = re.compile(r"^(Args|Returns|Yields|Raises|Attributes):$", re.MULTILINE)
 Definition = ast.FunctionDef | ast.ClassDef
 # It needs Gymnasium, so `gibbs_codegen` does not export it.
-BY_PATH = (PACKAGE / "rollouts" / "vector_env.py", "VectorEnv")
+BY_PATH = (PACKAGE / "flight" / "rollouts" / "vector_env.py", "VectorEnv")
 
 
 def exported() -> set[tuple[Path, str]]:

@@ -95,7 +95,7 @@ CLASSIC = {
     "derivation.hybrid": ("inertia_force - active", "inertia_force + active"),
     "derivation.root.tait_bryan": ("tape.let(z - gravity)", "z"),
     "program.inlining": ("(sign * inner, node)", "(inner, node)"),
-    "targets.c.sections": ("load(name, argument, i)", "load(name, argument, i + 1)"),
+    "targets.c.function": ("load(name, argument, i)", "load(name, argument, i + 1)"),
 }
 
 

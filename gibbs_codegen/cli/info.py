@@ -119,7 +119,7 @@ def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
     limits = [rotor.limits for rotor in robot.thrusters if rotor.limits]
     if not limits or len(limits) < robot.rotors or found.thrusts is None:
         return None
-    # With the simulator and SciPy, which robots without limits do without.
+    # With `flight` and SciPy, which robots without limits do without.
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
         CENTRE_OF_MASS,
         ReachableWrenches,

@@ -1,4 +1,4 @@
-"""`simulate`: fly a scenario with a module, and write time series and figures."""
+"""`simulate`: fly a scenario with a module, write time series and figures, tell limits reached."""
 
 from __future__ import annotations
 

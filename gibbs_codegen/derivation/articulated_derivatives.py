@@ -10,23 +10,16 @@ that a unit of each other joint's effort, or of a wrench on the root, makes at t
 So columns for wrenches on the root, for its angular velocity, for efforts, and for the changes of
 coordinates and rates are carried outwards, a joint at a time, all of one kind one after the other.
 
-What a subtree feels when all of it is turned at an additional rate: its Coriolis force.
+*Turned at an additional rate ε*, a subtree feels a Coriolis force. Every point that moves with ẋ is
+accelerated by 2ε×ẋ more. With P = ∫ẋdm and D = ∫ρẋᵀdm about a joint, that takes the force ε×2P and
+the moment 2(tr D·1 − Dᵀ)ε: two 3×3 matrices, the velocity coupling, which move like a wrench with
+three columns. Velocities are against that of the root's origin, the same for all links, so nothing
+changes when the sum passes a joint; a free joint takes its direction out, as it does with the
+articulated inertia.
 
-Every point that moves with ẋ is accelerated by 2ε×ẋ more when all turns at the rate ε besides. With
-P = ∫ẋdm and D = ∫ρẋᵀdm about a joint, that takes the force ε×2P and the moment 2(tr D·1 − Dᵀ)ε:
-two 3×3 matrices, which move like a wrench with three columns. Velocities are against that of the
-root's origin, the same for all links, so nothing changes when the sum passes a joint; a free joint
-takes its direction out, as it does with the articulated inertia.
-
-Velocity couplings of all subtrees: velocities outwards, and couplings inwards.
-
-All velocities are against that of the root's origin, and doubled, as the couplings take them.
-
-What a change of a joint's coordinate or rate does, seen by all that turns with the joint.
-
-Let a joint's coordinate change, and look on from what it carries. Nothing there has moved; but all
-of it turns at an additional rate ε, and what would be at rest against the parent has an additional
-acceleration ψ = (r̈, ω̇). In e, the joint's axis, which moves with ω, A and r̈ of the parent:
+*When a joint's coordinate changes*, nothing has moved for what it carries; but all of it turns at
+an additional rate ε, and what would be at rest against the parent has an additional acceleration
+ψ = (r̈, ω̇). In e, the joint's axis, which moves with ω, A and r̈ of the parent:
 
     revolute:   ε = ė = ω×e, ψ = (r̈×e + 2V×ė, ë) for the angle;  ε = e, ψ = (2V×e, 2ė) for its rate
     prismatic:  ε = 0, ψ = (ë, 0) for the travel;                 ε = 0, ψ = (2ė, 0) for its rate

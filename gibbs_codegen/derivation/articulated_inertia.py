@@ -1,14 +1,13 @@
-"""The articulated inertia: what a segment feels of its subtree while the joints there are free.
+"""What a segment feels of its subtree while the joints there are free: inertia, and Coriolis force.
 
-Like the ten numbers of a rigid body it is a Gibbs function, ½aᵀÂa in a = (r̈, ω̇), and moves by the
-same rules; but a free joint takes its direction out of it, so Â is any symmetric 6×6 matrix.
-
-First and second moments of velocity of a link or of several as one: rotated, shifted and added.
+Like the ten numbers of a rigid body the articulated inertia is a Gibbs function, ½aᵀÂa in
+a = (r̈, ω̇), and moves by the same rules; but a free joint takes its direction out of it, so Â is
+any symmetric 6×6 matrix.
 
 With ẋ the velocity of a point against the origin of the coordinates, in axes that do not turn, and
-ρ its place about a joint, P = ∫ẋ dm and D = ∫ρẋᵀdm are to velocities what the first and second
-moments are to places. Derivatives need their doubles alone, which cost no more: what is doubled is
-a parameter, or a rate that others have doubled too.
+ρ its place about a joint, the moments P = ∫ẋ dm and D = ∫ρẋᵀdm are to velocities what the first and
+second moments are to places. Derivatives need their doubles alone, which cost no more: what is
+doubled is a parameter, or a rate that others have doubled too.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
-"""Generalised forces of thrusts and joint torques (Fig. 3, eqs. 7–13).
+"""Generalised forces: of thrusts, joint torques, dampers and springs (Fig. 3, eqs. 7–13).
 
 A thrust F at o_{j,i} along a direction ε gives Ψ·F with Ψ = Jᵀ·R·ε. The transposed Jacobian is
 applied by moving the thrust, as a wrench, to the root and to the joints it passes. The wrench of a
 rotor about the joint of the link that it is on is constant in the link's own frame, that of a rotor
 on the base in the base's.
 
-What acts on joints by itself: damping, springs, and the inertia of what turns with them alone.
-
-Armature adds to the diagonal of the mass matrix, the rest to the residual: τ − damping·v −
-stiffness·(q − rest) drives a joint.
+Damping, springs and armature act by themselves. Armature adds to the diagonal of the mass matrix,
+the rest to the residual: τ − damping·v − stiffness·(q − rest) drives a joint.
 """
 
 from __future__ import annotations

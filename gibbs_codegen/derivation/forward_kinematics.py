@@ -1,4 +1,4 @@
-"""Where the robot's points are and how its frames move, in world axes."""
+"""Where the robot's points and frames are and how they move, in world axes."""
 
 from __future__ import annotations
 

@@ -1,11 +1,9 @@
-"""Wrenches passed in over a whole group of parallel joints at once, to its lead.
+"""What a group of parallel joints allows: wrenches passed in at once, and inertia regrouped.
 
 The lead of a group is its first segment; all share its group frame. What the joints on the way need
 of a wrench is its component along them: of its moment, that about z alone. So that one is shifted
 from joint to joint, and the other two once, to the lead, which saves their shift along the step
 into the group as well.
-
-Regrouping: each parent is given the inertia of its children that their joints do not move.
 
 A joint only feels part of the inertia of its link. The rest moves with the parent whatever the
 joint does, so it is added to the parent once, in parameters alone, and what is left has zeros that

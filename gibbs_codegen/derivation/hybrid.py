@@ -4,11 +4,8 @@ Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the p
 in its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The
 other is what the emitted code uses: the chains' inertia is summed at the root before it is
 projected, so the free rows are those of the reduced system, and each constrained joint adds its own
-row.
-
-Links that constraint torques hold: their rows of the hybrid system, and the torques (eq. 14).
-
-They come from the tree that has these joints, too, at rest.
+row. These rows, and the torques that hold links (eq. 14), come from the tree that has the
+constrained joints, too, at rest.
 """
 
 from __future__ import annotations

@@ -1,18 +1,16 @@
-"""Derivatives of inverse dynamics by coordinates and velocities, with M and the forces themselves.
+"""Derivatives of inverse dynamics by coordinates and velocities, with M, the forces and C.
 
     ∂τ/∂q,  ∂τ/∂v,  M  and  τ  of  τ = M a − R
 
 in one pass. Derivatives by q are in the tangent space: of δ ↦ τ(q ⊕ δ) at zero, which with
 Tait–Bryan angles are the partial derivatives.
 
-How the forces of joints depend on the angles and rates of joints, by composites carried inwards.
-
 Every joint's column is passed in from group to group, towards the root. At a joint on the way its
 wrenches have the entries of that joint's row; and what that joint's own motion consists of makes,
 with the column's wrench, the entry on the other side of the diagonal. Joints of which neither
 carries the other have zeros.
 
-The Coriolis matrix: C with C v for velocity terms and Ṁ − 2C skew-symmetric.
+The Coriolis matrix C has C v for velocity terms, and Ṁ − 2C is skew-symmetric:
 
     M_ij = ∫ξ_i·ξ_j dm,    C_ij = ∫ξ_i·ξ̇_j dm,    Ṁ_ij = C_ij + C_ji
 

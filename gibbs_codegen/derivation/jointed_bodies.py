@@ -1,19 +1,18 @@
-"""Bodies of a robot by the joints that carry them: links that are welded belong to others.
+"""Bodies of a robot by the joints that carry them, and the frames that they are derived in.
 
 Which joints count is a choice: the reduced system has those that move, the hybrid one also those
 that constraint torques hold. All other links are welded to the nearest one on the way to the base
 that has a joint, or to the base.
 
-The frames that links are derived in: z along the joint, and as short a step to it as can be.
-
 A robot file places a link's joint anywhere on its parent, and its axis anywhere in the link. How
 one joint axis lies against the one before is a turn γ about the parent's axis, a step, and a twist
-α about x; what is left, a turn β about the link's own axis, adds to the joint's angle. A link's
-frame may be turned about its axis, which makes γ of its first child zero, and slid along it, which
-makes one component of the step zero: so an arm that a file gives by poses costs what it costs by
-Denavit–Hartenberg parameters.
+α about x; what is left, a turn β about the link's own axis, adds to the joint's angle:
 
     R = R_z(γ)·R_x(α)·R_z(β)
+
+A link's frame may be turned about its axis, which makes γ of its first child zero, and slid along
+it, which makes one component of the step zero: so an arm that a file gives by poses costs what it
+costs by Denavit–Hartenberg parameters.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Derivatives by the parameters: f(k(p)) by way of the constants k that `prepare` makes of them.
+"""Derivatives by the numbers of the bodies: by the parameters, and the regressor.
 
-A function is differentiated by the constants that it reads, as if nothing else were known of them.
-What the constants are made of is constant itself, so their derivatives by the parameters are
-computed once per set of parameters, and a call only forms sums of products with these.
+A function f(k(p)) is differentiated by the constants k that it reads, as if nothing else were known
+of them. What `prepare` makes the constants of is constant itself, so their derivatives by the
+parameters are computed once per set of parameters, and a call only forms sums of products with
+these.
 
-The regressor: derivatives of inverse dynamics by the base parameters, in which it is linear.
-
+The regressor has the derivatives of inverse dynamics by the base parameters, in which it is linear.
 The inertias of the regrouped tree take the place of symbols, which are no parameters, so that the
 derivatives are computed anew at every state. They hold no such symbol themselves.
 """

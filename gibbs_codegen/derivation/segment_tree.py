@@ -9,12 +9,8 @@ to link, and one sine–cosine pair a joint is enough.
 
 What a segment computes, it computes in its *working frame*: the group frame, or its own frame if
 further groups start at it, since all that passes through has to be turned once anyway. Therefore
-either all children of a segment start groups of their own, or none does.
-
-From links to a tree of segments: which joints share a group frame, and how each is turned in it.
-
-A link whose joint axis is parallel to its parent's (no twist) belongs to its parent's group. But
-where a sibling is twisted, the parent works in its own frame, so there all siblings start groups.
+either all children of a segment start groups of their own, or none does: where one child is
+twisted, those with parallel axes start groups as well.
 """
 
 from __future__ import annotations

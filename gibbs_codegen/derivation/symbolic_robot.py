@@ -28,7 +28,7 @@ class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
-    the inputs, in the orders of `robot/coordinates`, `W` those of the wrenches on the frames, row
+    the inputs, in the orders of `robot/layout`, `W` those of the wrenches on the frames, row
     by row, `q0` and `q1` the coordinates of two configurations, `w` weights, `q_dot` to `u_dot`
     directions of q, v, a and u, `h` the length of a step.
     """

@@ -1,11 +1,12 @@
-"""Wrenches on the frames: as loads on segments, and as generalised forces Σ JᵀW.
+"""Wrenches: what those on the frames do to the robot, and those that pass through its joints.
 
-The whole wrench through every joint, held and welded ones included (eqs. 6 and 14).
+A wrench on a frame is a load on its segment, or the generalised forces JᵀW.
 
-What a joint passes on to the body that it carries is what inertia, gravity and thrusts of all
-beyond it leave to be supplied: all six components of the sum of which the equations of motion have
-the one along the joint. So inertias must not be regrouped, and every link has a joint of its own.
-Torques of motors, dampers and springs are part of what a joint passes on, and need not be known.
+What a joint, held and welded ones included, passes on to the body that it carries (eqs. 6 and 14)
+is what inertia, gravity and thrusts of all beyond it leave to be supplied: all six components of
+the sum of which the equations of motion have the one along the joint. So inertias must not be
+regrouped, and every link has a joint of its own. Torques of motors, dampers and springs are part of
+what a joint passes on, and need not be known.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One equation of the paper for one chain, as plain values: what notebooks and `show` lay out."""
+"""The equations of the paper for one chain, as plain values: what notebooks and `show` lay out."""
 
 from __future__ import annotations
 

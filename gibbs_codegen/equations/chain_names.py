@@ -344,7 +344,7 @@ class Made:
     def _symbol(
         self, internal: str, letter: str, index: str, kind: Kind, meaning: str
     ) -> sp.Symbol:
-        """A symbol on the tape, with a name as `notation.name` composes it."""
+        """A symbol on the tape, with a name as `typeset.name` composes it."""
         symbol: sp.Symbol = self._tape.symbol(internal, Stage.PARAMETER)
         self._names[symbol] = name(letter, index, kind, meaning)
         return symbol

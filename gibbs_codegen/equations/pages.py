@@ -1,9 +1,7 @@
-"""What pages in every format have in common: the order of things, broken lines, the legend.
+"""Equations of a chain laid out: as text, as LaTeX for amsmath, as Markdown for notebooks.
 
-Equations of a chain laid out: as text, as LaTeX for amsmath, as Markdown for notebooks.
-
-Sums are broken before their signs, so that nothing is wider than a page, and each symbol is
-explained once, in the legend at the end.
+All have the same order of things. Sums are broken before their signs, so that nothing is wider than
+a page, and each symbol is explained once, in the legend at the end.
 """
 
 from __future__ import annotations

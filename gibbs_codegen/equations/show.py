@@ -12,9 +12,7 @@ products of accelerations and rates. They grow about threefold with every link, 
 chains are given as definitions in order, as the derivation makes them, each item in its own frame:
 these grow in proportion to the links.
 
-The paper's own forms of the equations that `show` prints, in LaTeX and text.
-
-An @ stands for the number of the chain.
+In the paper's own forms of equations an @ stands for the number of the chain.
 """
 
 from __future__ import annotations

@@ -2,14 +2,12 @@
 
 Products are written parameters first and accelerations last, sums by their accelerations, then
 rates. Sines and cosines are written s and c with the index of their angle: c_{2,3+4} is
-cos(θ_{2,3} + θ_{2,4}). A node that has no rule here, or a symbol that has no name, is an error.
-
-The paper's symbols for every symbol of the derivation, in LaTeX and in plain text.
+cos(θ_{2,3} + θ_{2,4}).
 
 Within chain j quantities carry two indices, the chain and the item: θ_{j,1}, θ_{j,2}, θ_{j,3} are
 θ₋₁, θ₀, θ₁, and θ_{j,4} is the constrained joint or the arm's first. Parameters carry the number of
 their arm, hybrid unknowns the number of their row. Nothing here is parsed: names are looked up by
-symbol, and what has no name is an error.
+symbol, and a symbol that has no name, or a node that has no rule, is an error.
 """
 
 from __future__ import annotations

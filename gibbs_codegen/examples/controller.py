@@ -1,4 +1,4 @@
-"""Model predictive control: at every step the problem is solved from where the robot is."""
+"""Model predictive control: at every step of a flight the problem is solved from where it is."""
 
 from __future__ import annotations
 

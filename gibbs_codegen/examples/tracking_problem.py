@@ -7,29 +7,23 @@ returns one of unit length; and its functions are those of the normalised quater
 derivatives by its entries exist. Bounds of joints stay bounds of variables, as they would not in a
 tangent space that moves along with the solution.
 
-The end of the horizon also costs what would follow, to second order. There a deviation is one from
-a state that hovers and moves along with the path, which is a parameter like the path itself.
-
 The cost is a sum of squares, and the Hessian is Gauss and Newton's: that of the squares of the
 linearised residuals. It is positive definite, and needs no second derivatives of the dynamics.
 
-What a controller predicts with: a time step and a point of the robot, as CasADi's functions.
+The end of the horizon also costs what would follow, to second order. A controller that looks no
+further than a short horizon need not be stable. A machine that holds the tip of a long arm in its
+place may tip over about it, and lean a little more at every step: within 0.4 s that costs less than
+what would set it upright. So the end costs what a linear-quadratic regulator would need from there,
+which is small only where the machine can be caught. A deviation there is one from a state that
+hovers and moves along with the path, which is a parameter like the path itself.
 
-The step is semi-implicit Euler's, which evaluates the forward dynamics once. Dampers would make it
-unstable where links are light: a motion with a damper d and an inertia I decays within I / d, which
-may be a hundredth of a step. The step is stable for every damper if the dampers' torques are those
-at its end. Since these are linear in the rates, that is the usual step of a robot whose joints have
-an armature that is larger by h d:
+The step that predicts is semi-implicit Euler's, which evaluates the forward dynamics once. Dampers
+would make it unstable where links are light: a motion with a damper d and an inertia I decays
+within I / d, which may be a hundredth of a step. The step is stable for every damper if the
+dampers' torques are those at its end. Since these are linear in the rates, that is the usual step
+of a robot whose joints have an armature that is larger by h d:
 
     M (v⁺ − v) / h = R − D v⁺ + B u    is    (M + h D) (v⁺ − v) / h = R − D v + B u
-
-What it costs to go on hovering after the horizon, to second order.
-
-A controller that looks no further than a short horizon need not be stable. A machine that holds the
-tip of a long arm in its place may tip over about it, and lean a little more at every step: within
-0.4 s that costs less than what would set it upright. So the end of the horizon costs what a
-linear-quadratic regulator would need from there, which is small only where the machine can be
-caught.
 """
 
 from __future__ import annotations

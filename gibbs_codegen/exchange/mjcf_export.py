@@ -1,11 +1,6 @@
 """MJCF of a robot: rotors are sites with motors whose gears are a force and the torque with it.
 
 MuJoCo has no moving body without mass: such links give their joints to the link that follows.
-
-MJCF with no more in it than masses, joints, sites and motors.
-
-MuJoCo's compiler then opens no file but meshes that masses are computed from, and what has no part
-in the equations of motion, such as pictures and sensors, cannot fail for want of a file.
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
 Links and joints are named as in the file. Placements are in m and degrees, axes are unit vectors.
 
-Angles that were meant to be multiples of 15°, and numbers that are rounding or CAD noise.
-
-A robot file's angles are structural: 1.5708 for 90° makes terms of 1e-6 that the equations then
-carry everywhere.
+Angles that were meant to be multiples of 15°, and numbers that are rounding or CAD noise, are
+snapped: a robot file's angles are structural, and 1.5708 for 90° makes terms of 1e-6 that the
+equations then carry everywhere.
 """
 
 from __future__ import annotations

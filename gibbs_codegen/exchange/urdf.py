@@ -1,12 +1,10 @@
 """URDF, read with the standard library's parser and nothing else.
 
-What other readers drop is kept: thrust of rotors and Gazebo's motor plugins. What has no part in
-the equations of motion, such as meshes and transmissions, is left out and told.
+What other readers drop is kept: thrust of rotors, for which URDF has no element, by Gazebo's motor
+plugins and JSK's convention. Both push along z of a link. A drag is negative for a rotor that spins
+counter-clockwise, seen from the tip of its thrust.
 
-Rotors in URDF, which has no element for them: Gazebo's motor plugins, and JSK's convention.
-
-Both push along z of a link. A drag is negative for a rotor that spins counter-clockwise, seen from
-the tip of its thrust.
+What has no part in the equations of motion, such as meshes and transmissions, is left out and told.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""XML files read safely: no document types and no entities, bounded in size and depth.
+"""XML files read safely: no document types, no entities, size and depth bounded; xacro expanded.
 
 The expat parser of the standard library tells of a document type before it reads any entity, and
 the file is refused there, so that nothing is ever expanded or fetched.

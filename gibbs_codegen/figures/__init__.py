@@ -1,1 +1,1 @@
-"""Every picture: of a robot's structure, of its chains, of a flight."""
+"""Pictures of robots: of their structure, their chains, and the drawings of pages."""

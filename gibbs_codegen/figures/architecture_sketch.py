@@ -21,7 +21,7 @@ _STAGES = (
     ("Program", "statements, in no language yet", _VALUE, "targets, emitted"),
     ("text of the files", "Python, C, MATLAB …", _VALUE, "verification, files"),
     ("generated module", "checked; needs NumPy only", _MODULE, "runtime"),
-    ("functions", "NumPy, C, CasADi, JAX", _MODULE, "simulator, scenario"),
+    ("functions", "NumPy, C, CasADi, JAX", _MODULE, "flight"),
     ("flight", "series, figures, studies", _MODULE, ""),
 )
 

@@ -1,4 +1,4 @@
-"""3-D axes of a drawing: equal units, a view, the place in a figure, and points on paper."""
+"""3-D axes of a drawing: equal units, a view, a place in a figure, and points and names there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all figures share: widths, colours, style, heading, and names that keep apart."""
+"""What all figures share: widths, colours, style, heading, names kept apart, and saving."""
 
 from __future__ import annotations
 

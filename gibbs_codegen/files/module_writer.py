@@ -1,9 +1,8 @@
-"""Writing a generated module: whole or not at all.
+"""Writing a generated module, whole or not at all, with a manifest of what was generated.
 
-The manifest of a generated module: which of the files in its folder were generated.
-
-A user may keep a copy there, or edit a file, and nothing in the text of a file tells. So `MANIFEST`
-holds the digest of each, as `sha256sum --check` reads it; whatever else stands there is foreign.
+A user may keep a copy in the folder, or edit a file, and nothing in the text of a file tells. So
+`MANIFEST` holds the digest of each generated file, as `sha256sum --check` reads it; whatever else
+stands there is foreign.
 """
 
 from __future__ import annotations

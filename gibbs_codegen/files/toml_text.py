@@ -1,11 +1,9 @@
-"""What in a TOML text is nested more deeply than any file needs, found before `tomllib` reads it.
+"""What the text of a TOML file tells that `tomllib` does not: its depth, and the line of each key.
 
-It takes time that grows with the square of a dotted key's parts, and it and whatever walks through
-its tables afterwards would go too deep.
+`tomllib` takes time that grows with the square of a dotted key's parts, and it and whatever walks
+through its tables afterwards would go too deep. So nesting that no file needs is found before.
 
-On which line of a TOML text each key stands.
-
-`tomllib` tells positions only for syntax errors. This scanner reads the layout (tables, arrays of
+`tomllib` tells positions only for syntax errors. The scanner reads the layout (tables, arrays of
 tables, keys at the start of a line) well enough to point a person to the right line; a key that it
 cannot place, such as one inside an inline table, is given the line of its nearest parent.
 """

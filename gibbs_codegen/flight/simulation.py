@@ -1,23 +1,23 @@
 """The map of a simulation: from a generated module and a scenario to a flight, stage by stage.
 
-    Vehicle            module, parameters  → functions and layout of a robot  (plant/vehicle)
+    Vehicle            module, parameters  → functions and layout of a robot (plant/vehicle)
       kinematics       layout              → errors and rates of angles or quaternion
-    actuators_of       scenario, robot file → limits and lag                  (plant/actuators)
-    Environment        scenario            → wrenches on frames               (plant/environment)
-    desired_motion     scenario            → Reference: q, v, a in time       (desired/trajectory)
+    actuators_of       scenario, robot file → limits and lag              (plant/actuators)
+    Environment        scenario            → wrenches on frames           (plant/environment)
+    desired_motion     scenario            → Reference: q, v, a in time   (desired/trajectory)
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
         arm_motion     knots               → joints, knot by knot
-    law_of             rotors              → which law a robot is flown by    (control/choice)
+    law_of             rotors              → which law a robot is flown by (control/choice)
     Controller         reference           → inputs of a state: computed torque (control/laws)
-    GeometricLaw       reference           → or the geometric law             (control/geometric)
-      law_in_time      law, rate, sensors  → inputs held between samples      (control/sampled)
-    ClosedLoop         controller, limits  → derivative of a state            (integration)
-    integrate          loop, start         → StateHistory: samples            (integration)
-    flight_of          samples             → Flight: all time series          (record/recording)
-      point_parents    module              → what hangs on what, for drawings (record/connections)
+    GeometricLaw       reference           → or the geometric law         (control/geometric)
+      law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled)
+    ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
+    integrate          loop, start         → StateHistory: samples        (integration/integrate)
+    flight_of          samples             → Flight: all time series      (record/recording)
+      point_parents    module              → what hangs on what, for drawings (record/series)
 
-The simulator knows a generated module and nothing of how it was derived.
+All stages know a generated module and nothing of how it was derived.
 """
 
 from __future__ import annotations

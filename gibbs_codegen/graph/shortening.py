@@ -1,6 +1,6 @@
 """Shortening a function: rounds of passes as long as one saves enough, and the shortest is kept.
 
-Factoring: a·b + a·c becomes a·(b + c), within each sum.
+Factoring takes out of each sum what its products have in common:
 
     k·a + m·a + a·x + y·z        is   a·((k + m) + x) + y·z
 
@@ -10,7 +10,7 @@ that are used once are first put into it. What parameters alone determine is lef
 its rounding is arranged with care. Sums of what varies may be regrouped: a compensated sum of
 such would not survive.
 
-Pair sharing: what several sums have in common is added once.
+Pair sharing adds once what several sums have in common:
 
     s = x + y + z                p = x + y
     t = x + y − w       is       s = p + z

@@ -9,12 +9,11 @@ an odd function has its sign from its operands, at no cost; a square root needs 
 own sign; inputs and constants are given with theirs. So sums have a choice, and sines and cosines,
 whose sign may be worth changing once and for all.
 
-The search for signs: choices, each of which changes signs in some conditions.
-
-A condition is a list of signs of which one at least must be plus. It is broken where all are minus,
-and that costs an operation. To find the best of 2ⁿ choices takes too long. So one choice after
-another is changed as long as less is broken; then each condition that still is broken is mended,
-though that breaks others, which are mended next, and what did not help in the end is taken back.
+Each choice changes signs in some conditions. A condition is a list of signs of which one at least
+must be plus. It is broken where all are minus, and that costs an operation. To find the best of 2ⁿ
+choices takes too long. So one choice after another is changed as long as less is broken; then each
+condition that still is broken is mended, though that breaks others, which are mended next, and what
+did not help in the end is taken back.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""The rows of the table that are generated on request only: derivatives of the dynamics.
+"""The rows of the table that are generated on request only: derivatives, parameters, time steps.
 
-Derivatives are those of a displacement in the tangent space: `_dq` belongs to the function that
-takes a displacement d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
+Of a derivative, `derivative_of` names the function and `kind` says in which form it is given. It is
+that of a displacement in the tangent space: `_dq` belongs to the function that takes a displacement
+d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
 
-The rows of the table, generated on request only, in which bodies' numbers are what varies.
-
-By the base parameters the equations are linear; by the parameters of the robot file they are not.
+Where bodies' numbers are what varies, the equations are linear in the base parameters; in the
+parameters of the robot file they are not. Time steps are `composed` of other functions.
 """
 
 from __future__ import annotations

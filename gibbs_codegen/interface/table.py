@@ -1,7 +1,7 @@
 """The table of emitted functions: what every generated module offers, one row per function.
 
 A row says what a function takes and returns, what that means, and what derives each output. The
-derivation, the targets, the loader, the verification and the simulator read it. To add a function,
+derivation, the targets, the loader, the verification and `flight` read it. To add a function,
 add a row here and, for an array that nothing derives yet, an entry to `derivation.functions`.
 
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the

@@ -16,7 +16,7 @@ optional: whoever gives the schedule to `allocate_scratch` as it is gets the sam
 loops. The C target makes that choice in one place, where it allocates scratch: it keeps loops for
 one state at a time only, and only where they stand for at least `_FEWEST_ROLLED` steps.
 
-Repeated blocks in a schedule: blocks one after the other that do the same with other names.
+Repeated blocks follow one another and do the same with other names.
 
     u0 = c*x0 - s*y0
     w0 = s*x0 + c*y0
@@ -30,7 +30,7 @@ are twenty isomorphic blocks of two steps. Blocks may differ in names, in the or
 factors, and in signs. In each step a name is either defined earlier in its block (as nothing here
 is), or the same in all blocks (`c`, `s`), or another in each (`x0`, `x1` …).
 
-Rows: names that a loop reads or writes one an iteration, and that must lie side by side.
+Rows are names that a loop reads or writes one an iteration, and that must lie side by side.
 
     for i in 0 … 7:  u[i] = c*x[i]          x: x0 x1 … x7
     for i in 0 … 7:  w[i] = c*z[i]          z: x1 … x7 p

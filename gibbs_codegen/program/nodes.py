@@ -1,5 +1,4 @@
-"""The program: what is to be emitted, as statements by stage, knowing neither SymPy's tree nor a
-target.
+"""The program: what is to be emitted, by stage, knowing neither SymPy's tree nor a target.
 
     t1 = x - 2*y
 
@@ -9,7 +8,7 @@ names, numbers, sums of signed terms, products, reciprocals, and calls of a func
 powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
 constants, and the functions.
 
-Exact operation counts of nodes.
+Operations of nodes are counted exactly:
 
     x - 2*y + 1/z
 

@@ -1,4 +1,4 @@
-"""Linear-scan allocation of scratch slots for the values that sections hand on.
+"""Scratch slots for the values that sections hand on, by linear scan, and how much stack is taken.
 
     section 0:  t1 = x + y              spills t1 to slot 0
     section 1:  t2 = t1*t1              reloads t1, spills t2 to slot 0
@@ -8,7 +8,7 @@
 A slot serves again once its value is no longer used. Rows of loops take slots side by side, and a
 loop's results overwrite, iteration by iteration, the operands that they replace.
 
-Live ranges of names, in sections: from the first definition to the last use.
+The live range of a name is that from the section of its first definition to that of its last use.
 
     section 0:  t1 = x + y
     section 1:  t2 = t1*x
@@ -18,7 +18,7 @@ Here `t1` is live from section 0 to 2 and `t2` from 1 to 2, so they need a slot 
 section reloads all it needs before it spills, so `t3` may take the slot of either. In a loop, the
 result of an iteration may take the slot of a name that no other iteration uses.
 
-How much stack a function takes: an upper estimate from the values that are live at once.
+The stack that a function takes is estimated from above, by the values that are live at once.
 
     t1 = x + y
     t2 = t1*x

@@ -1,4 +1,4 @@
-"""How a robot is balanced, in words: its base, where that is heavy, and the thrusts of hovering."""
+"""How a robot is balanced: wrenches of its rotors, its base, the thrusts of hovering, in words."""
 
 from __future__ import annotations
 

@@ -1,23 +1,18 @@
-"""The layout of coordinates: where the entries of q, v and a stand, and what each of them is.
+"""The layout of coordinates: where entries of q, v and a stand, what they are, and their names.
 
-With Tait–Bryan angles q is θ₋₁, θ₀, θ₁, the joints, x, y, z, and v holds their rates in the same
-places. With a quaternion q is x, y, z, qx, qy, qz, qw, the joints, and v holds the linear and the
-angular velocity of the base in its own frame, then the joints' rates. a has the places of v. Among
-the hybrid unknowns the constrained angles θ₂ … θ_N come before the joints.
+With Tait–Bryan angles q is θ₋₁, θ₀, θ₁, the joints θ_{N+1} … θ_{N+n}, x, y, z, and v holds their
+rates in the same places. With a quaternion q is x, y, z, qx, qy, qz, qw, the joints, and v holds
+the linear and the angular velocity of the base in its own frame, then the joints' rates. a has the
+places of v. A prismatic joint's coordinate is a travel and is called d instead of θ.
 
-Names, order and units of coordinates, inputs and points, as section 7 of the method orders them.
+Hybrid unknowns are the accelerations, in the order of v, with those of the constrained angles
+θ₂ … θ_N before the joints', and the constraint torques τ'₂ … τ'_N at the end (section 7 of the
+method).
 
-Reduced coordinates, with Tait–Bryan angles: θ₋₁, θ₀, θ₁, θ_{N+1} … θ_{N+n}, x, y, z; with a
-quaternion: x, y, z, qx, qy, qz, qw, θ_{N+1} … θ_{N+n}. Hybrid unknowns are the accelerations, in
-the order of v, with those of the constrained angles θ₂ … θ_N before the joints', and the constraint
-torques τ'₂ … τ'_N at the end. A prismatic joint's coordinate is a travel and is called d instead of
-θ.
-
-Names that entries of arguments have within emitted functions.
-
-An entry that the robot file gives no name is called as in the lists of a module, such as theta_7
-and v_theta_7. Names that people give may be anything: a word of C or Python, or what another
-variable is called. They get endings that nothing else has: forearm_q, forearm_v, forearm_F.
+In emitted functions an entry that the robot file gives no name is called as in the lists of a
+module, such as theta_7 and v_theta_7. Names that people give may be anything: a word of C or
+Python, or what another variable is called. They get endings that nothing else has: forearm_q,
+forearm_v, forearm_F.
 """
 
 from __future__ import annotations

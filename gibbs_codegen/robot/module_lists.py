@@ -1,9 +1,8 @@
 """What a generated module lists of its robot, by the names of the module's constants.
 
-Base parameters: the fewest numbers of the bodies that determine the equations of motion.
-
-Of a body's ten numbers, mass, first moment and second moments about its joint, a joint only feels
-some; the others are added to those of the parent, as `derivation.regrouping` does it. What is left
+Base parameters are the fewest numbers of the bodies that determine the equations of motion. Of a
+body's ten numbers, mass, first moment and second moments about its joint, a joint only feels some;
+the others are added to those of the parent, as `derivation.group_passage` does it. What is left
 with each body is independent of all others, whatever the lengths: the base flies freely, so its ten
 can all be told apart, and from the leaves inwards so can what each joint feels. The dynamics is
 linear in these parameters.

@@ -1,4 +1,4 @@
-"""Where a robot and its frames are at one configuration, in numbers: what drawings start from.
+"""Where a robot, its frames and its masses are at one configuration: what drawings start from.
 
 Plain composition of the frames that a robot file fixes, with no part in the derivation, which the
 emitted `positions` come from; a test compares the two.

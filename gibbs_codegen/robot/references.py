@@ -1,12 +1,10 @@
 """Names inside a robot file: what they refer to, and which of them clash.
 
-All of it reads the tables as they stand in the file, before they are checked, so that these faults
-are told beside those of single values.
+What they refer to is read in the tables as they stand in the file, before they are checked, so that
+these faults are told beside those of single values.
 
-Which names are taken in generated code, so that no two things of a robot share one there.
-
-A name takes its identifier form among the names of its kind, and the names of all parameters that
-such a thing may have.
+No two things of a robot may share a name in generated code. A name takes its identifier form among
+the names of its kind, and the names of all parameters that such a thing may have.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Inertias of bodies: as a matrix, and which of them a body can have."""
+"""Inertias of bodies: as a matrix, and which of them, and which sizes, a body can have."""
 
 from __future__ import annotations
 

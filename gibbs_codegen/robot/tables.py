@@ -1,8 +1,8 @@
-"""The top table of a robot file: what each key may hold, and the robot that they make.
+"""The tables of a robot file: what each key may hold, and the robot that they make.
 
-A key is one field with its description. The other tables are in `base_table`, `link_table`,
-`placed_tables` and `body_tables`, the names in `references`. `docs/reference/robot-file.md`
-explains them at length.
+A key is one field with its description: of rods and bodies, of the base and its arms, of rotors,
+frames and links, and of the top table, in this order. What names refer to is in `references`.
+`docs/reference/robot-file.md` explains them at length.
 """
 
 from __future__ import annotations

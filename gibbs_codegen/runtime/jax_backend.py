@@ -1,7 +1,5 @@
 """The JAX back end: the functions of a generated module as pure functions of JAX's arrays.
 
-Functions of a module on JAX's arrays, and what JAX is told of their derivatives.
-
 A function is one of the module's compiled functions, where that pays and can be had, and else its
 kernel, which JAX traces. Its derivative comes from the module's derivative functions where the
 module has them, and else from the kernel.

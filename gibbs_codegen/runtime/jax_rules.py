@@ -3,8 +3,6 @@
 Matrices are computed whole and multiplied by the direction: under `jacfwd`, `jacrev` or `vmap` over
 directions they are computed once.
 
-Displacements of a module's coordinates in place of changes of their entries.
-
 A module's derivatives by q are those by a displacement in the tangent space. With attitude angles
 that is a change of the entries. With a quaternion it has the linear and the angular displacement of
 the base, in the base's axes, in place of the changes of seven entries.

@@ -1,13 +1,11 @@
-"""What a rollout computes, as plain arrays, and what comes out: the same for every back end.
+"""Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or by the module's C.
 
-Steps of a rollout, on arrays of NumPy or of JAX: all states at once.
-
-This says once more, as short as it can be said, what the compiled rollout computes.
-
-Rollouts by the module's own C source: blocks of states that stay in the cache.
+`Steps` says once more, as short as it can be said, what the compiled rollout computes, on arrays of
+NumPy or of JAX: all states at once.
 
 The C source of the rollout is compiled together with the robot's functions, once for each
-precision, and kept in the cache of libraries.
+precision, and kept in the cache of libraries. It takes blocks of states that stay in the
+processor's cache.
 """
 
 from __future__ import annotations

@@ -13,10 +13,9 @@ emitted code, where a name that several functions share has in each the words of
 
 With an `InlineTape`, whose `let` returns its argument, the same derivation yields closed forms.
 
-SymPy's products and sums of symbols, made in a fraction of the time that SymPy takes.
-
 SymPy looks through all factors and terms for what can be put together. Where they are different
-symbols there is nothing to find: what is left is to put them in SymPy's order.
+symbols there is nothing to find: such products and sums are made here, in SymPy's order, in a
+fraction of the time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Vectors, matrices, elementary rotations and wrenches over scalars that a tape names.
 
-Structural numbers: sines and cosines of angles that the robot file fixes.
-
-They decide which terms exist, so they are exact for multiples of 30° and 45° and carry forty
-digits otherwise; sums of them that vanish by symmetry are recognised as zero.
+Structural numbers are sines and cosines of angles that the robot file fixes. They decide which
+terms exist, so they are exact for multiples of 30° and 45° and carry forty digits otherwise; sums
+of them that vanish by symmetry are recognised as zero.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One thing compared with another, and how much they differed."""
+"""One thing compared with another, how much they differ, and results of a module's functions."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
 """What a formulation of the equations of motion gives, whichever way it finds it.
 
-A base with a quaternion, for formulations that know trees of joints only.
-
-At every state the tree is placed where the base is. There the base's own joints are at zero, and
-stand for a small motion from it: along and about the axes of the base. So their rates are the
-velocities of the base in its own frame; their accelerations differ from the rates of these
-velocities by terms of the velocities alone, since the axes turn with the base.
+Formulations know trees of joints only. For a base with a quaternion the tree is placed, at every
+state, where the base is. There the base's own joints are at zero, and stand for a small motion from
+it: along and about the axes of the base. So their rates are the velocities of the base in its own
+frame; their accelerations differ from the rates of these velocities by terms of the velocities
+alone, since the axes turn with the base.
 """
 
 from __future__ import annotations

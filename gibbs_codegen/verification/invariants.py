@@ -1,10 +1,8 @@
-"""What holds for any robot: a module's functions compared with each other.
+"""What holds for any robot: a module's functions compared with each other, and with themselves.
 
 They are compared by algebra, by differences that are exact because a function is quadratic, and
 otherwise by differences of fourth order. What follows within rounding from the comparison with
 Newton and Euler's equations, such as J̇ v of the tip, is not compared again.
-
-Functions compared with themselves.
 
 With constants of each state, all functions must return what they return for one state after the
 other. Functions that no formulation computes must return for one state what they return for a

@@ -1,6 +1,7 @@
 """Recursive Newton–Euler equations of the tree, in world axes (Luh, Walker and Paul, 1980).
 
-The constrained joints are joints here, so that what holds them comes out as their effort.
+The constrained joints are joints here, so that what holds them comes out as their effort, and the
+wrench through every joint with it.
 """
 
 from __future__ import annotations

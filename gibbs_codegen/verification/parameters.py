@@ -1,6 +1,4 @@
-"""A robot's numbers under the names of its module's parameters, and a robot with other numbers.
-
-A formulation that computes in units of the robot's own size.
+"""A robot's numbers under the names of its module's parameters, other numbers, and other units.
 
 Libraries have numbers of their own that are no part of mechanics: Pinocchio adds 2e-16 kg to the
 mass it divides by, and MuJoCo takes a body below 1e-15 kg or kg m² for massless. So they are given

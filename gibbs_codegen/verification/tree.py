@@ -1,12 +1,9 @@
 """The robot as a tree of rigid bodies on joints of one degree of freedom each, in plain numbers.
 
 Coordinates here are those of all joints in the order of the hybrid system, such as θ₋₁, θ₀, θ₁,
-θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z.
-
-The joints of a robot with the bodies that they carry, as its file gives them, in plain numbers.
-
-The position and the attitude of the base are joints without mass, and what constraint torques hold
-are joints like any other. Whatever is welded to a body is carried by the same joint.
+θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z. The position and the attitude of the base are joints without
+mass, and what constraint torques hold are joints like any other. Whatever is welded to a body is
+carried by the same joint.
 """
 
 from __future__ import annotations

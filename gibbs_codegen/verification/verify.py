@@ -8,7 +8,7 @@ Expected            every function at states   with formulations that share   (e
     Pinocchio and MuJoCo, if they are installed              (pinocchio_tree, mujoco_tree)
 compare_invariants  functions                  with each other                (invariants)
 compare_derivatives functions on request       with differences of others    (derivatives)
-compare_with_itself what no formulation gives  with itself                    (self_consistency)
+compare_with_itself what no formulation gives  with itself                    (invariants)
     all functions with constants of each state
 """
 

@@ -1,4 +1,4 @@
-"""The worked example with which each module of `gibbs_codegen.program` opens is true."""
+"""The worked examples with which modules of `gibbs_codegen.program` open are true."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ import sympy as sp
 from support.program_text import entries, examples, node, statements, steps
 
 from gibbs_codegen.program import inlining, loops, lower, nodes, scratch, trigonometry
-from gibbs_codegen.program import loops as repeated_blocks
-from gibbs_codegen.program import loops as rows
-from gibbs_codegen.program import nodes as operations
-from gibbs_codegen.program import scratch as live_ranges
-from gibbs_codegen.program import scratch as stack
 from gibbs_codegen.program import steps as schedule
 from gibbs_codegen.program.nodes import Function, Name, Number, Output, Product, Statement, Sum
 from gibbs_codegen.program.steps import Loop, Step
@@ -39,14 +34,14 @@ def without_sections(lines: list[str]) -> list[str]:
 
 
 def test_nodes() -> None:
-    (example,) = examples(nodes)
+    example, _ = examples(nodes)
     twice = Product((Number(2.0), Name("y")))
     assert steps(example) == [Statement("t1", Sum(((1, Name("x")), (-1, twice))))]
 
 
 def test_operations() -> None:
-    (example,) = examples(operations)
-    assert operations.count_operations(map(node, example)) == operations.Operations(1, 1, 1, 1)
+    _, example = examples(nodes)
+    assert nodes.count_operations(map(node, example)) == nodes.Operations(1, 1, 1, 1)
 
 
 def test_schedule() -> None:
@@ -58,8 +53,8 @@ def test_schedule() -> None:
 
 
 def test_live_ranges() -> None:
-    (example,) = examples(live_ranges)
-    live = live_ranges.LiveRanges([[step] for step in steps(without_sections(example))])
+    _, example, _ = examples(scratch)
+    live = scratch.LiveRanges([[step] for step in steps(without_sections(example))])
     assert live.first_definition == {"t1": 0, "t2": 1, "t3": 2}
     assert live.last_use == {"t1": 2, "t2": 2, "t3": 2}
     assert not live.can_share("t1", "t2")
@@ -68,7 +63,7 @@ def test_live_ranges() -> None:
 
 
 def test_scratch() -> None:
-    (example,) = examples(scratch)
+    example, _, _ = examples(scratch)
     lines = [line.split("  ")[0] for line in without_sections(example)]
     allocation = scratch.allocate_scratch(steps(lines), {}, 2)
     assert allocation.slots == 1
@@ -80,16 +75,16 @@ def test_scratch() -> None:
 
 
 def test_repeated_blocks() -> None:
-    (example,) = examples(repeated_blocks)
+    _, example, _ = examples(loops)
     lines = [line.replace("0", str(k)) for k in range(20) for line in example[:2]]
     assert lines[-2:] == example[-2:]
     lines[2:4] = example[2:4]
-    (found,) = repeated_blocks.find_repeated_blocks(steps(lines))
+    (found,) = loops.find_repeated_blocks(steps(lines))
     assert (found.start, found.length, len(found.blocks)) == (0, 2, 20)
 
 
 def test_loops() -> None:
-    (example,) = examples(loops)
+    example, _, _ = examples(loops)
     lines = [example[0].replace("0", str(k)) for k in range(40)]
     assert (lines[2], lines[-1]) == (example[2], example[-1])
     lines[1] = example[1]
@@ -104,7 +99,7 @@ def test_loops() -> None:
 
 
 def test_rows() -> None:
-    (example,) = examples(rows)
+    _, _, example = examples(loops)
     first, second = names("x", range(8)), (*names("x", range(1, 8)), "p")
     assert [line.split(":")[2].strip() for line in example] == ["x0 x1 … x7", "x1 … x7 p"]
     items: list[Step | Loop] = [
@@ -115,8 +110,8 @@ def test_rows() -> None:
         straight = tuple(steps(f"{name} = c*{x}" for name, x in zip(made, row, strict=True)))
         body = (straight[-1],)
         items.append(Loop(8, body, {row[-1]: row}, {made[-1]: made}, (), (), straight))
-    tuples = rows.SlotTuples()
-    placed, copies = rows.insert_copies(items, tuples)
+    tuples = loops.SlotTuples()
+    placed, copies = loops.insert_copies(items, tuples)
     (copy,) = copies
     assert placed[-2] == Statement(copy, Name("p"))
     (members,) = (m for m in tuples.members.values() if [copy] in m.values())
@@ -160,5 +155,5 @@ def test_trigonometry() -> None:
 
 
 def test_stack() -> None:
-    (example,) = examples(stack)
-    assert stack.stack_bytes(trigonometry.gather_angles(function(example))) == 160
+    _, _, example = examples(scratch)
+    assert scratch.stack_bytes(trigonometry.gather_angles(function(example))) == 160

@@ -16,13 +16,16 @@ _TESTS = Path(__file__).parents[1]
 _PACKAGE = _TESTS.parent / "gibbs_codegen"
 # Rooms that fly, draw or tell what a module holds, and have no part in making it.
 _FLIGHT = {"cli", "examples", "figures", "flight"}
-_ROBOTS = ("support/compiled.py", "support/random_robots.py", "benchmarks/family.py")
+_ROBOTS = (
+    *("tests/support/compiled.py", "tests/support/random_robots.py"),
+    "benchmarks/family.py",
+)
 
 
 def generator_digest() -> str:
     """A digest of what emitted bytes depend on: sources, templates, robots of tests, libraries."""
     sources = [p for p in _PACKAGE.rglob("*") if p.relative_to(_PACKAGE).parts[0] not in _FLIGHT]
-    sources += [*(_TESTS.parent / "templates").iterdir(), *(_TESTS / name for name in _ROBOTS)]
+    sources += [*(_TESTS.parent / "templates").iterdir(), *map(_TESTS.parent.joinpath, _ROBOTS)]
     digest = hashlib.sha256(sys.version.encode())
     for library in ("jinja2", "numpy", "pydantic", "sympy"):
         digest.update(f"{library} {importlib.metadata.version(library)}".encode())

@@ -5,9 +5,8 @@ world. A twist is an angular and a linear part in the base's frame. Everything i
 2^-120 is added to the squared angle, so that sin θ/θ and the like are evaluated at θ ≥ 1e-18
 instead of 0/0.
 
-Derivatives of the exponential map of SE(3), in the tangent spaces where it begins and ends.
-
-Of the turn φ by the angle θ they are made of
+Derivatives of the exponential map are in the tangent spaces where it begins and ends. Of the turn φ
+by the angle θ they are made of
 
     a = sin θ/θ,   b = (1 − cos θ)/θ²,   c = (θ − sin θ)/θ³
 

@@ -5,13 +5,10 @@ and the angular velocity there. So the generalised forces of the base are the wr
 its block of the mass matrix is the inertia itself: neither depends on the attitude, which enters
 only through the direction of gravity. Nothing is divided by anything: no attitude is singular.
 
-Derivatives by the motion of a base with a quaternion, in its own frame.
-
-The attitude enters through the direction of gravity alone: a turn φ of the base changes the upward
-acceleration g in its frame by g×φ. The linear velocity enters through ω×v. So what depends on
-either is what the force takes of an acceleration of the origin, a column of the mass matrix. A unit
-of the angular velocity about an axis e of the base makes the accelerations 2e×ẋ + (ω×e)×ρ, and e×v
-of the origin.
+In derivatives a turn φ of the base changes the upward acceleration g in its frame by g×φ. The
+linear velocity enters through ω×v. So what depends on either is what the force takes of an
+acceleration of the origin, a column of the mass matrix. A unit of the angular velocity about an
+axis e of the base makes the accelerations 2e×ẋ + (ω×e)×ρ, and e×v of the origin.
 """
 
 from __future__ import annotations

@@ -5,16 +5,13 @@ R₁ = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁), intrinsic. Where the last rotation
 left to the root segment, because the arm's first joint may turn about the same axis: the
 group frame is then the frame before that rotation.
 
-Derivatives by the angles of a base with Tait–Bryan angles, and by their rates.
+For derivatives of forces the angles are joints about axes through the origin. The first two are
+taken in the frame between their rotations and the third in the frame between it and the second,
+where their axes are coordinate axes. The position and its rate enter no force.
 
-The angles are joints about axes through the origin. The first two are taken in the frame between
-their rotations and the third in the frame between it and the second, where their axes are
-coordinate axes. The position and its rate enter no force.
-
-Derivatives of the accelerations of Tait–Bryan angles and of the origin's world coordinates.
-
-They are taken in the frame between the second rotation and the third, where the axes of the angles
-are g = cos θ₀·e_a + σ sin θ₀·e_c, e_b and e_c, with σ = 1 for cyclic sequences and −1 for others:
+Derivatives of the accelerations are taken in the frame between the second rotation and the third,
+where the axes of the angles are g = cos θ₀·e_a + σ sin θ₀·e_c, e_b and e_c, with σ = 1 for cyclic
+sequences and −1 for others:
 
     ω = θ̇₋₁g + θ̇₀e_b + θ̇₁e_c,    dω/dt = θ̈₋₁g + θ̈₀e_b + θ̈₁e_c + b
 

@@ -1,4 +1,4 @@
-"""Linearisation: how small deviations from a state grow, and what inputs do to them.
+"""Linearisation: how small deviations from a state grow, and which of them inputs reach.
 
 A deviation has 2 nv entries: δ, with q = q₀ ⊕ δ, and v − v₀. With attitude angles δ has the rate
 v − v₀. With a quaternion δ is in the axes of the base, which move: from q̇₀ = q₀ ξ₀, where ξ₀ is the

@@ -1,9 +1,7 @@
 """Reachable wrenches: what the rotors can produce within their limits, and add to hovering.
 
-Vertices and half-spaces of a convex set that is known by its supports.
-
-A support is the point farthest along a direction. The hull of some of them grows by the supports
-along the normals of its facets, until none lies beyond.
+They are a convex set that is known by its supports, the points farthest along a direction. The hull
+of some of them grows by the supports along the normals of its facets, until none lies beyond.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Trim: state and inputs with which a robot hovers or flies straight, loaded or not.
 
-Where a steady motion can be held: coordinates at which thrusts balance what acts on the base.
-
 Joints balance themselves, since each has an input. The base is balanced where the wrench that it
 needs has no part that thrusts cannot produce, which is a condition on the attitude, and on the
-joints of robots whose rotors they move.
+joints of robots whose rotors they move. Of all inputs that balance, the least or the safest are
+chosen.
 """
 
 from __future__ import annotations

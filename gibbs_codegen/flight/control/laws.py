@@ -4,28 +4,23 @@ Computed torque is the inverse dynamics of the desired acceleration, corrected b
 error: with those inputs each coordinate's error e obeys ë + d ė + k e = 0. With a quaternion that
 holds for position and joints, and for the rotation vector of the attitude while its axis stays.
 
-Inverse dynamics: the thrusts and joint torques of a motion, and its constraint torques.
+Inverse dynamics: M a − R = B u for the free coordinates. The entries of attitude and position are a
+wrench on the base, which the allocation turns into thrusts. Each joint torque acts on its own
+coordinate alone, so it is that entry of the left side, less what thrusts of rotors on links
+contribute to it.
 
-M a − R = B u for the free coordinates. The entries of attitude and position are a wrench on the
-base, which the allocation turns into thrusts. Each joint torque acts on its own coordinate alone,
-so it is that entry of the left side, less what thrusts of rotors on links contribute to it.
+Integral action: a law remembers the integral z of each error e, and corrects as if the error were
+e + i z, with a rate i that is given. So ë + d ė + k (e + i z) = 0 where the model is exact, and
+under a constant disturbance e⃛ + d ë + k ė + i k e = 0, which comes to rest at no error. By Routh
+that is stable where i is less than d; of the geometric law, `error_polynomials` tells. While an
+input is at a limit, what is remembered may shrink but not grow.
 
-Integral action: what laws of control learn of disturbances that last.
-
-A law remembers the integral z of each error e, and corrects as if the error were e + i z, with
-a rate i that is given. So ë + d ė + k (e + i z) = 0 where the model is exact, and under a constant
-disturbance e⃛ + d ë + k ė + i k e = 0, which comes to rest at no error. By Routh that is stable
-where i is less than d; of the geometric law, `error_polynomials` tells. While an input is at a
-limit, what is remembered may shrink but not grow.
-
-Motor lag, compensated: what is commanded so that lagging thrusts are those that a law wants.
-
-A motor with time constant T gives a thrust F that obeys T Ḟ = u − F. For thrusts F* that a law
-wants, the command u = F* + T Ḟ* makes T (Ḟ − Ḟ*) = F* − F: what a thrust is off decays by itself,
-within T, and tracking errors obey the same equation as without lag. Ḟ* is the derivative in time
-along the motion, of the desired motion and of all that the law feeds back. The accelerations that
-are part of the motion are those that the acting thrusts give the robot as the law knows it; for
-this the thrusts must be measured, or known from a model of the motors.
+Lag compensation: a motor with time constant T gives a thrust F that obeys T Ḟ = u − F. For thrusts
+F* that a law wants, the command u = F* + T Ḟ* makes T (Ḟ − Ḟ*) = F* − F: what a thrust is off
+decays by itself, within T, and tracking errors obey the same equation as without lag. Ḟ* is the
+derivative in time along the motion, of the desired motion and of all that the law feeds back. The
+accelerations that are part of the motion are those that the acting thrusts give the robot as the
+law knows it; for this the thrusts must be measured, or known from a model of the motors.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Laws of control, and controllers of users, that are evaluated at a rate.
+"""Laws of control, and controllers of users, that are evaluated at a rate: what they see and hold.
 
-Inputs that are held from one command to the next.
-
-A command takes effect a delay after it was given. Until the first one does, its value acts already:
-a flight begins as if it had been commanded for long. All commands are recorded, since whoever gave
-them may not be asked again.
+Inputs are held from one command to the next, and a command takes effect a delay after it was given.
+Until the first one does, its value acts already: a flight begins as if it had been commanded for
+long. All commands are recorded, since whoever gave them may not be asked again.
 """
 
 from __future__ import annotations
@@ -211,7 +209,7 @@ class OwnController(Protocol):
 
 
 class LawAsController:
-    """A law of the simulator that is told observations, and remembers from sample to sample.
+    """A law of the package that is told observations, and remembers from sample to sample.
 
     While an input is at a limit of `actuators`, nothing that is remembered grows.
     """

@@ -3,15 +3,13 @@
 Such a base leans where it is to accelerate. Its thrust axis is turned from where the scenario's
 attitude has it, by the shortest way, to where the motion needs it: so the heading is kept, and tilt
 is what physics asks for. Without an arm, and with the centre of mass at the base centre, the axis
-is that of acceleration and gravity (differential flatness); in general `collocation` finds it.
+is that of acceleration and gravity (differential flatness).
 
-Collocation: thrust axes and positions at knots along which no force is missing.
-
-A base whose rotors push along one axis cannot choose its attitude: its lateral force is zero. Where
-the centre of mass is off the base centre that is a differential equation of the thrust axis, which
-as a rule swings for ever or grows without bounds when it is integrated from the start. So all knots
-are solved for at once. Of the motions without lateral force that one is taken whose base centre is
-nearest to its path and whose thrust axis is smoothest.
+In general collocation finds it. Such a base cannot choose its attitude: its lateral force is zero.
+Where the centre of mass is off the base centre that is a differential equation of the thrust axis,
+which as a rule swings for ever or grows without bounds when it is integrated from the start. So all
+knots are solved for at once. Of the motions without lateral force that one is taken whose base
+centre is nearest to its path and whose thrust axis is smoothest.
 """
 
 from __future__ import annotations

@@ -1,23 +1,19 @@
-"""Inverse kinematics of the arm at one instant: joint coordinates that bring the tip to a point.
+"""Inverse kinematics of the arm: joints that bring the tip to a point, and lead it along a path.
 
-Damped least squares (the method of Levenberg and Marquardt) on the Jacobian of the tip, within
-joint limits. It serves arms of any number of joints, redundant or not.
+At one instant: damped least squares (the method of Levenberg and Marquardt) on the Jacobian of the
+tip, within joint limits. It serves arms of any number of joints, redundant or not.
 
-Rates and accelerations of the arm at one instant, from those that its tip is to have.
+Rates and accelerations: ẋ = J v and ẍ = J a + J̇ v, with the base's part of J on the other side.
+Redundant arms take the minimum-norm rates v = J⁺ẋ, whose derivative also has a part in the null
+space of J. A joint brakes before its limit, and the others take over its part of the motion. Rates
+of least norm are v = Jᵀλ. A joint that should move by g = (Jᵀλ)ᵢ towards a limit that is the way d
+off does so up to κ d, and beyond that moves by κ d + (g − κ d) d / (d + r). That is
+v = c + s² Jᵀλ, with s² = d / (d + r) and c = κ r s², so that rates do not jump, nor where d comes
+to 0. An arm without motion to choose moves as its path wants until it meets a limit.
 
-ẋ = J v and ẍ = J a + J̇ v, with the base's part of J on the other side. Redundant arms take the
-minimum-norm rates v = J⁺ẋ, whose derivative also has a part in the null space of J.
-
-A joint brakes before its limit, and the others take over its part of the motion. Rates of least
-norm are v = Jᵀλ. A joint that should move by g = (Jᵀλ)ᵢ towards a limit that is the way d off does
-so up to κ d, and beyond that moves by κ d + (g − κ d) d / (d + r). That is v = c + s² Jᵀλ, with
-s² = d / (d + r) and c = κ r s², so that rates do not jump, nor where d comes to 0. An arm without
-motion to choose moves as its path wants until it meets a limit.
-
-Inverse kinematics of the arm along a path of its tip: each knot is solved from the one before.
-
-A predictor of second order takes the joints from knot to knot, damped least squares put the tip on
-its path, and the null-space motion of redundant arms is integrated from its rates.
+Along a path each knot is solved from the one before: a predictor of second order takes the joints
+from knot to knot, damped least squares put the tip on its path, and the null-space motion of
+redundant arms is integrated from its rates.
 """
 
 from __future__ import annotations

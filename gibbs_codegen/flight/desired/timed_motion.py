@@ -25,8 +25,8 @@ from gibbs_codegen.flight.desired.trajectory import Progress, desired_motion
 from gibbs_codegen.flight.plant.allocation import allocation_of
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.retimed import retimed, stretched
 from gibbs_codegen.flight.scenario.scenario import MAX_DURATION, Scenario
+from gibbs_codegen.flight.scenario.time_scaling import retimed, stretched
 
 # Factor between durations that are tried, how many of them, and halvings of the last interval.
 _RATIO, _MOST, _HALVINGS = 1.5, 12, 6

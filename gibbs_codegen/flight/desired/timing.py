@@ -1,31 +1,27 @@
 """The fastest timing of a motion within limits.
 
-The geometry of the motion stays as it is; only when it is where changes. Inputs along the course
-are linear in acceleration and squared speed there, and `speed_profile` finds the fastest motion;
-`schedule` makes it smooth. What that puts beyond the limits is taken back by less room for motion
-there, and a limit of thrust rates is kept by averaging over longer.
+The geometry of the motion stays as it is; only when it is where changes. It is found in this order:
 
-The course of a motion: where it leads, apart from when.
+The course is where the motion leads, measured by the length of the way that all velocities together
+cover: of the base in m, of angles in rad. It consists of stretches on which something moves, with
+rests between; a motion also rests where it turns back. In this length every stretch begins and ends
+regularly, however gently the motion does.
 
-A course is measured by the length of the way that all velocities together cover: of the base in m,
-of angles in rad. It consists of stretches on which something moves, with rests between; a motion
-also rests where it turns back. In this length every stretch begins and ends regularly, however
-gently the motion does.
+The demand: inputs along the course are linear in acceleration and squared speed there.
 
-The fastest way along a course whose inputs are linear in acceleration and squared speed.
+The fastest speeds: between two nodes the acceleration along the course is constant, so that the
+squared speed grows linearly. Limits hold at both ends of each interval (Pham and Pham, 2018:
+time-optimal path parameterisation by reachability analysis): a pass backward finds the greatest
+squared speed from which the end can still be reached, a pass forward takes the greatest
+acceleration that stays below.
 
-Between two nodes the acceleration along the course is constant, so that the squared speed grows
-linearly. Limits hold at both ends of each interval (Pham and Pham, 2018: time-optimal path
-parameterisation by reachability analysis): a pass backward finds the greatest squared speed from
-which the end can still be reached, a pass forward takes the greatest acceleration that stays below.
-
-When a motion is where on its course: squared speeds made into a smooth function of time.
-
-The fastest motion switches from one limit to another in no time. Its length along the course, taken
-at equal steps of time, is therefore made the control points of a cubic spline. The acceleration of
-that is an average of accelerations nearby, and so is what depends on it linearly: averages of what
-keeps limits keep them too, but for the change of the course within a few steps. A longer average
-makes thrusts change more slowly.
+The schedule makes squared speeds a smooth function of time, since the fastest motion switches from
+one limit to another in no time. Its length along the course, taken at equal steps of time, is made
+the control points of a cubic spline. The acceleration of that is an average of accelerations
+nearby, and so is what depends on it linearly: averages of what keeps limits keep them too, but for
+the change of the course within a few steps. A longer average makes thrusts change more slowly, so
+limits of thrust rates are kept by it. What still is beyond the limits is taken back by less room
+for motion there.
 """
 
 from __future__ import annotations

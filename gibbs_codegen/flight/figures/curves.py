@@ -1,4 +1,4 @@
-"""Curves over the time of a flight: lines, their names at the end, labels and legends."""
+"""Curves over the time of a flight, and reachable wrenches: lines, names at their ends, legends."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def coordinates(flight: Flight) -> Figure:
     in deg, prismatic ones in m in a panel of their own; position of O₁, of the base centre or of
     the base's frame, whichever the coordinates are of, m. Constrained angles of base arms 2 … N,
     deg, have a panel only if they drift, which takes a system that was integrated with them; in
-    flights of the simulator they cannot. Attitudes and joints that vary far less than others, such
+    flights of `simulate` they cannot. Attitudes and joints that vary far less than others, such
     as roll and pitch beside a yaw of many turns, have axes of their own.
     """
     panels = _panels(flight)

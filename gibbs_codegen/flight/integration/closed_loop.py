@@ -43,7 +43,7 @@ class ClosedLoop:
 
     `vehicle` is the plant; the controller has its own, with the parameters that it knows. Where
     `environment` is None, nothing acts but inputs. `compensated`: whether the lag of the motors is,
-    as `control.lag` has it.
+    as `control.laws` has it.
     """
 
     vehicle: Vehicle

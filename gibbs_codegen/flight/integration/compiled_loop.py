@@ -26,7 +26,7 @@ from gibbs_codegen.runtime.c_library import Compiler, CompilerError, announced, 
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 
 _log = logging.getLogger("gibbs_codegen")
-# Where the C of the simulator is.
+# Where the C of the closed loop is.
 NATIVE = Path(__file__).parent.parent / "native"
 
 

@@ -1,4 +1,4 @@
-"""The envelope of a flight: the errors beyond which control is lost, and why a flight ends there.
+"""The envelope of a flight, beyond which control is lost, and the modes of its closed loop.
 
 Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: where a law
 corrects errors, one that begins at a rate ė peaks at g ė, where g is the peak of the impulse
@@ -6,11 +6,9 @@ response of ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lo
 perfect from then on. Without the bound, a loop that feeds its own velocities back through lagging
 motors escapes to infinity within a finite time, hardly off its path.
 
-Linear modes of a closed loop: how fast tracking errors and lagging thrusts decay.
-
-Errors decay by the roots of `control.error_polynomials`, lagging thrusts by their time constants.
-To them come frames that lean on walls, and drag. These eigenvalues tell the steps that an
-integrator can take.
+Linear modes tell the steps that an integrator can take. Errors decay by the roots of
+`control.error_polynomials`, lagging thrusts by their time constants. To them come frames that lean
+on walls, and drag.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The states that an integrator leaves, and the intervals of time that it works on."""
+"""The states and ranges of inputs that an integrator leaves, and the intervals that it works on."""
 
 from __future__ import annotations
 

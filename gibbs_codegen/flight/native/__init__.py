@@ -1,1 +1,1 @@
-"""C of the simulator: the closed loop in fixed steps."""
+"""C of flights: the closed loop in fixed steps."""

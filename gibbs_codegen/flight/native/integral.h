@@ -1,4 +1,4 @@
-/* Integral action, as `control/integral.py` has it. */
+/* Integral action, as `control/laws.py` has it. */
 
 #ifndef GIBBS_CODEGEN_INTEGRAL_H
 #define GIBBS_CODEGEN_INTEGRAL_H

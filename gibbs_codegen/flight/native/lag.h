@@ -1,4 +1,4 @@
-/* Motor lag, compensated, as `control/lag.py` has it. */
+/* Motor lag, compensated, as `control/laws.py` has it. */
 
 #ifndef GIBBS_CODEGEN_LAG_H
 #define GIBBS_CODEGEN_LAG_H

@@ -2,7 +2,7 @@
 
 The wrench is force and torque about the base centre in the base's frame, which is arm 1's if there
 are arms. A unit thrust of a rotor on the base produces the same wrench at every configuration, so
-one matrix serves; of rotors that joints move, `moving_rotors` tells.
+one matrix serves; of rotors that joints move, `MovingAllocation` has one for each configuration.
 """
 
 from __future__ import annotations

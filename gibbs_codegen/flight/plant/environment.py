@@ -1,21 +1,16 @@
 """What acts on the robot besides its inputs, as wrenches on its frames.
 
-A push, drag in the wind, walls, spinning rotors and payloads. The forces of payloads depend on the
-acceleration under all the others, so they come last.
-
-Point masses that are fixed to frames: the forces by which they load the robot.
-
-A payload of mass m does to its frame f = m (g − p̈), where p̈ = J a + c is the acceleration of the
-frame. The acceleration a of the robot depends on f: a = a₀ + M⁻¹ Jᵀ f, where a₀ is that under all
-other forces. So the forces of all payloads solve (1 + m J M⁻¹ Jᵀ) f = m (g − c − J a₀), which is
-exact.
-
-Angular momentum of spinning rotors: the gyroscopic torques by which they resist turning.
+A push, drag in the wind, walls, spinning rotors and payloads.
 
 A rotor of inertia J that spins at Ω about its thrust's direction d has the angular momentum
 h = J Ω d, and does the torque −ω × h to the body that holds it, ω being the angular velocity of
 that body. Ω follows from the thrust, Ω = k √T. The torque −J dΩ/dt along d, by which a rotor
 resists a change of its speed, is left out.
+
+A payload of mass m, fixed to a frame, does to it f = m (g − p̈), where p̈ = J a + c is the
+acceleration of the frame. The acceleration a of the robot depends on f: a = a₀ + M⁻¹ Jᵀ f, where a₀
+is that under all other forces, so payloads come last. The forces of all payloads solve
+(1 + m J M⁻¹ Jᵀ) f = m (g − c − J a₀), which is exact.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""What differs between a base with attitude angles and one with a quaternion.
+"""Coordinates, errors and rates of a base with attitude angles, and of one with a quaternion.
 
-Everything else of the simulator works on coordinates q (nq) and velocities v, a (nv) by the places
+Everything else of a flight works on coordinates q (nq) and velocities v, a (nv) by the places
 of the layout. Tracking errors have an entry per velocity: of the attitude and the position of the
 base, in the places of its angular and linear velocity, and of the joints.
 
-Kinematics of a base whose attitude is a quaternion; no attitude is singular.
-
-v holds the linear and the angular velocity of the base in its own frame. Quaternions are
-qx, qy, qz, qw; where none of unit length is asked for, any length means the same attitude.
+With a quaternion no attitude is singular, and v holds the linear and the angular velocity of the
+base in its own frame. Quaternions are qx, qy, qz, qw; where none of unit length is asked for, any
+length means the same attitude.
 """
 
 from __future__ import annotations

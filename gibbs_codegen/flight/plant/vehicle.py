@@ -1,6 +1,6 @@
-"""A generated module as the simulator sees it: its functions with their constants, and its layout.
+"""A generated module as flights see it: its functions with their constants, and its layout.
 
-This is all that the simulator knows of a robot.
+This is all that a flight knows of a robot.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""A flight: the time series that a simulation leaves, and how they are written and read."""
+"""A flight: the time series that a simulation leaves, and how they are written and read.
+
+Files of earlier versions are read too.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time series of one flight, and what follows from them."""
+"""The time series of one flight, their columns, and what follows from them."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def _given(module: ModuleType, steps: int) -> Given:
     """
     backend = getattr(module, "backend", None)
     if backend == "jax":
-        from gibbs_codegen.flight.rollouts.traced import given_to_jax
+        from gibbs_codegen.flight.rollouts.jax_rollout import given_to_jax
 
         return given_to_jax(module, steps)
     if backend not in BACKENDS:
@@ -231,7 +231,7 @@ def _rolled(
 ) -> Rollout:
     """What comes out of a problem that `given` has read; `control` was given for the inputs."""
     if given.module.backend == "jax":
-        from gibbs_codegen.flight.rollouts.traced import traced_rollout
+        from gibbs_codegen.flight.rollouts.jax_rollout import traced_rollout
 
         return traced_rollout(problem, control if callable(control) else None)
     if not callable(control):

@@ -1,4 +1,4 @@
-"""The table of a scenario file that says what the arm is to do, with its tables by joint."""
+"""The tables of a scenario file that say what the arm is to do and how fast paths are flown."""
 
 from __future__ import annotations
 

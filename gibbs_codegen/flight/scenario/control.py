@@ -1,4 +1,4 @@
-"""What commands the motors and joints of a flight, and how its motors answer."""
+"""What commands the motors and joints of a flight, and how its motors answer, with their tables."""
 
 from __future__ import annotations
 

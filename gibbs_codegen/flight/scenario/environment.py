@@ -1,4 +1,4 @@
-"""What acts on the robot from outside besides a push: payloads, wind and walls."""
+"""What acts on the robot besides inputs and a push: payloads, wind and walls, with their tables."""
 
 from __future__ import annotations
 

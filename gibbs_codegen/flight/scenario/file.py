@@ -1,13 +1,9 @@
 """Scenario files: TOML text in, a checked `Scenario` out, or every fault of the file at once.
 
-What the keys are stands in `scenario/tables.py`, and of paths in `scenario/path_tables.py`.
-
-The tables of a scenario file: what each key may hold, and the scenario that they make.
-
-A key is one field with its description; those of the arm are in `arm_table`, those of control and
-motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`, those
-of payloads, wind and walls in `environment_tables`, those of timing in `timing_table`. Lengths in
-m, times in s, angles in degrees where a key ends in `_deg`.
+A key is one field with its description. Those of pushes, the base, the start and the integration
+are here, with the top table; those of the arm and of timing in `arm_table`, of control and motors
+in `control`, of sensors in `sensors`, of payloads, wind and walls in `environment`, of paths in
+`path_tables`. Lengths are in m, times in s, angles in degrees where a key ends in `_deg`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Desired attitude of the base: along the tangent of its path, level, or turned from level.
 
-Attitude angles: from rotations and their rates to the three angles of an intrinsic sequence.
-
-R = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁) turns vectors of arm 1's frame into the world's. The angular velocity
-in world axes is ω = E(θ)·θ̇, where the columns of E are the axes that the three angles turn about.
-All functions take any leading axes.
+Attitude angles are the three of an intrinsic sequence: R = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁) turns vectors
+of arm 1's frame into the world's. The angular velocity in world axes is ω = E(θ)·θ̇, where the
+columns of E are the axes that the three angles turn about. All functions take any leading axes.
 """
 
 from __future__ import annotations

@@ -5,12 +5,11 @@ world axes, in m and s. The jerk is there because the attitude that follows a pa
 angular acceleration. What grows beyond the largest float is infinite or NaN, without a warning:
 `desired_base` and `desired_with_tip` refuse it with the time.
 
-A path through points at given times, at rest or with a velocity where one is wanted.
-
-Where the path rests or has a velocity that was given, its acceleration, jerk and snap are zero.
-Such points are joined by polynomials of degree 9, whose values at both ends these are. At free
-points in between, velocity to snap are those of the quintic spline through them, which has the
-least integral of squared jerk. So the path has four continuous derivatives everywhere.
+A path of waypoints rests or has a velocity that was given at some of them. There its acceleration,
+jerk and snap are zero, and polynomials of degree 9, whose values at both ends these are, join such
+points. At free points in between, velocity to snap are those of the quintic spline through them,
+which has the least integral of squared jerk. So the path has four continuous derivatives
+everywhere.
 """
 
 from __future__ import annotations

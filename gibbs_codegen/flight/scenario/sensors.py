@@ -1,4 +1,4 @@
-"""What sensors make of the state before a controller sees it, as plain data."""
+"""What sensors make of the state before a controller sees it, as plain data, with its table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chunks of a sweep: cases that are flown and kept together, 1 to 10 s of work.
+"""Chunks of a sweep: cases that are flown and kept together, 1 to 10 s of work; and how it is done.
 
 How a sweep is cut depends on its cases alone, so that the same call finds the same chunks.
 """

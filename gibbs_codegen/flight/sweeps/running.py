@@ -4,10 +4,9 @@ A chunk whose worker dies is tried again. If it dies again it is flown by itself
 this machine, and halved until the one case is found that no process survives, which is recorded. So
 no case is blamed for what another did.
 
-Processes of this machine that fly chunks: those of the standard library, made anew if one dies.
-
-They start as new programs, without what the caller's program is made of: it may be a notebook, or a
-script that would call `sweep` again if it were imported.
+Without an executor processes of this machine fly chunks: those of the standard library, made anew
+if one dies. They start as new programs, without what the caller's program is made of: it may be a
+notebook, or a script that would call `sweep` again if it were imported.
 """
 
 from __future__ import annotations

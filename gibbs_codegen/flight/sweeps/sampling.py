@@ -1,4 +1,4 @@
-"""What a key of a sweep takes on: values that are listed, or numbers that are drawn.
+"""What a key of a sweep takes on, values that are listed or numbers that are drawn, and its axes.
 
 Numbers are drawn together, from the scrambled sequence of Sobol: its points fill the space of all
 keys evenly, with errors of averages that fall faster than those of independent draws; and unlike a

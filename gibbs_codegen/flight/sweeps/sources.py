@@ -1,4 +1,4 @@
-"""Robots and scenarios of a sweep: what the words for them mean, read once."""
+"""Robots, scenarios and entries of a sweep: what the words for them mean, read once."""
 
 from __future__ import annotations
 

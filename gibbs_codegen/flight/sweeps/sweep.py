@@ -1,12 +1,12 @@
 """Sweeps: many flights that differ in entries of their scenarios, on any executor, into a table.
 
-    robot_source, scenario_source   words               → modules, scenarios     (sources)
-    cases_of       parameters, samples                   → Cases                  (plan, axes)
-    chunks_of      cases                                 → chunks, 1 to 10 s each (chunks)
-    Job            measures                              → digest, task of a chunk (job)
-    Running        chunks not in the store, executor     → store                  (running)
-      fly          a chunk, in a worker                  → measures of its flights (work)
-    table_of       rows of all chunks                    → Study                  (table, study)
+    robot_source, scenario_source   words               → modules, scenarios       (sources)
+    cases_of       parameters, samples                   → Cases                   (plan, sampling)
+    chunks_of      cases                                 → chunks, 1 to 10 s each  (chunks)
+    Job            measures                              → digest, task of a chunk (chunks)
+    Running        chunks not in the store, executor     → store                   (running)
+      fly          a chunk, in a worker                  → measures of its flights (chunks)
+    table_of       rows of all chunks                    → Study                   (study)
 
 What a chunk's file is named by is all that determines it: so the same call goes on where it was
 ended, be it by force, and the table is the same whatever has computed it.

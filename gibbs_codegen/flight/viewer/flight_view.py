@@ -1,4 +1,4 @@
-"""A flight as a scene: the robot at some time, its paths, walls, thrusts and what pushes it."""
+"""A flight in the viewer: its scene with paths, walls, thrusts and pushes, its panel, its page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A generated module at rest in some posture: where its parts are, and what acts in it."""
+"""A generated module at rest in some posture: its parts, what acts in it, and its scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene as one page that needs nothing else."""
+"""A scene served to the browser, or as one page that needs nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot at rest as a scene, and the words and colours that go with it."""
+"""A robot at rest in the viewer: its scene, the panel that moves it, and its page."""
 
 from __future__ import annotations
 

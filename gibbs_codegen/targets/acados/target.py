@@ -1,6 +1,4 @@
-"""What the templates of acados are given.
-
-The functions that acados links of a model: what they take and return, and what each needs.
+"""acados: what its templates are given, and what each function that it links takes and needs.
 
 Names, order, shapes and transposes are those of acados' generator `casadi_function_generation.py`.
 Shapes are written with the macros of the template. The text of a function is the file of its name

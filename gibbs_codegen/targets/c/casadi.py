@@ -1,19 +1,14 @@
 """The adapter by which CasADi calls a module's functions, and their derivatives, as external ones.
 
-Every function has two forms, the second with the parameters as a further input. What CasADi asks
-for beside a function is in `casadi_derivatives`.
+Every function has two forms, the second with the parameters as a further input. What its body
+computes on the way is in the scratch that CasADi gives it.
 
-A function as CasADi calls it, put together: its inputs and outputs, and the lines of its body.
-
-What the body computes on the way is in the scratch that CasADi gives it.
-
-The derivatives that CasADi looks up beside a function, from those that the module has.
-
-Of a function F it asks for `jac_F`, with a matrix for each output and input, for `adj1_F`, the
-gradient of the outputs times seeds, and for `jac_adj1_F`, the derivatives of that. Without
-`adj1_F` it makes gradients of `jac_F`; with it, it may compute a Jacobian row by row, so that
-`adj1_F` is there only where second derivatives or parameters need it. With `fwd1_F` it would
-compute a Jacobian column by column, so that there is none.
+Beside a function F CasADi looks up derivatives, which are made of those that the module has:
+`jac_F`, with a matrix for each output and input, `adj1_F`, the gradient of the outputs times seeds,
+and `jac_adj1_F`, the derivatives of that. Without `adj1_F` it makes gradients of `jac_F`; with it,
+it may compute a Jacobian row by row, so that `adj1_F` is there only where second derivatives or
+parameters need it. With `fwd1_F` it would compute a Jacobian column by column, so that there is
+none.
 """
 
 from __future__ import annotations

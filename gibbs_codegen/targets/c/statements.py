@@ -1,8 +1,4 @@
-"""Statements in C as lines: how they are written and broken is decided here alone.
-
-What is written of arrays is in `arrays`; no other module writes C.
-
-Arrays in C: as parameters and arguments, as local ones, and their entries.
+"""Statements and arrays in C as lines: how they are written and broken is decided here alone.
 
 The entries of an array are `stride` reals apart: 1 for one state, LANES for a block of states.
 """
@@ -50,11 +46,11 @@ class StatementPrinter:
         return lines
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
-        """An assignment to an entry of an array; `place` may be of `arrays.place_in_loop`."""
+        """An assignment to an entry of an array; `place` may be of `statements.place_in_loop`."""
         return self._assignment(f"{array}[{place} * stride]", self._expressions.expression(value))
 
     def clear(self, array: str, size: str) -> list[str]:
-        """A loop that makes all entries of an array zero; `size` is of `arrays.array_size`."""
+        """A loop that makes all entries of an array zero; `size` is of `statements.array_size`."""
         return loop("i", size, [f"{array}[i] = {self._expressions.number(0.0)};"])
 
     def _assignment(self, target: str, value: str) -> list[str]:

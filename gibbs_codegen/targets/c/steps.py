@@ -3,15 +3,11 @@
 Their source is a template, for one state and for a block of states alike. What they keep on the way
 is in one array, since local arrays cannot have a length that depends on the number of states.
 
-The numerical methods of time steps in C, in the same words for states and for derivatives.
-
-A method accelerates, moves, and combines vectors entry by entry. What is done to states is linear
-in positions, velocities and accelerations, so the same is done to columns of their derivatives.
-
-Which entries of the derivatives of a time step can differ from zero.
-
-The functions that a step calls have patterns; those of what is done one after the other are
-products of them.
+A numerical method accelerates, moves, and combines vectors entry by entry. What is done to states
+is linear in positions, velocities and accelerations, so the same is done to columns of their
+derivatives, in the same words. Which entries of those can differ from zero follows from the
+patterns of the functions that a step calls; those of what is done one after the other are products
+of them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the C templates are given: text only, every decision already taken."""
+"""What the C templates are given, rollouts included: text only, every decision already taken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The help texts of functions in MATLAB."""
+"""The help texts of functions in MATLAB, and those of the lists of a module."""
 
 from __future__ import annotations
 

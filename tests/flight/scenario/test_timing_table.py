@@ -13,7 +13,7 @@ from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import Level, Turn
 from gibbs_codegen.flight.scenario.paths import Array, Circle
-from gibbs_codegen.flight.scenario.retimed import Retimed, stretched
+from gibbs_codegen.flight.scenario.time_scaling import Retimed, stretched
 from gibbs_codegen.flight.scenario.timing import Timing
 
 
