@@ -66,8 +66,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 @terminal.ended_by_signals()
 def _simulate(options: argparse.Namespace) -> int:
-    import numpy as np
-
     from gibbs_codegen.files.changes import changes_of
     from gibbs_codegen.flight.figures.flight import check_results, write_results
     from gibbs_codegen.flight.scenario.file import read_scenario
@@ -94,11 +92,7 @@ def _simulate(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
-    for k, (wall, forces) in enumerate(zip(scenario.walls, flight.wall_forces.T, strict=True), 1):
-        most = int(np.nan_to_num(forces).argmax())
-        words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
-        words += f"{forces[-1]:.3g} N at the end"
-        print(f"wall {k}, on {printable(wall.frame)}: {words if forces.any() else 'not touched'}")
+    _print_walls(flight, [wall.frame for wall in scenario.walls])
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
     _print_timing(flight, printable(options.out))
@@ -123,6 +117,16 @@ def _errors(flight: Flight, samples: slice) -> str:
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")
     return ", ".join(found)
+
+
+def _print_walls(flight: Flight, frames: list[str]) -> None:
+    """Say how each wall pushed the frame that it is for."""
+    for k, (frame, forces) in enumerate(zip(frames, flight.wall_forces.T, strict=True), 1):
+        # What is not a number, after control was lost, is not the greatest.
+        most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
+        words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
+        words += f"{forces[-1]:.3g} N at the end"
+        print(f"wall {k}, on {printable(frame)}: {words if forces.any() else 'not touched'}")
 
 
 def _print_timing(flight: Flight, folder: str) -> None:
