@@ -70,7 +70,6 @@ class Kernels:
         # What takes and returns floats. Everything between them stands in the module.
         names["state_array"] = lambda _, values, *shape: values.reshape(-1)
         names["_evaluate"] = self._evaluated
-        names["_composed"] = lambda _, compute, __: compute()
         names["shaped"] = lambda entries, shape, _: array(entries).reshape(shape)
         outputs = names[function](*arguments, constants=constants)
         return list(outputs) if isinstance(outputs, tuple) else [outputs]
@@ -85,6 +84,7 @@ class Kernels:
             if isinstance(value, FunctionType) and value.__module__ == self._source.__name__:
                 names[name] = FunctionType(value.__code__, names, name, value.__defaults__)
         names |= {name: self._names[name] for name in ELEMENTARY}
+        names["_composed"] = lambda _, compute, __: compute()  # Only numbers can be not finite.
         return names
 
     def _evaluated(
