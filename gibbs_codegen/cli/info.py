@@ -397,12 +397,13 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
     table = plain_table(
         "\nOpen chains (eq. 1)", "chain", "bodies", "mass of", "thrust of", "equations", "held by"
     )
+    rotors = data["rotors"]
     for chain in data["chains"]:
         table.add_row(
             str(chain["number"]),
             " → ".join(_way(robot, chain)),
-            _each("arm", _massive(robot, chain), len(_way(robot, chain))),
-            _each("motor", [rotor_label(robot, k) for k in chain["motors"]], data["rotors"]),
+            _each("arm", _massive(robot, chain), len(_way(robot, chain)), "all its bodies"),
+            _each("motor", [rotor_label(robot, k) for k in chain["motors"]], rotors, "all rotors"),
             str(len(chain["coordinates"])),
             ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
         )
@@ -433,11 +434,11 @@ def _link(robot: Robot, i: int) -> str:
     return link_label(robot, i) if named else str(robot.rotors + i)
 
 
-def _each(what: str, labels: Sequence[str], count: int) -> str:
-    """Bodies or rotors of `count` by their labels, or "all"; what they are is said of numbers."""
+def _each(what: str, labels: Sequence[str], count: int, every: str) -> str:
+    """Bodies or rotors by their labels, `every` if all of `count`; `what` is said of numbers."""
     if labels and all(map(str.isdigit, labels)):
         return f"{what} {_ranges([*map(int, labels)])}"
-    return "all" if len(labels) == count > 1 else ", ".join(labels) or "-"
+    return every if len(labels) == count > 1 else ", ".join(labels) or "-"
 
 
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
@@ -450,12 +451,14 @@ def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
 def _row_table(data: dict[str, Any]) -> Table:
     title = "\nRows of the hybrid system (eq. 18)"
     table = plain_table(title, "row", "unknown", "chains that add there", "inputs that act there")
-    thrusts = ", ".join(entry["name"] for entry in data["inputs"][: data["rotors"]])
+    rotors = data["rotors"]
+    thrusts = [entry["name"] for entry in data["inputs"][:rotors]]
     for row in data["hybrid_rows"]:
-        acting = ", ".join(row["inputs"]) or "-"
-        if data["rotors"] > 1:
-            acting = acting.replace(thrusts, "all thrusts")
-        table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]), acting)
+        acting = row["inputs"]
+        if rotors > 1 and acting[:rotors] == thrusts:
+            acting = ["all thrusts", *acting[rotors:]]
+        cells = (row["unknown"], _ranges(row["chains"]), ", ".join(acting) or "-")
+        table.add_row(str(row["row"]), *cells)
     return table
 
 

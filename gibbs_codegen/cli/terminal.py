@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from gibbs_codegen.errors import printable
@@ -49,8 +50,9 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
 
 def print_table(table: Table, console: Console) -> None:
     """Print a table; where the output goes elsewhere than to a terminal, words stay whole."""
-    # Above a table, a title may be longer than its lines.
-    console.print(table.title, style="table.title", highlight=False)
+    table = deepcopy(table)
+    if table.title:  # Above a table, it may be longer than its lines.
+        console.print(table.title, style="table.title", highlight=False)
     table.title = None
     if not console.is_terminal:
         for column in table.columns:

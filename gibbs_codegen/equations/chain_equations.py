@@ -17,6 +17,7 @@ from gibbs_codegen.derivation.tree_dynamics import (
 from gibbs_codegen.equations.definitions import Definition, Definitions, step_names
 from gibbs_codegen.equations.normal_form import TooLongError, collected
 from gibbs_codegen.equations.readable_chain import (
+    ReadableChain,
     closed_system,
     generalised_forces,
     own_frames,
@@ -194,13 +195,13 @@ class ItemMotions:
         return root.places(self.readable.serial.joints).joined(base, joints[:-1])
 
 
-def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
+def gibbs_function(readable: ReadableChain, most: int) -> ChainEquation:
     """S_j (eq. 2), up to terms free of accelerations where it is closed: ½θ̈ᵀI_jθ̈ − R_jᵀθ̈.
 
     If I_j and R_j have more than `most` terms together, it is definitions: S_j is then the sum of
     the items' own.
     """
-    readable = readable_chain(robot, chain)
+    robot, chain = readable.robot, readable.chain.number
     total, accelerations = sp.Symbol("S"), readable.state.accelerations
     steps: list[Definition] = []
     try:
@@ -236,12 +237,12 @@ def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
     )
 
 
-def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
+def gibbs_partials(readable: ReadableChain, most: int) -> ChainEquation:
     """∂S_j/∂θ̈_{j,i} = I_jθ̈_j − R_j (eq. 5), row by row.
 
     If I_j and R_j have more than `most` terms together, it is definitions.
     """
-    readable = readable_chain(robot, chain)
+    robot, chain = readable.robot, readable.chain.number
     closed, names, accelerations = True, readable.names, readable.state.accelerations
     steps: Sequence[Definition] = ()
     try:
@@ -270,12 +271,12 @@ def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
     )
 
 
-def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
+def equations_of_motion(readable: ReadableChain, most: int) -> ChainEquation:
     """I_jθ̈_j − ζ_{j,4}τ'_j = R_j + F_j with ζᵀθ̈_j = 0, or without τ'_j in the last chain.
 
     This is eq. 15, with I_j and R_j as definitions if they have more than `most` terms together.
     """
-    readable = readable_chain(robot, chain)
+    robot, chain = readable.robot, readable.chain.number
     forces = [collected(f, readable.symbolic.u, 1000) for f in generalised_forces(readable)]
     closed, names = True, readable.names
     steps: Sequence[Definition] = ()

@@ -45,6 +45,7 @@ class Page(ABC):
 
     dialect: Dialect
     width: int
+    between = "\n\n"  # What parts of the page are joined by.
 
     def __init__(self, equations: Sequence[ChainEquation]) -> None:
         if len({(equation.robot, equation.chain) for equation in equations}) != 1:
@@ -57,38 +58,38 @@ class Page(ABC):
 
     def document(self) -> str:
         """The equations, one after the other, and the legend."""
-        lines = self._opening(f"{self._equations[0].robot}, chain {self._equations[0].chain}")
+        blocks = self._opening(f"{self._equations[0].robot}, chain {self._equations[0].chain}")
         for equation in self._equations:
-            lines += self._heading(f"Equation {equation.number}: {equation.title}")
-            lines += self._form(equation)
+            title = f"Equation {equation.number}: {equation.title}"
+            blocks.append([*self._heading(title), *self._form(equation)])
             if not equation.closed:
                 rest = f" {AT_REST}" if equation.number == 15 else ""
-                lines += self._remark(f"{WHY_DEFINITIONS}{rest}")
+                blocks.append(self._remark(f"{WHY_DEFINITIONS}{rest}"))
             if equation.lines:
-                lines += self._definitions(equation.lines)
+                blocks.append(self._definitions(equation.lines))
             if equation.places:
-                lines += self._coupling(equation)
-        text = "\n".join([*lines, *self._legend(self._legend_entries())])
-        return text.replace("\n\n\n", "\n\n") + "\n"
+                blocks.append(self._coupling(equation))
+        blocks.append([*self._heading("Symbols"), *self._legend(self._legend_entries())])
+        return self.between.join("\n".join(block) for block in blocks) + "\n"
 
-    def _introduction(self) -> list[str]:
+    def _introduction(self) -> list[list[str]]:
         """What the columns of eq. 15 are, and the table of frames."""
-        lines = []
+        blocks = []
         if any(equation.number == 15 for equation in self._equations):
-            lines += ["", *self._remark(COLUMNS)]
+            blocks.append(self._remark(COLUMNS))
         if frames := next((e.frames for e in self._equations if e.frames), ()):
             rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
             for item, row in enumerate(frames, start=4):
                 rows.append([str(item), *map(self._writer.line, row)])
-            lines += [*self._heading("Frames of the items"), *self._remark(FRAMES)]
-            lines += self._table(rows)
-        return lines
+            blocks.append([*self._heading("Frames of the items"), *self._remark(FRAMES)])
+            blocks.append(self._table(rows))
+        return blocks
 
     @abstractmethod
     def _table(self, rows: list[list[str]]) -> list[str]: ...
 
     @abstractmethod
-    def _opening(self, head: str) -> list[str]: ...
+    def _opening(self, head: str) -> list[list[str]]: ...
 
     @abstractmethod
     def _heading(self, title: str) -> list[str]: ...
@@ -207,12 +208,11 @@ class LatexPage(Page):
 
     dialect = LATEX
     width = 66
+    between = "\n"  # A display after a blank line would begin a paragraph.
 
-    def _opening(self, head: str) -> list[str]:
-        return [
-            f"% {head}. Needs \\usepackage{{amsmath}}; long displays want \\allowdisplaybreaks.",
-            *self._introduction(),
-        ]
+    def _opening(self, head: str) -> list[list[str]]:
+        needed = "Needs \\usepackage{amsmath}; long displays want \\allowdisplaybreaks."
+        return [[f"% {head}. {needed}"], *self._introduction()]
 
     def _table(self, rows: list[list[str]]) -> list[str]:
         heads = [rf"\text{{{head}}}" for head in rows[0]]
@@ -284,13 +284,15 @@ class LatexPage(Page):
         return self._display([f"\\begin{{array}}{{cccc}}\n{body}\n\\end{{array}}"])
 
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
-        return [r"\paragraph{Symbols.}", ";\n".join(_explanations(entries)) + "."]
+        return [";\n".join(_explanations(entries)) + "."]
 
 
 class MarkdownPage(LatexPage):
     """A page in Markdown with MathJax."""
 
-    def _opening(self, head: str) -> list[str]:
+    between = Page.between
+
+    def _opening(self, head: str) -> list[list[str]]:
         return []
 
     def _heading(self, title: str) -> list[str]:
@@ -298,13 +300,13 @@ class MarkdownPage(LatexPage):
 
     def _display(self, rows: Iterable[str]) -> list[str]:
         body = " \\\\\n".join(rows)
-        return ["$$", r"\begin{aligned}", body, r"\end{aligned}", "$$", ""]
+        return ["$$", r"\begin{aligned}", body, r"\end{aligned}", "$$"]
 
     def _remark(self, text: str) -> list[str]:
-        return [text, ""]
+        return [text]
 
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
-        return ["**Symbols**", "", *(f"- {text}" for text in _explanations(entries))]
+        return [f"- {text}" for text in _explanations(entries)]
 
 
 def _escaped(meaning: str) -> str:
@@ -334,21 +336,20 @@ class TextPage(Page):
         super().__init__(equations)
         self.width = width
 
-    def _opening(self, head: str) -> list[str]:
-        return [head, *self._introduction()]
+    def _opening(self, head: str) -> list[list[str]]:
+        return [[head], *self._introduction()]
 
     def _table(self, rows: list[list[str]]) -> list[str]:
         widths = [max(map(text_width, column)) + 2 for column in zip(*rows, strict=True)]
         return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
 
     def _heading(self, title: str) -> list[str]:
-        return ["", title, "-" * len(title)]
+        return [title, "-" * len(title)]
 
     def _form(self, equation: ChainEquation) -> list[str]:
         if equation.number == 15:
-            return [*self._motion(equation), ""]
-        form = filled_form(FORMS[equation.number].text, equation)
-        return [*form.split("\n"), ""]
+            return self._motion(equation)
+        return [filled_form(FORMS[equation.number].text, equation)]
 
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
@@ -369,7 +370,7 @@ class TextPage(Page):
         return lines
 
     def _remark(self, text: str) -> list[str]:
-        return [*textwrap.wrap(text, self.width), ""]
+        return textwrap.wrap(text, self.width)
 
     def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
         lines = []
@@ -399,7 +400,7 @@ class TextPage(Page):
         return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
 
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
-        lines = ["", "Symbols", "-------"]
+        lines = []
         for symbols, meaning in entries:
             text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
             lines += textwrap.wrap(

@@ -78,8 +78,8 @@ def chain_equation(
     check_chain(robot, chain)
     if equation in _OF_EVERY_CHAIN:
         return _OF_EVERY_CHAIN[equation](robot, chain)
-    made = _MAKERS[equation](robot, chain, most_terms)
     readable = readable_chain(robot, chain)
+    made = _MAKERS[equation](readable, most_terms)
     return replace(made, names=made.names | readable.names, frames=item_frames(readable))
 
 

@@ -209,11 +209,8 @@ _LEFT_OUT = {
     "keyframe": "keyframes",
     "deformable": "deformable bodies",
     "extension": "plugins, and what they do to the motion",
-    "custom": "data for other programs",
-    "visual": "settings of pictures",
-    "statistic": "settings of pictures",
-    "size": "settings of memory",
 }
+_NO_MOTION = ("custom", "visual", "statistic", "size")
 # What a compiler may be told; versions differ in what else they know.
 _SETTINGS = {
     *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
@@ -233,11 +230,9 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
     counts: Counter[str] = Counter()
     for section in children(root):
         if section.tag not in _KEPT:
-            words = _LEFT_OUT.get(section.tag, "a section that import does not know")
-            # Some sections have all that they say in attributes of their own.
-            counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section) or bool(
-                section.attrib
-            )
+            if section.tag not in _NO_MOTION:
+                words = _LEFT_OUT.get(section.tag, "a section that import does not know")
+                counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section)
             root.remove(section)
     told = [Told("left out", words, f"{count}") for words, count in counts.items() if count]
     for element in [found for found in root.iter() if isinstance(found, Element)]:

@@ -14,6 +14,7 @@ from gibbs_codegen.exchange.source import (
     SourceJoint,
     SourceLink,
     SourceRotor,
+    endless,
 )
 from gibbs_codegen.exchange.urdf import is_rotor_by_name
 from gibbs_codegen.robot.layout import frames_of
@@ -184,7 +185,7 @@ def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> SourceJ
         link.axis,
         passive=link.passive,
         limits=limits,
-        continuous=link.joint == "revolute" and limits.low is None and limits.high is None,
+        continuous=link.joint == "revolute" and endless(limits),
     )
 
 

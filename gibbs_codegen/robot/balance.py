@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
 from gibbs_codegen.robot.names import coordinate_of, rotor_label
 from gibbs_codegen.robot.placement import Array, mounted_rotors
@@ -283,12 +284,12 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     if len(found.thrusts) > _MOST_LISTED:
         values = f"{number(min(found.thrusts))} to {number(max(found.thrusts))}"
     lines = [f"hover thrusts: {values} N, {how}"]
-    if hangs(robot) and robot.moving:
-        lines.append("joint torques with them: none, if the arm hangs there at rest")
-    elif robot.moving:
-        pairs = zip(robot.moving, holding_efforts(robot, found.thrusts), strict=True)
-        told = [f"{coordinate_of(robot, i)} {number(effort)}" for i, effort in pairs]
-        lines.append(f"joint torques with them, N m, or forces, N: {', '.join(told)}")
+    if robot.moving and not hangs(robot):
+        told = [
+            f"{coordinate_of(robot, i)} {number(effort)} {joint_terms(robot, i).effort_unit}"
+            for i, effort in zip(robot.moving, holding_efforts(robot, found.thrusts), strict=True)
+        ]
+        lines.append(f"joint torques that hold it there: {', '.join(told)}")
     if found.margin is not None and found.margin < 1e-9:  # 0 but for rounding.
         lines.append("thrust margin: no thrusts within the limits hover here")
     elif found.margin is not None:

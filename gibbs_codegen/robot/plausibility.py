@@ -32,8 +32,8 @@ def implausible(robot: Robot) -> tuple[str, ...]:
         )
     if robot.total_mass < _FILM * extent**2:
         found.append(
-            f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.4g} m, less than a "
-            "film over the square of that size; masses are in kg and lengths in m"
+            f"the robot is {extent:.4g} m long and weighs {robot.total_mass:.4g} kg; are lengths "
+            "in millimetres? (they are in m)"
         )
     for name, body in _bodies(robot):
         gyration = _gyration(body)
@@ -48,11 +48,11 @@ def implausible(robot: Robot) -> tuple[str, ...]:
 def _extent(robot: Robot) -> float:
     """The longest side of a box around the joints, rotors, ends and centres of mass (m)."""
     frames = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)))
-    ends: list[Array] = []
+    ends: list[Array] = [frames.centre, *frames.motors]
     for link, frame in zip(robot.links, frames.links, strict=True):
         body = as_rigid_body(link.body)
         ends += [frame.origin, frame.place(body.com), frame.point(body.length)]
-    return float(np.ptp(np.array([*frames.points, *ends]), axis=0).max())
+    return float(np.ptp(np.array(ends), axis=0).max())
 
 
 def _bodies(robot: Robot) -> list[tuple[str, Body]]:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from types import SimpleNamespace
 
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import (
@@ -278,9 +277,16 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     return render("robot.toml.jinja", context)
 
 
+@dataclass(frozen=True)
+class PlacedRobotText:
+    """What the template of a robot whose parts have positions is given."""
+
+    name: str
+
+
 def placed_robot_text(name: str) -> str:
     """A commented robot file to start from: a quadrotor with an arm, whose parts have positions."""
-    return render("placed_robot.toml.jinja", SimpleNamespace(name=name))
+    return render("placed_robot.toml.jinja", PlacedRobotText(name))
 
 
 def _arms(base: Base, in_both_forms: bool) -> ArmsText:

@@ -248,7 +248,7 @@ def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_p
     (tmp_path / "two.toml").write_text(text)
     done = run("info", "two.toml", cwd=tmp_path)
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    assert "1 base → upper → fore all - 8 -" in lines
+    assert "1 base → upper → fore all its bodies - 8 -" in lines
     assert "fore revolute elbow 1 - -" in lines
     assert "fore upper 0 0 0 0" in lines
 
@@ -262,6 +262,16 @@ def test_names_in_tables_stay_whole_where_no_terminal_folds_them() -> None:
         print_table(table, console)
         assert all((name in console.file.getvalue()) != is_terminal for name in names)
         assert console.width == 80
+
+
+def test_tables_are_printed_as_they_are_with_a_title_where_they_have_one() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    table = plain_table("title", "heading")
+    print_table(table, console)
+    print_table(table, console)
+    print_table(plain_table("", "heading"), console)
+    assert console.file.getvalue().split() == [*("title", "heading") * 2, "heading"]
+    assert "\n\n" not in console.file.getvalue()
 
 
 def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import JointLimits, Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 
 Array = NDArray[np.float64]
@@ -296,3 +296,11 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
     inputs = ours.input_matrix(q)[:, :count]
     assert np.allclose(found.inputs[order, :count], inputs, rtol=0.0, atol=1e-12)
     assert_properties_come_back(robot, back, form)
+
+
+@pytest.mark.parametrize(("limit", "kind"), [(1e16, "continuous"), (6.3, "revolute")])
+def test_limits_that_nothing_reaches_are_none_in_urdf(limit: float, kind: str) -> None:
+    robot = read_robot("quadrotor_2link")[0]
+    far = replace(robot.links[1], limits=JointLimits(-limit, limit))
+    text = export_robot(replace(robot, links=(robot.links[0], far)), "urdf")[0]
+    assert f'<joint name="{coordinate_of(robot, 2)}" type="{kind}">' in text

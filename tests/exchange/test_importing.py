@@ -324,13 +324,13 @@ def test_limits_that_nothing_reaches_in_mjcf(tmp_path: Path) -> None:
 
 
 def test_sections_that_are_left_out_are_told_with_what_they_are(tmp_path: Path) -> None:
-    text = """<mujoco><size/><size memory="1M"/><extension>
+    text = """<mujoco><size/><size memory="1M"/><statistic extent="2"/><custom>
+      <numeric name="n" data="1"/></custom><visual><map znear="1"/></visual><extension>
       <plugin plugin="mujoco.elasticity.cable"/></extension><sensor/><visual/><contact>
       <exclude body1="a" body2="b"/><exclude body1="b" body2="a"/></contact><worldbody>
       <body name="a"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
     _, report = imported(text, tmp_path)
     assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
-        ("settings of memory (<size>)", "1"),
         ("plugins, and what they do to the motion (<extension>)", "1"),
         ("contacts (<contact>)", "2"),
     ]

@@ -90,9 +90,17 @@ def test_efforts_that_hold_the_joints_are_those_of_the_emitted_functions(robot: 
 
 def test_hover_thrusts_are_told_with_the_torques_of_the_joints() -> None:
     told = hover_lines(FOREARM, hover(FOREARM))[1]
-    assert told == "joint torques with them, N m, or forces, N: shoulder 0.1962, elbow 0.1962"
-    hanging = paper_family(4, 2)
-    assert "none, if the arm hangs" in hover_lines(hanging, hover(hanging))[1]
+    assert told == "joint torques that hold it there: shoulder 0.1962 N m, elbow 0.1962 N m"
+    upper, lower = FOREARM.links
+    sliding = replace(FOREARM, links=(upper, replace(lower, joint="prismatic", axis=(0, 0, 1))))
+    assert hover_lines(sliding, hover(sliding))[1].endswith("shoulder 0.1962 N m, elbow 1.962 N")
+
+
+def test_no_torques_are_told_of_an_arm_that_hangs() -> None:
+    """Where it hangs is not looked for; there a joint that slides, or has a spring, takes some."""
+    hanging = paper_family(6, 1)
+    slider = replace(hanging.links[0], joint="prismatic")
+    assert "torques" not in str(balance_lines(replace(hanging, links=(slider,))))
 
 
 def test_the_margin_is_how_much_heavier_the_robot_may_be() -> None:

@@ -40,10 +40,26 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
-        ("position = [0.2", "position = [200", "the robot weighs 1.6 kg at a size of 200.2 m"),
-        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, -100]", "the robot weighs 1.6 kg at a size of 100 m"),
-        ("com = [0.1", "com = [100", "the robot weighs 1.6 kg at a size of 100.2 m"),
-        ("mass = 0.1", "mass = 0.1\nlength = 300", "the robot weighs 1.6 kg at a size of 300.2 m"),
+        (
+            "position = [0.2",
+            "position = [200",
+            "the robot is 200.2 m long and weighs 1.6 kg; are lengths in mill",
+        ),
+        (
+            "xyz = [0, 0, -0.1]",
+            "xyz = [0, 0, -100]",
+            "the robot is 100 m long and weighs 1.6 kg; are lengths in mill",
+        ),
+        (
+            "com = [0.1",
+            "com = [100",
+            "the robot is 100.2 m long and weighs 1.6 kg; are lengths in mill",
+        ),
+        (
+            "mass = 0.1",
+            "mass = 0.1\nlength = 300",
+            "the robot is 300.2 m long and weighs 1.6 kg; are lengths in mill",
+        ),
         ("mass = 1.5", "mass = 1500", "the robot weighs 1500 kg at a size of 0.4 m"),
         ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
         ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
@@ -63,4 +79,14 @@ def test_rods_in_millimetres_are_warned_of_and_the_longest_of_arms_is_not() -> N
     assert implausible(robot) == ()
     base = replace(robot.base, arms=(Rod(500.0, 1.0),))
     (warning,) = implausible(replace(robot, base=base, links=()))
-    assert warning.startswith("the robot weighs 2000 kg at a size of 1000 m, less than a film")
+    assert warning.startswith(
+        "the robot is 1000 m long and weighs 2000 kg; are lengths in millimetres?"
+    )
+
+
+def test_a_frame_far_away_is_no_part_of_the_robot() -> None:
+    text = 'name = "mark"\n[base]\nmass = 1\ninertia = [0.01, 0.01, 0.02, 0, 0, 0]\n'
+    rotor = "[[rotor]]\nposition = [0.2, 0, 0]\n"
+    assert (
+        implausible(parse_robot(f"{text}{rotor}[[frame]]\nname = 'mark'\nxyz = [25, 0, 0]\n")) == ()
+    )

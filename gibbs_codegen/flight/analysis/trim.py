@@ -326,6 +326,7 @@ def trim(
     robot: ModuleType | str | os.PathLike[str],
     posture: Mapping[str, float] | None = None,
     *,
+    posture_deg: Mapping[str, float] | None = None,
     q: ArrayLike | None = None,
     velocity: ArrayLike = _STILL,
     acceleration: ArrayLike = _STILL,
@@ -340,6 +341,8 @@ def trim(
     Args:
         robot: A generated module, or the name or path of one, which is loaded.
         posture: Joints' coordinates by name, rad or m; those of `q` for others.
+        posture_deg: Angles of revolute joints by name, in degrees as in scenario files; such joints
+            are not in `posture`.
         q: Coordinates (nq) asked for; level, at the origin, joints at zero, if None.
         velocity, acceleration: Of the base (3), which does not turn: world axes, m/s and m/s².
         wrenches: What acts on frames besides gravity, by their names: force, N, and torque, N m,
@@ -373,7 +376,7 @@ def trim(
     actuators = robot_file_actuators(vehicle)
     if limits is not None:
         actuators.thrusts[:] = _limits(vehicle, limits)
-    start = _start(vehicle, q, {} if posture is None else posture)
+    start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
     places, bounds = _freedom(vehicle, actuators, start, free)
     found = equilibrium(motion, start, places, bounds)
     _require_balance(motion, found, bool(places))
@@ -437,17 +440,25 @@ def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:
-    """The coordinates (nq) asked for, zero if None, with a posture of joints by name.
+def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] | None) -> Array:
+    """The coordinates (nq) asked for, zero if None, with postures of joints by name.
 
-    Raises `UsageError` for a wrong number of them, or an unknown joint.
+    Raises `UsageError` for a wrong number of them, or for a joint that is unknown, in the wrong
+    table or in two.
     """
     start = vehicle.neutral if q is None else coordinates(vehicle, q)
-    if not isinstance(posture, Mapping):
-        raise UsageError("posture: a dictionary of joints and their coordinates in rad or m")
-    for name, given in posture.items():
-        value = numbers(f"posture: {name}", given, "a finite number, rad or m", ())
-        start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
+    for table, posture in tables.items():
+        unit = "degrees" if table.endswith("_deg") else "rad or m"
+        if not isinstance(posture, Mapping | None):
+            raise UsageError(f"{table}: a dictionary of joints and their coordinates in {unit}")
+        for name, given in (posture or {}).items():
+            value = numbers(f"{table}: {name}", given, f"a finite number, {unit}", ())
+            place = vehicle.layout.q.joint_places[joint_place(vehicle, name)]
+            if unit == "degrees" and vehicle.layout.q.units[place] != "rad":
+                raise UsageError(f"{table}: {name} is prismatic; give it in posture, in m")
+            if unit == "degrees" and name in (tables["posture"] or {}):
+                raise UsageError(f"{table}: {name} is in posture too; give it once")
+            start[place] = np.radians(value) if unit == "degrees" else value
     return start
 
 

@@ -52,6 +52,15 @@ def test_robots_hover_as_they_are_asked_to(shipped: Load, name: str) -> None:
     assert found.residual < 1e-12 * GRAVITY * 10
 
 
+def test_angles_in_degrees_are_those_of_scenario_files(shipped: Load) -> None:
+    module = shipped("dual_arm")
+    found = trim(module, {"left_forearm": 0.5}, posture_deg={"left_shoulder": 40})
+    wanted = trim(module, {"left_forearm": 0.5, "left_shoulder": np.deg2rad(40)})
+    assert np.array_equal(found.q, wanted.q)
+    with pytest.raises(UsageError, match="posture_deg: left_shoulder is in posture too"):
+        trim(module, {"left_shoulder": 0.7}, posture_deg={"left_shoulder": 40})
+
+
 @pytest.mark.parametrize("name", ["quadrotor_2link", "dual_arm", "hextilt_flying_arm_5"])
 def test_level_flight_takes_the_inputs_of_hovering(shipped: Load, name: str) -> None:
     """There is no drag."""
@@ -249,6 +258,16 @@ def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     module = shipped("quadrotor")
     found = trim(module, parameters={"gravity": 1.62})
     assert np.sum(found.u) == pytest.approx(1.5 * 1.62)
+
+
+def test_a_length_is_not_given_in_degrees(tmp_path: Path) -> None:
+    body = "mass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n"
+    link = f'[[link]]\njoint = "prismatic"\ncoordinate = "reach"\n{body}'
+    (tmp_path / "crane.toml").write_text(f'name = "crane"\ngravity = 0\n[base]\n{body}{link}')
+    module = load(generate(tmp_path / "crane.toml", tmp_path, verify=False))
+    assert trim(module, {"reach": 0.2}).posture == {"reach": 0.2}
+    with pytest.raises(UsageError, match="reach is prismatic; give it in posture, in m"):
+        trim(module, posture_deg={"reach": 0.2})
 
 
 def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
