@@ -11,13 +11,7 @@ from numbers import Real
 from types import ModuleType
 from typing import Any, SupportsIndex
 
-import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
@@ -27,6 +21,15 @@ from gibbs_codegen.flight.rollouts.arguments import Given, numpy_array, seconds,
 from gibbs_codegen.flight.rollouts.rollout import check_settings, known_inputs
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
+
+require("gymnasium", "VectorEnv")
+
+import gymnasium  # noqa: E402
+from gymnasium.error import ResetNeeded  # noqa: E402
+from gymnasium.spaces import Box  # noqa: E402
+from gymnasium.utils import seeding  # noqa: E402
+from gymnasium.vector import AutoresetMode  # noqa: E402
+from gymnasium.vector.utils import batch_space  # noqa: E402
 
 Flags = NDArray[np.bool_]
 
@@ -280,9 +283,6 @@ def episode_draws(
 def _is_number(value: object) -> bool:
     """Whether a value is one finite real number."""
     return isinstance(value, Real) and math.isfinite(value)
-
-
-require("gymnasium", "VectorEnv")
 
 
 Observations = NDArray[np.float32]
