@@ -29,8 +29,8 @@ from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
 
 ROLLOUTS = "rollouts"
-# Blocks that are full in either precision, and one that is not. For each state so many are drawn, of
-# which the best conditioned are taken.
+# Blocks that are full in either precision, and one that is not. For each state so many are drawn,
+# of which the best conditioned are taken.
 _STATES, _DRAWN = 2 * LANES + 4, 10
 # Steps are longer by so much than those that are short beside the time in which velocities change.
 _STEPS, _LONG = 6, 5.0

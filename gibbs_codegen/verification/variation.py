@@ -30,8 +30,8 @@ _DETERMINED = 1e-10
 def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
     """The robot with other numbers for some parameters.
 
-    Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and negative
-    for two numbers of four (`number` decides which); what is zero gets a size that is natural to
+    Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and
+    negative for two numbers of four (`number` decides which); what is zero gets a size that is natural to
     the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of negative
     length has a negative mass per length, since it lies the other way, and products of inertia
     change their signs as if axes of the body did.

@@ -268,6 +268,7 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
         ('"theta_0",', '"theta_zero",', {"COORDINATES", "HYBRID_COORDINATES"}),
         ('"gravity": 9.81', '"gravity": 9.8', {"PARAMETERS"}),
         ('ATTITUDE = "xyz"', 'ATTITUDE = "zyx"', {"ATTITUDE"}),
+        ("\nCARRIERS = ", "\nCARRIED = ", {"CARRIERS"}),
         ('"motor2", "motor3"', '"motor3", "motor2"', {"POINTS"}),
         ("\ndef _kinetic_energy(", "\ndef _kinetic_enemy(", {"kinetic_energy"}),
         ("shaped(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.mass_matrix"}),
