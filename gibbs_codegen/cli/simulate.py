@@ -157,18 +157,19 @@ def reached_limits(flight: Flight) -> str:
     over = np.where(np.isfinite(over), over, -np.inf)
     limits = np.where(np.isfinite(flight.input_limits), np.abs(flight.input_limits), 0.0)
     share = over / np.maximum(limits.max(axis=0), _ROUND_OFF)
-    share[..., low == high] -= 2.0 * _ROUND_OFF
-    reached = np.flatnonzero((share >= -_ROUND_OFF).any(axis=(0, 1)))
+    least = np.where(low == high, _ROUND_OFF, -_ROUND_OFF)
+    reached = np.flatnonzero((share >= least).any(axis=(0, 1)))
     if not len(reached):
         return ""
     side, sample, place = np.unravel_index(int(share.argmax()), share.shape)
     asked = (flight.commanded_least, flight.commanded_greatest)[side][sample, place]
-    limit, unit = flight.input_limits[side, place], flight.input_units[place]
+    unit = flight.input_units[place]
+    limit = f"{flight.input_limits[side, place]:.3g} {unit}"
     names = [flight.input_names[k] for k in reached[:_MOST_NAMES]]
     more = f" and {len(reached) - len(names)} more" if len(reached) > len(names) else ""
-    words = f"was asked for {asked:.3g} {unit} of {limit:.3g} {unit}"
-    if share[side, sample, place] <= _ROUND_OFF:
-        words = f"came to its limit of {limit:.3g} {unit}"
+    words = f"was asked for {asked:.3g} {unit} of {limit}"
+    if share[side, sample, place] <= _ROUND_OFF or f"{asked:.3g} {unit}" == limit:
+        words = f"reached {limit}"
     return (
         f"{', '.join(names)}{more} ({flight.input_names[place]} {words} "
         f"at t = {flight.time[sample]:.3g} s)"

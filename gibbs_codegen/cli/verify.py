@@ -209,17 +209,11 @@ def _formulation_table(title: str, columns: Columns) -> Table:
     functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
     for function in functions:
         table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
-    limits = [_limit([*rows.values()]) for rows in columns.values()]
+    limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in columns.values()]
     states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
     table.add_row("limit", *limits, style="dim")
     table.add_row("states", *states, style="dim")
     return table
-
-
-def _limit(comparisons: list[Comparison]) -> str:
-    """The largest limit; where errors exceed theirs, one of these with the digits that tell."""
-    failed = [shown(c)[1] for c in comparisons if not c.passed]
-    return max(failed, key=len, default=f"{max(c.limit for c in comparisons):.2g}")
 
 
 def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
@@ -242,6 +236,7 @@ def _cell(comparison: Comparison | None) -> Text:
         return Text("-", style="dim")
     if comparison.passed:
         return Text(f"{comparison.error:.1e}" if comparison.error else "0")
-    number = shown(comparison)[0] if math.isfinite(comparison.error) else ""
+    error, limit = shown(comparison)
+    number = f"{error} > {limit}" if math.isfinite(comparison.error) else ""
     # The word too, for a pipe has no colours.
     return Text(f"FAILS {number}".strip(), style="bold red")

@@ -14,14 +14,12 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.control.sampled import DEFAULT_RATE, HeldInputs, Observation, Sensing
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.integration.integrate import Integration
+from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import prepared
-
-# Length of a quaternion, of which the square and its reciprocal are numbers yet.
-_SHORTEST = 1e-150
 
 
 class Simulation:
@@ -97,14 +95,12 @@ class Simulation:
             start if values is None else _numbers(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
-        layout = self._loop.vehicle.layout
-        length = math.hypot(*given[0][layout.q.attitude])
-        if layout.is_quaternion and not _SHORTEST < length < 1.0 / _SHORTEST:
-            raise UsageError(
-                f"q: its quaternion has length {length:g} and is no attitude; give it length 1"
-            )
+        vehicle = self._loop.vehicle
+        unit, right = unit_quaternions(vehicle.module, vehicle.layout, given[0])
+        if not right:
+            raise UsageError(f"q: must be {UNIT}")
         self._sensing.reset(seed)
-        self._begin = self._loop.vehicle.kinematics.normalised(given[0]), given[1]
+        self._begin = unit, given[1]
         self._held.forget()
         self._flown: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
@@ -176,8 +172,8 @@ class Simulation:
     def flight(self) -> Flight:
         """The flight so far, as `simulate` records it.
 
-        Before the first step it is one sample, the start, with inputs of 0 or the least that there
-        can be.
+        Before the first step it is one sample, the start, with inputs of 0, or of their least
+        values where these are above 0.
         """
         flown = self._flown or self._integration()
         return flight_of(self._loop, self._scenario, flown.history())

@@ -40,8 +40,8 @@ DATA = (
     "PARAMETERS",
     "DERIVATIVES",
 )
-# Constants of those modules that have functions which need them; CARRIERS are in all but those of
-# earlier versions.
+# Constants of those modules that have functions which need them, and CARRIERS, which only modules
+# of version 0.2.0 and earlier lack.
 DATA_ON_REQUEST = ("CARRIERS", "BASE_PARAMETERS", "PATTERNS")
 # Letters of shapes, and the constants that list what they count.
 LISTS = {

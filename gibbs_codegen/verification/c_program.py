@@ -37,6 +37,7 @@ _BATCHES = (3, LANES + 3, 1, 2, 4, 5, 6, 7)
 _SINGLE_BATCHES = (3, _SINGLE_LANES + 3, 1, _SINGLE_LANES - 1)
 # Least eigenvalue of a mass matrix of unit diagonal that single precision leaves positive.
 _DETERMINED = 1e-6
+_HIDDEN = "in single precision, rounding hides the inertia of a degree of freedom"
 # As many sets of other parameters are looked at for one that single precision can compute with.
 _VARIATIONS = 16
 # What no function computes.
@@ -193,20 +194,22 @@ def _packing(program: CProgram, states: Array) -> Iterator[Comparison]:
 
 def compare_single_precision(
     path: str, module: ModuleType, robot: Robot, seed: int
-) -> list[Comparison] | str:
-    """Compare all functions in single precision, or say why the robot cannot be computed in it.
+) -> tuple[list[Comparison], dict[str, str]]:
+    """Compare all functions in single precision; what is not compared, and why.
 
     In batches, with default constants; and state by state, with those of other parameters.
     """
     tree = Tree(robot)
     if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
-        return "products of the robot's numbers are out of the range of single precision"
+        reason = "products of the robot's numbers are out of the range of single precision"
+        return [], {SINGLE_PRECISION: reason}
     if not determined(robot, _DETERMINED):
-        return "in single precision, rounding hides the inertia of a degree of freedom"
+        return [], {SINGLE_PRECISION: _HIDDEN}
     batches = _batches_within(tree, _SINGLE_BATCHES)
     program = CProgram(path, module, batches, single=True)
     others = (variation(robot, module.PARAMETERS, seed, number) for number in range(_VARIATIONS))
     other = next((other for other in others if determined(other, _DETERMINED)), robot)
+    not_done = {f"{SINGLE_PRECISION}, other parameters": _HIDDEN} if other is robot else {}
     comparisons: list[Comparison] = []
     for varied, singly in ((robot, False), (other, True)):
         tree, numbers = Tree(varied), parameter_values(varied)
@@ -214,11 +217,11 @@ def compare_single_precision(
             if singly:
                 program.use([numbers[name] for name in module.PARAMETERS])
         except ValueError as error:
-            return [failed("init_constants", SINGLE_PRECISION, error)]
+            return [failed("init_constants", SINGLE_PRECISION, error)], {}
         states = States.extreme(tree, sum(batches), (seed, 4), FAR_SINGLE).rounded()
         expected = Expected(formulated(NewtonEuler(tree)), states, single=True)
         comparisons += expected.compare_functions(program, states, SINGLE_PRECISION, singly)
-    return merged(comparisons)
+    return merged(comparisons), not_done
 
 
 def _in_range(sizes: Sizes) -> bool:

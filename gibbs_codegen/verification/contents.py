@@ -32,7 +32,7 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         "COORDINATE_UNITS": layout.q.units,
         "VELOCITY_UNITS": layout.v.units,
         **module_lists(robot, getattr(module, "DERIVATIVES", ())),
-        **({"CARRIERS": carriers(robot)} if hasattr(module, "CARRIERS") else {}),
+        "CARRIERS": carriers(robot),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)

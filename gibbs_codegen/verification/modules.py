@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import get_args
 
 from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
@@ -22,6 +23,7 @@ from gibbs_codegen.runtime.c_library import (
 )
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.load import BACKENDS, find_module, load
+from gibbs_codegen.runtime.rollouts import Precision
 from gibbs_codegen.verification.c_program import (
     SINGLE_PRECISION,
     compare_c_program,
@@ -188,12 +190,10 @@ def _compare_c(
     flags = (f"-D{robot.name.upper()}_FLOAT", *_UNOPTIMISED)
     try:
         path = compiled_library(folder, robot.name, _compiler(), flags)
-        single = compare_single_precision(str(path), module, robot, seed)
+        single, not_done = compare_single_precision(str(path), module, robot, seed)
     except (CompilerError, CacheError) as error:
         return [*comparisons, failed(SINGLE_PRECISION, "", error)]
-    if isinstance(single, str):
-        verification.not_done[SINGLE_PRECISION] = single
-        return comparisons
+    verification.not_done |= not_done
     return comparisons + single
 
 
@@ -203,9 +203,12 @@ def _compare_rollouts(folder: Path, robot: Robot, verification: Verification) ->
         verification.not_done[ROLLOUTS] = "the module has no C source of them"
         return []
     given = load(folder), Tree(robot), verification.seed
-    rows = compare_rollouts(*given, "double", _UNOPTIMISED)
-    if SINGLE_PRECISION not in verification.not_done:
-        rows += compare_rollouts(*given, "single", _UNOPTIMISED)
+    single = SINGLE_PRECISION not in verification.not_done
+    rows = []
+    for precision in get_args(Precision)[: 1 + single]:
+        found, not_done = compare_rollouts(*given, precision, _UNOPTIMISED)
+        rows += found
+        verification.not_done |= not_done
     return rows
 
 

@@ -30,8 +30,8 @@ class MuJoCo:
     point mass in a joint at its end, or with a rotor or frame on a link without mass.
 
     MuJoCo takes no thin rod, nor a point mass, since their moments of inertia are not all positive.
-    It is given these with more inertia, and again with twice as much more. All that it computes is
-    linear in inertias, and follows for no more from both.
+    It is given these with more inertia, and then with twice as much added. All that it computes is
+    linear in inertias, so twice the first result less the second is that of the robot as it is.
     """
 
     name = "MuJoCo"

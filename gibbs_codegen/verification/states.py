@@ -15,6 +15,8 @@ from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
 _STEEPEST = 1.2
 # Angles of a few turns; and the least of far ones, as a share of the largest.
 _TURNS, _FAR = 50.0, 0.8
+# Distances from the singular attitude, which states next to it have by turns.
+_NEAR = (1e-2, 1e-5, 1e-8)
 # A step, as a share of a velocity over an acceleration.
 _SHORT = 0.01
 # Largest angles: beyond those that C computes by itself, 1e5 rad, and 400 in single precision.
@@ -134,8 +136,8 @@ class States:
         kinds = np.arange(count) % 3
         chosen = np.where(kinds[:, None] == 0, several, beyond)
         q[:, turning] = np.where(kinds[:, None] == 2, q[:, turning], chosen)
-        # From a tenth to what is next to nothing, on either side.
-        near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
+        distances = np.resize(np.repeat(_NEAR, 3), count)
+        near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * distances
         middle = tree.middle_angle
         q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
         return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)
@@ -181,11 +183,11 @@ class Sizes:
         passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
-        inertias, masses, levers = _stretched(tree, frames)
+        inertias, masses, levers, turned = _stretched(tree, frames)
         units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
-        turned = (units > 0.0) & (masses > 0.0) & tree.turns
-        radii = units[turned] / np.sqrt(masses[turned])
+        resisting = (units > 0.0) & (masses > 0.0) & tree.turns
+        radii = units[resisting] / np.sqrt(masses[resisting])
         self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
         # What has no inertia at all has zeros, which need no size.
         self.units = np.where(units > 0.0, units, 1.0)
@@ -216,7 +218,7 @@ class Sizes:
         # Of the forces of inputs and of wrenches, which may cancel, all terms.
         rotors, shape = len(tree.motors), (len(states), tree.size, len(tree.arm))
         drags = np.abs([motor.drag for motor in tree.motors])
-        thrusts = levers[..., :rotors] + tree.turns[:, None] * drags
+        thrusts = levers[..., :rotors] + turned[:, :rotors] * drags
         arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], shape)
         inputs = np.concatenate([thrusts, arm], axis=-1) / self.units[..., None]
         self.inputs = self.units[..., None] * inputs.max(axis=1, keepdims=True)
@@ -224,7 +226,7 @@ class Sizes:
         self.free_driven = self.driven[:, tree.free]
         forces, moments = np.split(np.abs(states.W), 2, axis=-1)
         pushed = times(levers[..., rotors:], forces.sum(axis=-1))
-        pushed += tree.turns * moments.sum(axis=(1, 2))[:, None]
+        pushed += moments.sum(axis=-1) @ turned[:, rotors:].T
         largest = (pushed / self.units).max(axis=-1, keepdims=True)
         self.free_pushed = self.free_units * largest
 
@@ -242,15 +244,17 @@ class Sizes:
         return largest
 
 
-def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
+def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array, Array]:
     """What each coordinate moves, and how far off, were the arm stretched out.
 
     Largest inertias (masses if along) and masses, (s, size), and the levers (s, size, seats) of the
     tree's seats (1 if along): a folded arm has less inertia, and shorter levers, than their terms.
+    Which seats each coordinate turns, (size, seats).
     """
     steps = np.linalg.norm(frames.steps, axis=-1)
     inertias, masses = np.zeros((2, steps.shape[-1], tree.size))
-    levers = np.zeros((steps.shape[-1], tree.size, len(tree.seats)))
+    turned = np.zeros((tree.size, len(tree.seats)), bool)
+    levers = np.zeros((steps.shape[-1], *turned.shape))
 
     def moving(number: int, local: Array) -> Iterator[tuple[Joint, Array]]:
         length = np.asarray(np.linalg.norm(local))
@@ -269,4 +273,5 @@ def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array]:
     for k, seat in enumerate(tree.seats):
         for joint, length in moving(seat.joint, seat.local):
             levers[:, joint.place, k] = length if joint.revolute else 1.0
-    return inertias, masses, levers
+            turned[joint.place, k] = joint.revolute
+    return inertias, masses, levers, turned

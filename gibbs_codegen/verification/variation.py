@@ -19,7 +19,7 @@ from gibbs_codegen.verification.tree import Tree
 
 Inertia = tuple[float, float, float, float, float, float]
 
-# Larger or smaller by 2 to 8 times, with a small addend too.
+# Larger or smaller by 2.5 to 6.5 times, in powers of two.
 _OCTAVES = (1.3, 2.7)
 # What stands for zero beside other numbers, as a share of the smallest of them; and what is zero.
 _SMALL, _FLAT = (0.05, 0.2), 1e-9
@@ -30,8 +30,8 @@ _DETERMINED = 1e-10
 def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
     """The robot with other numbers for some parameters.
 
-    Each is larger or smaller by 2 to 8 times, by turns from one number to the next, and negative
-    for two numbers of four (`number` decides which); what is zero gets a size that is natural to
+    Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and
+    negative for two numbers of four (`number` decides which); what is zero gets a size that is natural to
     the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of negative
     length has a negative mass per length, since it lies the other way, and products of inertia
     change their signs as if axes of the body did.
@@ -128,7 +128,7 @@ class _Draw:
         return 1.0 - 2.0 * (int(self._rng.integers(2)) ^ self._mirrored)
 
     def factor(self) -> float:
-        """From 2 to 8, or the inverse of that."""
+        """From 2.5 to 6.5, or the inverse of that."""
         return self.factors(1)[0]
 
     def factors(self, count: int) -> list[float]:

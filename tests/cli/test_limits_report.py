@@ -43,10 +43,14 @@ def test_the_worst_is_told_with_its_time(flight: Flight) -> None:
 
 
 def test_an_input_that_stays_at_a_limit_is_told_to_be_there(flight: Flight) -> None:
+    greatest = flight.commanded_greatest.copy()
+    greatest[4, 1] = 10.00001
+    said = reached_limits(replace(flight, commanded_greatest=greatest))
+    assert "(F_2 reached 10 N at" in said
     least = flight.commanded_least.copy()
     least[4, 1] = 0.0
     said = reached_limits(replace(flight, commanded_least=least))
-    assert said == f"F_2 (F_2 came to its limit of 0 N at t = {flight.time[4]:.3g} s)"
+    assert said == f"F_2 (F_2 reached 0 N at t = {flight.time[4]:.3g} s)"
 
 
 def test_of_a_rotor_that_is_held_at_nothing_nothing_is_told(flight: Flight) -> None:

@@ -56,15 +56,16 @@ def test_a_failure_has_the_digits_that_decide() -> None:
     rows = [Comparison(what, "single precision", 4, 3.0e-6, 3.8147e-6) for what in "abcdefgh"]
     rows += [Comparison(what, "itself", 4, 3.8e-6, 3.8147e-6) for what in "ab"]
     rows[2:9:6] = [replace(rows[2], error=3.8247e-6), replace(rows[8], error=3.8247e-6)]
+    rows[5] = replace(rows[5], error=2.0e-3, limit=1.2345e-5)  # Another limit beside it.
     found = Verification("robot", 0, {"c": rows})
     for width in (80, 160):
         console = Console(width=width, file=io.StringIO(), highlight=False)
         print_verification(found, console)
         by_function, others = console.file.getvalue().split("c: other comparisons")
         for table in by_function, others:
-            assert re.search(r"FAILS 3\.82e-06", table)
-            assert re.search(r"\b3\.81e-06", table)
-    for _, comparison in found.failures:
+            assert re.search(r"FAILS 3\.82e-06 > 3\.81e-06", table)
+        assert "FAILS 2.0e-03 > 1.2e-05" in by_function
+    for _, comparison in found.failures[::2]:
         assert failure_text(comparison).endswith("error 3.82e-06, limit 3.81e-06")
 
 

@@ -5,24 +5,31 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from support.degenerate_robots import degenerate_robot
-from support.emitted import NUMPY
+from support.emitted import NUMPY, emitted_module
 from support.tools import tool
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import WrongModuleError
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.rollouts import Motors, Problem, Rollout, plain_rollout
 from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification import c_program, rollouts
 from gibbs_codegen.verification.c_program import compare_single_precision
+from gibbs_codegen.verification.comparison import Comparison
 from gibbs_codegen.verification.modules import refuse_wrong, verify
 from gibbs_codegen.verification.parameters import parameter_values, with_values
-from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.rollouts import compare_rollouts
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
 COMMITTED = ROOT / "generated" / "quadrotor_2link"
@@ -121,7 +128,7 @@ def test_angles_of_any_size(wrong_where: str, form: str, copied: Path) -> None:
     )
     for place in (0, 0) if form == "np.sin" else (0,):
         plant(path, f"(k, {form}, ", f"(k, {called}, ", place)
-    found = verify(copied, states=3, seed=1, backends=["numpy"])
+    found = verify(copied, states=3, seed=2, backends=["numpy"])
     against = {c.against for _, c in found.failures}
     assert "any angles" in against
 
@@ -244,6 +251,96 @@ def test_what_single_precision_cannot_hold_is_told(light: bool, copied: Path) ->
         values = parameter_values(robot)
         masses = {n: 1e-30 * v for n, v in values.items() if "mass" in n or "inertia" in n}
         robot = with_values(robot, masses)
-    said = compare_single_precision(str(copied), load(copied), robot, 0)
-    assert isinstance(said, str)
-    assert ("out of the range" if light else "rounding hides the inertia") in said
+    found, said = compare_single_precision(str(copied), load(copied), robot, 0)
+    assert found == []
+    words = "out of the range" if light else "rounding hides the inertia"
+    assert words in said["single precision"]
+
+
+def test_without_other_parameters_in_single_precision_these_are_told(
+    copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tool("cc")
+    answers = iter([True])  # Only the robot's own parameters leave enough digits.
+    monkeypatch.setattr(c_program, "determined", lambda *_: next(answers, False))
+    found = verify(copied, states=1, backends=["c"])
+    assert found.passed
+    assert "rounding hides" in found.not_done["single precision, other parameters"]
+
+
+def with_feelers(mass: float, links: int = 2, rotors: int = 4, chained: bool = False) -> Robot:
+    """A base with rotors and a frame, and links of such a mass, which carry nothing."""
+    text = """name = "feelers"
+[base]
+mass = 2
+inertia = [0.02, 0.02, 0.03, 0, 0, 0]
+[[frame]]
+name = "hook"
+on = "base"
+xyz = [0.05, 0, -0.1]
+"""
+    places = ([0.2, 0, 0], [0, 0.2, 0], [-0.2, 0, 0], [0, -0.2, 0])
+    for place in places[:rotors]:
+        text += f"[[rotor]]\nposition = {place}\ndrag = 0.016\n"
+    for k in range(links):
+        on = f"link{k}" if chained and k else "base"
+        own = 1.0 if chained and k == links - 1 else mass
+        text += f"""[[link]]
+name = "link{k + 1}"
+parent = "{on}"
+joint = "revolute"
+axis = "y"
+xyz = [{0.1 * (-1) ** k}, 0, 0]
+mass = {own}
+length = 0.1
+com = [0.05, 0, 0]
+inertia = {[1e-3 * own] * 3 + [0] * 3}
+"""
+    return parse_robot(text)
+
+
+def test_links_that_carry_nothing_have_no_share_in_the_sizes_of_efforts() -> None:
+    """However light they are: the largest effort, in units of its coordinate, is the base's."""
+    largest = []
+    for mass in (1e-2, 1e-8):
+        tree = Tree(with_feelers(mass))
+        sizes = Sizes(tree, States.random(tree, 5, 0))
+        thrusts = (sizes.inputs / sizes.units[..., None])[..., :4].max(axis=(1, 2))
+        largest.append([thrusts, (sizes.free_pushed / sizes.free_units).max(axis=-1)])
+    np.testing.assert_allclose(largest[1], largest[0], rtol=0.1)
+
+
+def rollout_rows(
+    robot: Robot, fault: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> tuple[list[Comparison], dict[str, str]]:
+    """Rollouts by NumPy in place of those in C, without some of what a problem has."""
+
+    def wrong(problem: Problem, flags: tuple[str, ...]) -> Rollout:
+        return plain_rollout(replace(problem, **{k: f(problem) for k, f in fault.items()}))
+
+    monkeypatch.setattr(rollouts, "compiled_rollout", wrong)
+    return compare_rollouts(emitted_module(robot), Tree(robot), 0, "single", ())
+
+
+def test_rollouts_that_ignore_wrenches_are_found_beside_light_links(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fault = {"wrenches": lambda problem: None}
+    (row,), _ = rollout_rows(with_feelers(1e-6), fault, monkeypatch)
+    assert row.error > 3.0 * row.limit
+
+
+def test_a_lag_of_one_rotor_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def instant(problem: Problem) -> Motors | None:
+        motors = problem.motors
+        return motors and replace(motors, time_constants=0.0 * motors.time_constants)
+
+    (row,), _ = rollout_rows(with_feelers(0.1, 0, 1), {"motors": instant}, monkeypatch)
+    assert row.error > 3.0 * row.limit
+
+
+def test_rollouts_of_too_few_digits_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = with_feelers(1e-4, 4, chained=True)
+    rows, said = rollout_rows(robot, {}, monkeypatch)
+    assert rows == []
+    assert "too few digits" in said["rollouts in single precision"]

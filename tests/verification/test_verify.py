@@ -191,8 +191,9 @@ from gibbs_codegen.verification.rollouts import compare_rollouts
 from gibbs_codegen.verification.tree import Tree
 tree, numpy = Tree(read_robot(sys.argv[1] + "/robot.toml")[0]), load(sys.argv[1])
 for precision in ("double", "single"):
-    (found,) = compare_rollouts(numpy, tree, 0, precision, ("-O0",))
-    print("passed" if found.passed else "failed")
+    (found,), _ = compare_rollouts(numpy, tree, 0, precision, ("-O0",))
+    compiles = " failed: " not in found.fault
+    print("passed" if found.passed else "failed" if compiles else "uncompiled", flush=True)
 """
 
 
@@ -212,12 +213,15 @@ def test_planted_faults_in_rollouts_are_found(
     path = folder / "quadrotor_2link_rollout.c"
     text = path.read_text(encoding="utf-8")
     command = [sys.executable, "-c", ROLLOUTS, str(folder)]
-    missed = []
+    missed, uncompiled = [], 0
     for altered, what in planted(text, faults, seed=1, statement=ANY_IN_C):
         path.write_text(altered, encoding="utf-8")
         found = subprocess.run(command, check=False, capture_output=True, text=True)
-        if found.stdout.split() == ["passed", "passed"]:
-            missed.append(what)
+        said = found.stdout.split()[:1]  # In double precision, whose limit is the least.
+        uncompiled += said == ["uncompiled"]
+        if said not in (["failed"], ["uncompiled"]):
+            missed.append(f"{what} ({said or found.returncode})")
+    assert uncompiled <= faults // 5
     path.write_text(text, encoding="utf-8")
     found = subprocess.run(command, check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["passed", "passed"]
@@ -264,6 +268,7 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
         ('"theta_0",', '"theta_zero",', {"COORDINATES", "HYBRID_COORDINATES"}),
         ('"gravity": 9.81', '"gravity": 9.8', {"PARAMETERS"}),
         ('ATTITUDE = "xyz"', 'ATTITUDE = "zyx"', {"ATTITUDE"}),
+        ("\nCARRIERS = ", "\nCARRIED = ", {"CARRIERS"}),
         ('"motor2", "motor3"', '"motor3", "motor2"', {"POINTS"}),
         ("\ndef _kinetic_energy(", "\ndef _kinetic_enemy(", {"kinetic_energy"}),
         ("shaped(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.mass_matrix"}),

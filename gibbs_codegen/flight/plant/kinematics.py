@@ -11,7 +11,8 @@ length means the same attitude.
 
 from __future__ import annotations
 
-from typing import Protocol
+from types import ModuleType
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,20 @@ from gibbs_codegen.flight.scenario.orientation import (
 from gibbs_codegen.robot.layout import Layout
 
 Array = NDArray[np.float64]
+
+# What coordinates must be for `unit_quaternions`.
+UNIT = "with a quaternion whose length is between 1e-154 and 1e154"
+
+
+def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -> tuple[Any, Any]:
+    """Coordinates (…, nq) with unit quaternions as a module makes them, and which (…) these are."""
+    if not layout.is_quaternion:
+        return q, xp.ones(q.shape[:-1], bool)
+    with np.errstate(invalid="ignore"):
+        unit = module.integrate(q, xp.zeros((*q.shape[:-1], layout.v.size)))
+    # Of lengths whose squares are too small, rounding leaves others than 1.
+    lengths = (unit[..., layout.q.attitude] ** 2).sum(axis=-1)
+    return unit, abs(lengths - 1.0) < 1e-6
 
 
 class QuaternionKinematics:

@@ -12,6 +12,7 @@ import numpy as np
 
 from gibbs_codegen.emitted.preparation import first_of, real_numbers
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
 
@@ -183,14 +184,9 @@ class Given:
         return array if array.ndim else self.xp.broadcast_to(array, (width,))
 
     def normalised(self, name: str, q: Any) -> Any:
-        """Coordinates (…, nq) with unit quaternions; `UsageError` if one has no direction."""
-        if not self.layout.is_quaternion:
-            return q
-        still = self.xp.zeros((*q.shape[:-1], self.layout.v.size))
-        with np.errstate(invalid="ignore"):
-            unit = self.module.integrate(q, still)
-        right = self.xp.isfinite(unit).all(axis=-1)
-        self._check(right, name, "with a quaternion that is not zero and not too long to square")
+        """Coordinates (…, nq) with unit quaternions; `UsageError` if one cannot be normalised."""
+        unit, right = unit_quaternions(self.module, self.layout, q, self.xp)
+        self._check(right, name, UNIT)
         return unit
 
     def _counted(self, name: str, array: Any) -> Any:
