@@ -30,7 +30,6 @@ from gibbs_codegen.flight.scenario.scenario import Scenario, StartOffset
 from gibbs_codegen.flight.simulation import Prepared, check_mass_matrix, prepared
 from gibbs_codegen.runtime.load import load
 
-
 Found = Flight | GibbsCodegenError
 
 # What flights begin with is kept of so many groups.

@@ -28,10 +28,10 @@ HARMLESS = ("re.compile", "platform.system")
 # A sweep sends the functions of its caller to its own workers, and takes back nothing but arrays;
 # scenarios are only written, to compare them. None of it is read from a file.
 SENT_TO_WORKERS = {
-    "simulator/many.py": {"pickle"},
-    "sweeps/fingerprint.py": {"cloudpickle"},
-    "sweeps/measures.py": {"pickle", "cloudpickle"},
-    "sweeps/running.py": {"pickle"},
+    "flight/many.py": {"pickle"},
+    "flight/sweeps/fingerprint.py": {"cloudpickle"},
+    "flight/sweeps/measures.py": {"pickle", "cloudpickle"},
+    "flight/sweeps/running.py": {"pickle"},
 }
 
 # YAML can call what it names, unless it is read so.

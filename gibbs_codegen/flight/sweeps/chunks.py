@@ -107,7 +107,7 @@ def _differ_side_by_side(block: Block) -> bool:
     """
     listed = [axis for axis in block.axes if len(axis.varied.levels) > 1]
     drawn = [axis for axis in block.axes if axis.varied.draw is not None and block.samples > 1]
-    return any(map(_is_side_by_side, listed)) or bool(drawn) and all(map(_is_side_by_side, drawn))
+    return any(map(_is_side_by_side, listed)) or (bool(drawn) and all(map(_is_side_by_side, drawn)))
 
 
 def _is_side_by_side(axis: Axis) -> bool:

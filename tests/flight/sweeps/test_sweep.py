@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from gibbs_codegen import (
     GibbsCodegenError,
+    OutputError,
     UsageError,
     load,
     normal,
@@ -28,7 +30,7 @@ from gibbs_codegen.flight.sweeps import chunks
 from gibbs_codegen.flight.sweeps.plan import cases_of
 from gibbs_codegen.flight.sweeps.sampling import varied
 from gibbs_codegen.flight.sweeps.sources import nested, robot_source, scenario_source
-from gibbs_codegen.flight.sweeps.store import REASONS
+from gibbs_codegen.flight.sweeps.store import REASONS, Store
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -306,6 +308,20 @@ def test_a_chunk_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, he
             True
         ]
         assert path.read_bytes() == whole
+
+
+def test_a_chunk_that_cannot_be_read_is_left_alone(robot, tmp_path, here, monkeypatch):
+    sweep(robot, "hover", LATE, 2, 1, WORST, here, tmp_path)
+    (path,) = (tmp_path / "chunks").iterdir()
+
+    def broken(self):
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(type(path), "read_bytes", broken)
+        with pytest.raises(OutputError, match=rf"{path}: cannot be read: Input/output error"):
+            Store(tmp_path).read(path.stem)
+    assert path.is_file()
 
 
 @pytest.mark.usefixtures("alone_is_another")
