@@ -19,6 +19,13 @@ from gibbs_codegen.flight.record.series import RANGES, Column, Series, columns_o
 from gibbs_codegen.flight.record.series import Array as Array
 
 Arrays = dict[str, NDArray[Any]]
+StrPath = str | os.PathLike[str]
+# Rows of the CSV that are written at a time.
+_ROWS = 4096
+# Fields that are one number, and those of several that have no row per sample.
+_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
+_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
+_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
@@ -70,17 +77,9 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
     }
 
 
-StrPath = str | os.PathLike[str]
-
-# Rows of the CSV that are written at a time.
-_ROWS = 4096
-# Fields that are one number, and those of several that have no row per sample.
-_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
-_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
 # Fields that a flight made by hand may lack.
 _OF_NO_TIME |= {"wall_forces"}
-_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 @dataclass(frozen=True)
