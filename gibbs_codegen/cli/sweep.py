@@ -11,7 +11,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -23,16 +23,16 @@ from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.flight.sweeps.study import Study
 
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.sweeps.study import Study
-
-
 # What may stand before brackets in --vary; the functions of these names in `sweeps.sampling`.
 _FUNCTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 _MOST_INNER = 2
 _MOST_SHOWN = 60
 # What stands between commas, but for those in quotation marks and square brackets.
 _PART = re.compile(r"""(?:^|,)((?:"[^"]*"|'[^']*'|\[[^\]]*\]|[^,])*)""")
+# Of a measure, the worst flights and the keys that explain most; reasons that are told.
+_WORST, _MOST_KEYS, _MOST_REASONS = 3, 3, 5
+# The least share that is told.
+_LEAST = 0.02
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -114,7 +114,6 @@ def _add_cases(sweep: Parser) -> None:
 
 @terminal.ended_by_signals()
 def _sweep(options: argparse.Namespace) -> int:
-
     if not sys.stderr.isatty():  # Lines take the place of the bar.
         log = logging.getLogger("gibbs_codegen.flight.sweeps")
         log.setLevel(logging.INFO)
@@ -226,12 +225,6 @@ def _pairs(entries: Sequence[str], option: str, example: str) -> dict[str, str]:
             raise UsageError(f"{option} {shown}: must be such as {example}")
         pairs[name.strip()] = value
     return pairs
-
-
-# Of a measure, the worst flights and the keys that explain most; reasons that are told.
-_WORST, _MOST_KEYS, _MOST_REASONS = 3, 3, 5
-# The least share that is told.
-_LEAST = 0.02
 
 
 def print_study(study: Study, seconds: float) -> None:

@@ -30,16 +30,28 @@ from gibbs_codegen.flight.scenario.scenario import Scenario, StartOffset
 from gibbs_codegen.flight.simulation import Prepared, check_mass_matrix, prepared
 from gibbs_codegen.runtime.load import load
 
+Found = Flight | GibbsCodegenError
+
+# What flights begin with is kept of so many groups.
+_MOST_KNOWN = 4
+_known: dict[tuple[ModuleType, bytes | None], Prepared] = {}
+
+
+def can_be_side_by_side(scenario: Scenario) -> bool:
+    """Whether flights of a scenario, and of others like it, can be computed side by side."""
+    sampled = scenario.control.rate is not None or scenario.sensors is not None
+    return scenario.integration.method == "rk4" and not sampled
+
 
 class Together:
     """Flights that share desired motion, law and limits.
 
     Their scenarios differ in `plant`, `motors.time_constant` and `start` only; `start` is what one
-    of them begins with.
+    of them begins with. In `blocks` they are computed side by side, where they can be.
     """
 
-    def __init__(self, start: Prepared, scenarios: Sequence[Scenario]) -> None:
-        self._common, self._scenarios = start, scenarios
+    def __init__(self, start: Prepared, scenarios: Sequence[Scenario], blocks: bool) -> None:
+        self._common, self._scenarios, self._blocks = start, scenarios, blocks
         self._like: Recording | None = None
         self._loops: dict[int, ClosedLoop] = {}
         self._starts: dict[tuple[float, ...], Array] = {}
@@ -66,8 +78,7 @@ class Together:
         """Histories of the flights that can be computed side by side; None of the others."""
         histories: list[StateHistory | None] = [None] * len(self._scenarios)
         scenario = self._common.scenario
-        sampled = scenario.control.rate is not None or scenario.sensors is not None
-        if len(histories) == 1 or scenario.integration.method != "rk4" or sampled:
+        if not (self._blocks and can_be_side_by_side(scenario)):
             return histories
         places = [i for i in range(len(histories)) if self._is_sound(i)]
         if not places:
@@ -172,18 +183,12 @@ class Together:
         return LateFlight(recording, timing_fields(motion))
 
 
-Found = Flight | GibbsCodegenError
-
-# What flights begin with is kept of so many groups.
-_MOST_KNOWN = 4
-_known: dict[tuple[ModuleType, bytes | None], Prepared] = {}
-
-
 def simulate_many(
     robot: ModuleType | str | os.PathLike[str],
     scenarios: Sequence[Scenario],
     threads: int = 1,
     progress: Progress = lambda what, share: None,
+    blocks: bool | None = None,
 ) -> list[Found]:
     """Fly many scenarios with one robot.
 
@@ -196,6 +201,8 @@ def simulate_many(
         scenarios: What is flown.
         threads: How many threads share the flights that are computed side by side.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        blocks: Whether flights that can be computed side by side are, even one by itself, so that
+            results do not depend on how many there are; None: where there are two or more alike.
 
     Returns:
         For each scenario its flight, whose series are computed when they are asked for, or the
@@ -210,7 +217,8 @@ def simulate_many(
             progress("flying", (done + share * size) / len(scenarios))
 
         group = {place: scenarios[place] for place in places}
-        found |= _flown(module, common, group, threads, tell)
+        whether = size > 1 if blocks is None else blocks
+        found |= _flown(module, common, group, threads, tell, whether)
     return [found[place] for place in range(len(scenarios))]
 
 
@@ -220,6 +228,7 @@ def _flown(
     scenarios: Mapping[int, Scenario],
     threads: int,
     tell: Callable[[float], None],
+    blocks: bool,
 ) -> dict[int, Found]:
     """Flights and errors, by the places of scenarios that share their desired motion.
 
@@ -233,7 +242,7 @@ def _flown(
             found[place] = error
             continue
         others = {each: s for each, s in scenarios.items() if each not in found}
-        flights = Together(start, [*others.values()]).flights(threads, tell)
+        flights = Together(start, [*others.values()], blocks).flights(threads, tell)
         return {**found, **dict(zip(others, flights, strict=True))}
     return found
 

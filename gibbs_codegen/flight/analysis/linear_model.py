@@ -23,6 +23,8 @@ from gibbs_codegen.flight.analysis.trim import Trim
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 
 _DERIVATIVES = "forward_dynamics_derivatives"
+# Share of the largest influence below which one is rounding.
+_RANK = 1e-9
 
 
 class State(NamedTuple):
@@ -128,10 +130,6 @@ def _cross(vector: Array) -> Array:
     """The matrix (3, 3) that multiplies by a vector (3) from the left, as ×."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-# Share of the largest influence below which one is rounding.
-_RANK = 1e-9
 
 
 def unreached(a: Array, b: Array, matters: Callable[[complex], bool]) -> Array:

@@ -26,6 +26,10 @@ Support = Callable[[Array], Array]
 
 # Share of the set's size below which points count as one.
 _SAME = 1e-7
+CENTRE_OF_MASS = "the centre of mass"
+_FORCE, _TORQUE = slice(0, 3), slice(3, 6)
+# The status of a linear program of SciPy's.
+_INFEASIBLE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +106,6 @@ def _grown(support: Support, points: Array, basis: Array) -> Polytope:
             normals = facets[:, :-1] @ basis.T
             return Polytope(points[hull.vertices], basis, normals, normals @ first - facets[:, -1])
         points = np.concatenate([points, found])
-
-
-CENTRE_OF_MASS = "the centre of mass"
-
-_FORCE, _TORQUE = slice(0, 3), slice(3, 6)
-# The status of a linear program of SciPy's.
-_INFEASIBLE = 2
 
 
 class _NoHoverError(UsageError):

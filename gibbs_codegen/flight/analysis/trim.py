@@ -32,6 +32,12 @@ EXACT = 1e-9
 _BALANCED, _CONVERGED = 1e-12, 1e-15
 # Of displacements beside what is missing; its square is what it leaves missing.
 _PULL = 1e-3
+Aim = Literal["least_thrust", "widest_margin"]
+AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
+# Share of the largest input, or of 1 N, by which limits may seem to be exceeded.
+_ROUNDING = 1e-9
+ATTITUDE = "attitude"
+_STILL = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +122,6 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
             args=(pull,),
         ).x
     return moved(displacement)
-
-
-Aim = Literal["least_thrust", "widest_margin"]
-AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
-
-# Share of the largest input, or of 1 N, by which limits may seem to be exceeded.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,10 +256,6 @@ def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
         f"{vehicle.name}: no trim within the limits of its inputs; of all inputs that balance it "
         f"at this attitude, those that exceed them least: {'; '.join(beyond)}"
     )
-
-
-ATTITUDE = "attitude"
-_STILL = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,12 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.control import Law
 
+# Laws that correct errors by gains.
+CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
+# Time, s, over which thrusts are differenced. A second derivative of 100 N/s² then costs 5e-6 N/s,
+# and rounding of 10 N about as much.
+_AHEAD = 1e-7
+
 
 def required_inputs(
     vehicle: Vehicle, allocation: Allocation, q: Array, v: Array, a: Array
@@ -85,10 +91,6 @@ def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:
 def kept_from_winding(growth: Array, memory: Array, saturated: bool | np.bool_) -> Array:
     """Growth of what is remembered, none of it away from 0 while an input is at a limit."""
     return np.where(saturated & (growth * memory >= 0.0), 0.0, growth)
-
-
-# Laws that correct errors by gains.
-CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
 
 
 @dataclass(frozen=True)
@@ -188,11 +190,6 @@ class Controller:
             return memory
         desired = self.reference(time)
         return self.vehicle.kinematics.errors(q, v, *desired[:2])[0]
-
-
-# Time, s, over which thrusts are differenced. A second derivative of 100 N/s² then costs 5e-6 N/s,
-# and rounding of 10 N about as much.
-_AHEAD = 1e-7
 
 
 def wanted_rates(

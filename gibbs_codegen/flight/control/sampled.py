@@ -25,6 +25,10 @@ from gibbs_codegen.flight.scenario.sensors import Sensors
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
 _SAME = 1e-6
+# Samples a second where a law has to be sampled and nobody says how often.
+DEFAULT_RATE = 1000.0
+# Of a controller, Hz.
+_LOWEST_RATE = 0.1
 
 
 class HeldInputs:
@@ -189,12 +193,6 @@ class Sensing:
             for noise in (moved, faster):
                 noise[layout.v.attitude] = np.linalg.solve(rates, noise[layout.v.attitude])
         return np.asarray(self._vehicle.integrate(q, moved)), v + faster
-
-
-# Samples a second where a law has to be sampled and nobody says how often.
-DEFAULT_RATE = 1000.0
-# Of a controller, Hz.
-_LOWEST_RATE = 0.1
 
 
 class OwnController(Protocol):

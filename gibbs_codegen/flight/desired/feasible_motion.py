@@ -50,6 +50,41 @@ from gibbs_codegen.flight.scenario.paths import Path, plane
 Array = NDArray[np.float64]
 # A scalar, vector or matrix at s instants, and its first two derivatives in time.
 Derivatives = tuple[Array, Array, Array]
+# Thrust axis and its first two derivatives, and the acceleration that is added to the path's, all
+# (s, 3), to lateral force as a share of the weight (s, 2).
+LateralForce = Callable[[Array, Array, Array, Array], Array]
+# Knots that a finite difference takes: of fourth order inside, of the third at least at the ends.
+STENCIL = 5
+# Order of the derivative of the thrust axis that is to be small.
+_ROUGHNESS = 3
+# Frequency above which the path is left rather than the axis made to swing, at most, rad/s; else it
+# is that with which the machine swings about its base centre, so that it does not swing for long.
+_FASTEST = 60.0
+# Steps of differences of the lateral force, for the four arguments.
+_STEPS = (1e-6, 1e-4, 1e-2, 1e-2)
+# Newton's method: most steps, and the change of the axis and the lateral force that end it.
+_MOST_STEPS = 25
+_CONVERGED = 1e-7
+Indices = NDArray[np.int64]
+# Share of gravity that thrust must at least make, and cosine of the greatest angle between the
+# thrust axis and that of the scenario's attitude.
+_LEAST_THRUST, _OPPOSITE = 0.05, -0.985
+# Speeds, rates and so on that count as rest.
+_REST = 1e-9
+# Knots that are solved for at once, and those beyond that are found again.
+_SPAN, _OVERLAP = 4096, 1024
+# Fewest pieces, so that there are differences of third order.
+_FEWEST = 8
+# Knots of rest before and after a motion between rests, before they are refined: the base swings
+# there, ahead of its path and after it.
+_ROOM = 300
+# Greatest lateral force between knots, as a share of the weight, and greatest distance from the
+# path, m.
+_LATERAL, _FARTHEST = 1e-3, 0.1
+# Greatest distance of a thrust between knots from the mean of those at the knots, as a share of the
+# weight.
+_UNEVEN = 5e-3
+_TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
 
 
 def swing(begin: Derivatives, end: Derivatives) -> Derivatives:
@@ -98,24 +133,6 @@ def skew(vector: Array) -> Array:
 def _scaled(scalar: Array, matrix: Array) -> Array:
     scaled: Array = scalar[..., np.newaxis, np.newaxis] * matrix
     return scaled
-
-
-# Thrust axis and its first two derivatives, and the acceleration that is added to the path's, all
-# (s, 3), to lateral force as a share of the weight (s, 2).
-LateralForce = Callable[[Array, Array, Array, Array], Array]
-
-# Knots that a finite difference takes: of fourth order inside, of the third at least at the ends.
-STENCIL = 5
-# Order of the derivative of the thrust axis that is to be small.
-_ROUGHNESS = 3
-# Frequency above which the path is left rather than the axis made to swing, at most, rad/s; else it
-# is that with which the machine swings about its base centre, so that it does not swing for long.
-_FASTEST = 60.0
-# Steps of differences of the lateral force, for the four arguments.
-_STEPS = (1e-6, 1e-4, 1e-2, 1e-2)
-# Newton's method: most steps, and the change of the axis and the lateral force that end it.
-_MOST_STEPS = 25
-_CONVERGED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -259,14 +276,6 @@ def _cost(slopes: list[Array], grid: Grid, gravity: float) -> sparse.csr_array:
     return sparse.csr_array(sparse.kron(parts, sparse.eye_array(3)))
 
 
-Indices = NDArray[np.int64]
-# Share of gravity that thrust must at least make, and cosine of the greatest angle between the
-# thrust axis and that of the scenario's attitude.
-_LEAST_THRUST, _OPPOSITE = 0.05, -0.985
-# Speeds, rates and so on that count as rest.
-_REST = 1e-9
-
-
 class Leaning:
     """The base on a path, leaning by thrust axes that are to be found.
 
@@ -392,22 +401,6 @@ class Leaning:
         held = np.zeros(self.grid.count, dtype=bool)
         held[:STENCIL], held[-STENCIL:] = still[0], still[-1]
         return held
-
-
-# Knots that are solved for at once, and those beyond that are found again.
-_SPAN, _OVERLAP = 4096, 1024
-# Fewest pieces, so that there are differences of third order.
-_FEWEST = 8
-# Knots of rest before and after a motion between rests, before they are refined: the base swings
-# there, ahead of its path and after it.
-_ROOM = 300
-# Greatest lateral force between knots, as a share of the weight, and greatest distance from the
-# path, m.
-_LATERAL, _FARTHEST = 1e-3, 0.1
-# Greatest distance of a thrust between knots from the mean of those at the knots, as a share of the
-# weight.
-_UNEVEN = 5e-3
-_TOO_FAST = ("the base turns too fast", "choose a gentler motion, or a shorter one")
 
 
 def feasible_motion(

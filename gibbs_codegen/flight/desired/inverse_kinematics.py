@@ -42,6 +42,26 @@ _SETTLED = 1e-13
 _GUESSES = 32
 # Share of the largest singular value below which the least counts as nearly singular.
 _NEARLY_SINGULAR = 1e-4
+# Singular values of the Jacobian below this share of the largest carry no motion.
+_RANK = 1e-7
+# Speed and acceleration that a singular arm may fail to give, m/s and m/s².
+_TOLERANCE = 1e-6
+# Rate towards a limit at which joints begin to brake, for each rad or m of the way, 1/s: κ.
+_BRAKING = 4.0
+# The way to a limit, rad or m, on which a joint that brakes moves half as far as it should: r.
+_HALF = 3.0
+# Changes of the set of joints that brake, for each joint.
+_CHANGES = 4
+# Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
+_DIFFERENCE = 1e-5
+# Shares of the arm's length: what a singular arm may stay away from its path, and the way after
+# which the path shows where it goes.
+_NEAR = 1e-6
+_FAR = 1e-3
+# Knots that are tried, of all that there are, once the path is known to leave the arm's reach.
+_TRIED_OUT_OF_REACH = 200
+# What to do where a scenario asks too much of the arm.
+OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
 
 
 def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Array, float]:
@@ -156,20 +176,6 @@ def _least_singular_value(vehicle: Vehicle, q: Array) -> float:
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
-# Singular values of the Jacobian below this share of the largest carry no motion.
-_RANK = 1e-7
-# Speed and acceleration that a singular arm may fail to give, m/s and m/s².
-_TOLERANCE = 1e-6
-# Rate towards a limit at which joints begin to brake, for each rad or m of the way, 1/s: κ.
-_BRAKING = 4.0
-# The way to a limit, rad or m, on which a joint that brakes moves half as far as it should: r.
-_HALF = 3.0
-# Changes of the set of joints that brake, for each joint.
-_CHANGES = 4
-# Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
-_DIFFERENCE = 1e-5
-
-
 @dataclass(frozen=True)
 class ArmRates:
     """Rates and accelerations (n) of the joints, and how the arm can move.
@@ -275,16 +281,6 @@ def _braking(joints: Array, jacobian: Array, speed: Array, limits: Limits) -> _B
 def _missing(shortfall: Array, unit: str) -> str:
     size = float(np.linalg.norm(shortfall))
     return f"{size:.3g} of the {unit}, is missing" if size > _TOLERANCE else ""
-
-
-# Shares of the arm's length: what a singular arm may stay away from its path, and the way after
-# which the path shows where it goes.
-_NEAR = 1e-6
-_FAR = 1e-3
-# Knots that are tried, of all that there are, once the path is known to leave the arm's reach.
-_TRIED_OUT_OF_REACH = 200
-# What to do where a scenario asks too much of the arm.
-OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
 
 
 class SingularArmError(UsageError):

@@ -15,6 +15,23 @@ from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.paths import Line
 from gibbs_codegen.flight.scenario.scenario import Move
 
+# Postures that the search starts from, besides the first.
+_STARTS = 7
+# Differences of energies that count as none, as a share of the largest energy.
+_SAME_ENERGY = 1e-11
+# Steps of the search at most, and shares of a step that are tried, each half the one before.
+_STEPS = 60
+_HALVINGS = 6
+# Curvature of the energy, as a share of the largest, below which a motion counts as flat.
+_FLATTEST = 1e-7
+# Step of the differences that give the Hessian, rad.
+_DIFFERENCE = 1e-5
+# Parts of the range of a joint at whose ends commanding postures are looked for, how often all
+# joints are gone through, and what counts as no better.
+_PARTS, _ROUNDS, _BETTER = 6, 4, 1.0 + 1e-6
+# Keeps divisors from being 0.
+_TINY = 1e-300
+
 
 def joint_motion(
     vehicle: Vehicle, posture: Array, moves: Mapping[str, Sequence[Move]], time: Array
@@ -44,24 +61,6 @@ def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:
     v[:, vehicle.arm_rates] = joints.v[:, vehicle.arm_rates]
     a[:, vehicle.arm_rates] = joints.a[:, vehicle.arm_rates]
     return Motion(base.time, q, v, a)
-
-
-# Postures that the search starts from, besides the first.
-_STARTS = 7
-# Differences of energies that count as none, as a share of the largest energy.
-_SAME_ENERGY = 1e-11
-# Steps of the search at most, and shares of a step that are tried, each half the one before.
-_STEPS = 60
-_HALVINGS = 6
-# Curvature of the energy, as a share of the largest, below which a motion counts as flat.
-_FLATTEST = 1e-7
-# Step of the differences that give the Hessian, rad.
-_DIFFERENCE = 1e-5
-# Parts of the range of a joint at whose ends commanding postures are looked for, how often all
-# joints are gone through, and what counts as no better.
-_PARTS, _ROUNDS, _BETTER = 6, 4, 1.0 + 1e-6
-# Keeps divisors from being 0.
-_TINY = 1e-300
 
 
 def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:

@@ -51,6 +51,32 @@ _TURNED = 0.5
 _APART = 1e-5
 # Halvings of an interval that leave of it no more than rounding.
 _HALVINGS = 55
+# Share of the range between least and greatest input, at its ends, in which a limit counts as
+# reached.
+_REACHED = 0.01
+_NEAR = 1.0 - _REACHED
+# Gaps shorter than this between times at which a limit is reached are not told, s.
+_GAP = 0.05
+# No speed is greater: a length of the course per s.
+_FASTEST = 1e6
+# Steps by which a cubic spline reaches out to both sides of its control points.
+_REACH = 2
+# Share of the greatest speed in the scenario below which its time is not told to change.
+_STANDSTILL = 1e-4
+# Greatest distance in time of nodes of the speed profile, s.
+_NODE_SPACING = 0.01
+# Share of the room for motion within limits that is left for rounding.
+_RESERVE = 1e-3
+# Share of the limit of thrust rates that is left for what they are between the times looked at.
+_RATE_RESERVE = 0.008
+# Attempts to keep the limits, and how many of them take room where it is exceeded only.
+_ATTEMPTS, _LOCAL = 20, 10
+# What a factor is made greater by, so that a limit is kept the next time.
+_SURELY = 1.0 + 1e-4
+# Instants on both sides of one at which a limit is exceeded that take part in slowing down.
+_AROUND = 4 * CHECKS
+# Greatest refinement of knots.
+_FINEST = 8
 
 
 @dataclass(frozen=True)
@@ -159,14 +185,6 @@ def nodes(course: Course, stretch: Stretch, spacing: float) -> Array:
     apart = (way_done > _APART * way) & (way_done < (1.0 - _APART) * way)
     result: Array = np.concatenate([[stretch.begin], found[apart], [stretch.end]])
     return result
-
-
-# Share of the range between least and greatest input, at its ends, in which a limit counts as
-# reached.
-_REACHED = 0.01
-_NEAR = 1.0 - _REACHED
-# Gaps shorter than this between times at which a limit is reached are not told, s.
-_GAP = 0.05
 
 
 @dataclass(frozen=True)
@@ -352,10 +370,6 @@ def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:
     return [(float(b), float(e)) for b, e in zip(begins, ends, strict=True) if e > b]
 
 
-# No speed is greater: a length of the course per s.
-_FASTEST = 1e6
-
-
 @dataclass(frozen=True)
 class Rows:
     """Limits `acceleration` · σ̈ + `square` · σ̇² ≤ `most` at nodes, each (nodes, rows).
@@ -418,12 +432,6 @@ def _greatest(square: Array, acceleration: Array, most: Array) -> float:
     bounds = np.concatenate([bounds.ravel(), most[flat]])
     limiting = slopes > 0.0
     return float(np.min(bounds[limiting] / slopes[limiting], initial=np.inf))
-
-
-# Steps by which a cubic spline reaches out to both sides of its control points.
-_REACH = 2
-# Share of the greatest speed in the scenario below which its time is not told to change.
-_STANDSTILL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -547,22 +555,6 @@ def _integral(exact: PPoly, integral: PPoly, time: Array) -> Array:
     added = np.where(early, 2.0 * exact(0.0) * time, 2.0 * exact(end) * (time - end))
     result: Array = integral(inside) + np.where(early | late, added, 0.0)
     return result
-
-
-# Greatest distance in time of nodes of the speed profile, s.
-_NODE_SPACING = 0.01
-# Share of the room for motion within limits that is left for rounding.
-_RESERVE = 1e-3
-# Share of the limit of thrust rates that is left for what they are between the times looked at.
-_RATE_RESERVE = 0.008
-# Attempts to keep the limits, and how many of them take room where it is exceeded only.
-_ATTEMPTS, _LOCAL = 20, 10
-# What a factor is made greater by, so that a limit is kept the next time.
-_SURELY = 1.0 + 1e-4
-# Instants on both sides of one at which a limit is exceeded that take part in slowing down.
-_AROUND = 4 * CHECKS
-# Greatest refinement of knots.
-_FINEST = 8
 
 
 def fastest_motion(

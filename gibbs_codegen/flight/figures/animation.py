@@ -39,6 +39,9 @@ _HEIGHT, _HEAD, _WIDTHS = 4.2, 0.5, (2.6, 5.4)
 _REACH, _LARGE = 0.95, 0.7
 # How much wider lines are in the near view.
 _NEAR_SCALE = 1.8
+_FRAME_DPI = 100
+# Of every colour of a gif, from white to full.
+_SHADES = 8
 
 
 class Film:
@@ -131,11 +134,6 @@ def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> 
     # An arm that is long beside the base is cut off.
     radius = float(min(farthest[0] + 0.5 * room, _REACH * (farthest[1] + room)))
     return radius if 2.0 * radius < _LARGE * np.max(whole[1] - whole[0]) else 0.0
-
-
-_FRAME_DPI = 100
-# Of every colour of a gif, from white to full.
-_SHADES = 8
 
 
 def write_animation(

@@ -41,6 +41,26 @@ _LONGEST_NAME = 14
 # Of a figure's width: a legend, beside names at the ends of curves and numbers at the axis.
 _KEY_WIDTH = 0.65
 _MOST_COLUMNS = 4
+# Of ranges: curves that differ by more are not in one panel.
+_RATIO = 5.0
+# What constrained angles change by, rad, where they were integrated and drift.
+_DRIFT = 1e-8
+# Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
+_ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
+# Shares of a thrust along the base normal: of rotors that are called vertical at least this.
+_VERTICAL = 0.5
+_BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
+# Of the range of a panel: what leaves the range of the samples by less is not seen.
+_SEEN = 0.005
+_SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
+_SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
+# Of the limits of some of the inputs in a panel, pt.
+_DASH = 5.0
+_LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
+_INSIDE, _MARGIN = COLOURS[0], COLOURS[1]
+# Share of the set's extent within which a vertex is on a facet; share of the longest side that a
+# flat scene has across.
+_ON_FACET, _DEPTH = 1e-6, 0.4
 
 
 class Curves(NamedTuple):
@@ -189,16 +209,8 @@ def finished(figure: Figure, flight: Flight) -> Figure:
     return figure
 
 
-# Of ranges: curves that differ by more are not in one panel.
-_RATIO = 5.0
-
 # A panel: the curves of the axes that it consists of, from above.
 _Panel = list[Curves]
-# What constrained angles change by, rad, where they were integrated and drift.
-_DRIFT = 1e-8
-
-# Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
-_ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
 
 
 def coordinates(flight: Flight) -> Figure:
@@ -304,18 +316,6 @@ def _heights(panels: Sequence[_Panel]) -> list[float]:
     # Names at the ends of curves need height.
     shares = np.sqrt([len(curves.names) for curves in widest])
     return [float(height) for height in 2.2 * shares / shares.sum()]
-
-
-# Shares of a thrust along the base normal: of rotors that are called vertical at least this.
-_VERTICAL = 0.5
-_BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
-# Of the range of a panel: what leaves the range of the samples by less is not seen.
-_SEEN = 0.005
-_SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
-_SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
-# Of the limits of some of the inputs in a panel, pt.
-_DASH = 5.0
-_LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
 
 
 def inputs(flight: Flight, width: float = COLUMN) -> Figure:
@@ -428,12 +428,6 @@ def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
 def _followed(flight: Flight) -> Any:
     """Whether inputs (s, nu) act as commanded, as far as a figure can show."""
     return np.isclose(flight.applied, flight.commanded, rtol=1e-4, atol=1e-6)
-
-
-_INSIDE, _MARGIN = COLOURS[0], COLOURS[1]
-# Share of the set's extent within which a vertex is on a facet; share of the longest side that a
-# flat scene has across.
-_ON_FACET, _DEPTH = 1e-6, 0.4
 
 
 def reachable_wrenches_figure(found: ReachableWrenches) -> Figure:

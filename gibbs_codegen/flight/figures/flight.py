@@ -36,6 +36,19 @@ from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.flight.figures.snapshots import snapshots_panels as snapshots_panels
 from gibbs_codegen.flight.record.flight import Flight, is_flight
 
+ANIMATIONS = ("gif", "mp4")
+# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
+FIGURE_NAMES = (
+    "coordinates",
+    "snapshots",
+    "snapshots_panels",
+    "inputs",
+    "constraint_torques",
+    "tracking_error",
+    "energy",
+)
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+
 
 def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links."""
@@ -118,18 +131,6 @@ def write_figures(
     return save_figures(drawn, folder, formats)
 
 
-ANIMATIONS = ("gif", "mp4")
-# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
-FIGURE_NAMES = (
-    "coordinates",
-    "snapshots",
-    "snapshots_panels",
-    "inputs",
-    "constraint_torques",
-    "tracking_error",
-    "energy",
-)
-_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
 _NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
 
 

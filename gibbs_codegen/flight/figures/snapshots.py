@@ -32,6 +32,37 @@ _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 _PATH_LEVELS = (3, 4)
 # Of the largest extent: what a scene has at least along each axis, so that it stays a box.
 _THINNEST = 0.4
+# In one picture; and in panels, of which more would be too small to show the robot.
+INSTANTS, _PANELS = 12, 6
+# Width and height of the largest box that is drawn, and what labels around it take, in.
+_LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
+# Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
+# one of them take on one side and below, in.
+_COLUMNS, _TALLEST = (2, 3, 6), 6.0
+_HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
+# Not along an axis, which would hide what it measures.
+_AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
+_VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
+# Colours of arms.
+_SHADES = colormaps["viridis"]
+# Above every robot.
+_LABEL_LEVEL = 1000
+# Instants that differ by less, in m, are one in the picture.
+_SAME_PLACE = 0.02
+# What labels keep clear around them, and how far from a robot they may be; points.
+_MARGIN = 2.0
+# What a point of distance counts, against a point of the drawing that is covered.
+_DISTANCE = 0.03
+# Of the base's path, which labels had better not cover.
+_PATH_POINTS = 200
+_LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
+# Above robots.
+_LEVEL = 50
+# Of all thrusts, the share that arrows are not too short for: peaks would make the others dots.
+_USUAL = 0.95
+# The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
+LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
+_WALL = "#8a6d3b"
 
 
 class RobotDrawing:
@@ -160,32 +191,6 @@ def rotor_radius(flight: Flight) -> float:
 
 def _move(line: Any, points: Array) -> None:
     line.set_data_3d(*points.T)
-
-
-# In one picture; and in panels, of which more would be too small to show the robot.
-INSTANTS, _PANELS = 12, 6
-# Width and height of the largest box that is drawn, and what labels around it take, in.
-_LARGEST, _AROUND = np.array([FULL - 0.7, 5.0]), np.array([0.7, 1.0])
-# Of panels: possible columns; height of all; heading and legend, a time, a gap; and what numbers at
-# one of them take on one side and below, in.
-_COLUMNS, _TALLEST = (2, 3, 6), 6.0
-_HEAD, _TIME, _GAP, _NUMBERS = 0.6, 0.25, 0.08, np.array([0.4, 0.45])
-# Not along an axis, which would hide what it measures.
-_AZIMUTHS = [quarter + turn for quarter in (-90, 0, -180, 90) for turn in range(20, 75, 5)]
-_VIEWS: list[tuple[float, float]] = [VIEW, *itertools.product((15.0, 20.0, 25.0, 30.0), _AZIMUTHS)]
-# Colours of arms.
-_SHADES = colormaps["viridis"]
-# Above every robot.
-_LABEL_LEVEL = 1000
-# Instants that differ by less, in m, are one in the picture.
-_SAME_PLACE = 0.02
-# What labels keep clear around them, and how far from a robot they may be; points.
-_MARGIN = 2.0
-# What a point of distance counts, against a point of the drawing that is covered.
-_DISTANCE = 0.03
-# Of the base's path, which labels had better not cover.
-_PATH_POINTS = 200
-_LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
 
 
 def snapshots(flight: Flight) -> Figure:
@@ -402,14 +407,6 @@ def _cover(places: Array, points: Array, reach: Array) -> Array:
     return cover
 
 
-# Above robots.
-_LEVEL = 50
-# Of all thrusts, the share that arrows are not too short for: peaks would make the others dots.
-_USUAL = 0.95
-# The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
-LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
-
-
 class ThrustArrows:
     """Arrows in 3-D axes of the usual view along the thrusts, as long as these are large.
 
@@ -447,9 +444,6 @@ class ThrustArrows:
         gap = np.full_like(tips, np.nan)
         points: Array = np.stack([starts, tips, back + aside, tips, back - aside, gap], axis=1)
         self._line.set_data_3d(*points.reshape(-1, 3).T)
-
-
-_WALL = "#8a6d3b"
 
 
 def draw_plane(

@@ -46,6 +46,9 @@ from gibbs_codegen.runtime.cache import CacheError
 _log = logging.getLogger("gibbs_codegen")
 # Bytes to a multiple of which blocks are laid, so that a number of them is one load.
 _ALIGNMENT = 8 * LANES
+# Steps that a call takes on at most, so that progress shows and Ctrl-C is heard: the same however
+# many flights there are, since each call rounds the time anew.
+_STEPS_A_CALL = 1000
 
 
 class Blocks(NamedTuple):
@@ -260,10 +263,6 @@ def _out_of_blocks(blocks: NDArray[Any], count: int) -> NDArray[Any]:
     return np.ascontiguousarray(rows.reshape(states, *rows.shape[2:])[:count])
 
 
-# Steps of all flights that a call takes on at most, so that progress shows and Ctrl-C is heard.
-_STEPS_A_CALL = 1_000_000
-
-
 @dataclass(frozen=True)
 class SideBySide:
     """Many flights that differ in parameters of the plant, in lag and in where they start.
@@ -320,12 +319,12 @@ class _Flown:
             self._alone[:] = True
             return
         self._times.append(self._grid.sample_times(interval))
-        time, most = interval.begin, max(_STEPS_A_CALL // count, 1)
+        time = interval.begin
         for stretch in self._grid.stretches(interval):
-            for done in range(0, stretch.steps, most):
+            for done in range(0, stretch.steps, _STEPS_A_CALL):
                 if not self._flies.any():
                     return
-                steps, number = min(most, stretch.steps - done), stretch.first + done
+                steps, number = min(_STEPS_A_CALL, stretch.steps - done), stretch.first + done
                 found = block(
                     time,
                     self._last,

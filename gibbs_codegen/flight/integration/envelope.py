@@ -30,6 +30,8 @@ _OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another co
 
 # What the reason says of a state in which an entry is infinite, or no number.
 NOT_FINITE = "the state is no longer finite"
+# Instants of the desired motion at which masses that walls feel are looked at.
+_INSTANTS = 33
 
 
 class Envelope:
@@ -168,10 +170,6 @@ def _peak_response(gains: Gains) -> Array:
     peak = np.where(critical, 1.0, np.arccosh(ratio) / np.where(critical, 1.0, root))
     response: Array = np.exp(-(ratio * peak).real) / frequency
     return response
-
-
-# Instants of the desired motion at which masses that walls feel are looked at.
-_INSTANTS = 33
 
 
 @dataclass(frozen=True, order=True)

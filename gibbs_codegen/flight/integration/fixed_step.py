@@ -23,6 +23,9 @@ from gibbs_codegen.flight.integration.state_history import (
 )
 from gibbs_codegen.flight.scenario.scenario import Settings
 
+# What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
+STEPS_A_CALL = 20_000
+
 
 class Stretch(NamedTuple):
     """Steps of one size, s, after `first` steps of the grid; each `every`-th of all is a sample."""
@@ -71,10 +74,6 @@ class StepGrid:
 def _on_grid(steps: float) -> float:
     """A number of steps, whole if it is so but for rounding."""
     return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
-
-
-# What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
-STEPS_A_CALL = 20_000
 
 
 class FixedStepIntegrator:

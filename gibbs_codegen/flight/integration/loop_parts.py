@@ -20,6 +20,37 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 
 _POINTER, _COUNT = ctypes.c_void_p, ctypes.c_ssize_t
+POINTER = ctypes.c_void_p
+_SIZE, _NUMBER, _FLAG = ctypes.c_ssize_t, ctypes.c_double, ctypes.c_int
+# Functions of a module, in the order of `Functions`.
+FUNCTIONS = (
+    "forward_dynamics",
+    "inverse_dynamics",
+    "input_matrix",
+    "forward_dynamics_with_wrenches",
+    "wrench_forces",
+    "frame_poses",
+    "frame_jacobians",
+    "frame_velocities",
+    "frame_bias_accelerations",
+    "centre_of_mass",
+    "centre_of_mass_jacobian",
+)
+# As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
+LAWS = ("computed_torque", "open_loop", "off", "held", "geometric")
+Values = Mapping[str, Any]
+# Numbers that differ from state to state in a block, by their part ("" for `Loop` itself), and the
+# axes that they have for one state.
+NUMBERS: Mapping[tuple[str, str], int] = {
+    **{("centre", name): axes for name, axes in (("mass", 0), ("weight", 1), ("coefficients", 3))},
+    **{("gains", name): axes for name, axes in (("stiffness", 1), ("damping", 1), ("integral", 0))},
+    **{(part, "centre"): 1 for part in ("flown", "known")},
+    **{(part, "wrenches"): 2 for part in ("flown", "known")},
+    **{("sharing", name): axes for name, axes in (("distribution", 2), ("least", 1), ("most", 1))},
+    **{("actuators", name): 1 for name in ("least", "most", "lag", "pace")},
+    **{("environment", "gravity"): 0, ("envelope", "bounds"): 1},
+    **{("", "losses"): 1, ("", "held"): 1},
+}
 
 
 class EnvironmentPart(ctypes.Structure):
@@ -63,28 +94,6 @@ def environment_values(closed: ClosedLoop, acting: Acting) -> dict[str, Any]:
 def _rows(*columns: NDArray[Any]) -> Array:
     """A row of numbers for each of k things, of which every column has a number (k) or three."""
     return np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
-
-
-POINTER = ctypes.c_void_p
-_SIZE, _NUMBER, _FLAG = ctypes.c_ssize_t, ctypes.c_double, ctypes.c_int
-# Functions of a module, in the order of `Functions`.
-FUNCTIONS = (
-    "forward_dynamics",
-    "inverse_dynamics",
-    "input_matrix",
-    "forward_dynamics_with_wrenches",
-    "wrench_forces",
-    "frame_poses",
-    "frame_jacobians",
-    "frame_velocities",
-    "frame_bias_accelerations",
-    "centre_of_mass",
-    "centre_of_mass_jacobian",
-)
-# As numbered in `native/loop.h`; "held" is for inputs that are held through an interval.
-LAWS = ("computed_torque", "open_loop", "off", "held", "geometric")
-
-Values = Mapping[str, Any]
 
 
 class _Functions(ctypes.Structure):
@@ -244,20 +253,6 @@ class Loop(ctypes.Structure):
         *(("envelope", _Envelope), ("law", _FLAG)),
         *((name, POINTER) for name in ("held", "guesses", "scratch")),
     )
-
-
-# Numbers that differ from state to state in a block, by their part ("" for `Loop` itself), and the
-# axes that they have for one state.
-NUMBERS: Mapping[tuple[str, str], int] = {
-    **{("centre", name): axes for name, axes in (("mass", 0), ("weight", 1), ("coefficients", 3))},
-    **{("gains", name): axes for name, axes in (("stiffness", 1), ("damping", 1), ("integral", 0))},
-    **{(part, "centre"): 1 for part in ("flown", "known")},
-    **{(part, "wrenches"): 2 for part in ("flown", "known")},
-    **{("sharing", name): axes for name, axes in (("distribution", 2), ("least", 1), ("most", 1))},
-    **{("actuators", name): 1 for name in ("least", "most", "lag", "pace")},
-    **{("environment", "gravity"): 0, ("envelope", "bounds"): 1},
-    **{("", "losses"): 1, ("", "held"): 1},
-}
 
 
 def values_of(

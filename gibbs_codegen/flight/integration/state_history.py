@@ -8,6 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+Flags = NDArray[np.bool_]
+Array = NDArray[np.float64]
+# Times are the same, and steps whole, to this share of a step.
+SAME_TIME = 1e-6
+
 
 @dataclass(frozen=True)
 class InputRanges:
@@ -47,9 +52,6 @@ class InputRanges:
         return np.moveaxis(ranges, 0, 2)
 
 
-Flags = NDArray[np.bool_]
-
-
 @dataclass(frozen=True)
 class Acting:
     """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
@@ -64,12 +66,6 @@ class Acting:
 
 
 NOTHING = Acting()
-
-
-Array = NDArray[np.float64]
-
-# Times are the same, and steps whole, to this share of a step.
-SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True)

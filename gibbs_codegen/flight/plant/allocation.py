@@ -28,6 +28,10 @@ EXACT = 1e-9
 # Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
 # of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
 _PREFERENCE = 1e-5
+# Of the wrenches that such rotors command: the force along the axis, and three moments.
+_DIRECTIONS = 4
+# Why such a base cannot fly without thrust.
+LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 
 
 class AllocationError(UsageError):
@@ -196,12 +200,6 @@ def allocation_of(
     if not vehicle.rotors_move:
         return Allocation(vehicle.thrust_wrenches(), limits)
     return MovingAllocation(vehicle, vehicle.neutral if q is None else q, limits)
-
-
-# Of the wrenches that such rotors command: the force along the axis, and three moments.
-_DIRECTIONS = 4
-# Why such a base cannot fly without thrust.
-LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
 
 
 def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:

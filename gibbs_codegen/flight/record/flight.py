@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
-from zipfile import BadZipFile, ZipFile, is_zipfile
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,13 @@ from gibbs_codegen.flight.record.series import RANGES, Column, Series, columns_o
 from gibbs_codegen.flight.record.series import Array as Array
 
 Arrays = dict[str, NDArray[Any]]
+StrPath = str | os.PathLike[str]
+# Rows of the CSV that are written at a time.
+_ROWS = 4096
+# Fields that are one number, and those of several that have no row per sample.
+_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
+_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
+_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
@@ -73,17 +80,9 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
     }
 
 
-StrPath = str | os.PathLike[str]
-
-# Rows of the CSV that are written at a time.
-_ROWS = 4096
-# Fields that are one number, and those of several that have no row per sample.
-_NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
-_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
 # Fields that a flight made by hand may lack.
 _OF_NO_TIME |= {"wall_forces"}
-_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
 @dataclass(frozen=True)
@@ -198,5 +197,5 @@ def is_flight(path: StrPath) -> bool:
     try:
         with ZipFile(path) as archive:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
-    except (OSError, BadZipFile, NotImplementedError):
+    except Exception:  # As above.
         return False

@@ -19,6 +19,17 @@ Array = NDArray[np.float64]
 
 # Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.
 RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_greatest")
+Column = tuple[str, str, Array]
+# What the names of columns of inputs end in, and the series.
+_INPUTS = {
+    "": "applied",
+    "_least": "applied_least",
+    "_greatest": "applied_greatest",
+    "_commanded": "commanded",
+    "_commanded_least": "commanded_least",
+    "_commanded_greatest": "commanded_greatest",
+}
+_log = logging.getLogger("gibbs_codegen")
 
 
 @dataclass(frozen=True)
@@ -208,18 +219,6 @@ class Series:
         return change
 
 
-Column = tuple[str, str, Array]
-# What the names of columns of inputs end in, and the series.
-_INPUTS = {
-    "": "applied",
-    "_least": "applied_least",
-    "_greatest": "applied_greatest",
-    "_commanded": "commanded",
-    "_commanded_least": "commanded_least",
-    "_commanded_greatest": "commanded_greatest",
-}
-
-
 def columns_of(flight: Series) -> Iterator[Column]:
     """Name, unit and values (s) of every scalar series of a flight, time first."""
     yield "time", "s", flight.time
@@ -276,9 +275,6 @@ def _wrenches(flight: Series) -> Iterator[Column]:
             for k, axis in enumerate("xyz"):
                 yield f"{frame}_force_{axis}", "N", series[:, k]
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
-
-
-_log = logging.getLogger("gibbs_codegen")
 
 
 def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:

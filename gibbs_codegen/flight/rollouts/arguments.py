@@ -16,6 +16,9 @@ from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
 
+# Every call asks for it, of one module after all.
+_layout = functools.lru_cache(maxsize=64)(Layout.listed)
+
 
 def numpy_array(name: str, value: Any) -> Array:
     """Real numbers as an array of NumPy, a copy. Raises `UsageError`, which calls them `name`."""
@@ -23,10 +26,6 @@ def numpy_array(name: str, value: Any) -> Array:
         return np.array(real_numbers(name, value))
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from None
-
-
-# Every call asks for it, of one module after all.
-_layout = functools.lru_cache(maxsize=64)(Layout.listed)
 
 
 class Given:

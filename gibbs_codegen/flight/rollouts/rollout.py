@@ -35,6 +35,7 @@ from gibbs_codegen.runtime.rollouts import (
 
 Controller = Callable[[float, Any, Any], Any]
 Roll = Callable[[Problem], Rollout]
+_log = logging.getLogger("gibbs_codegen")
 
 
 def asked_rollout(
@@ -93,9 +94,6 @@ def _piece(problem: Problem, first: int, inputs: Array, state: list[Array]) -> P
         motors = replace(motors, thrusts=thrusts[0])
     steps = problem.every
     return replace(problem, q=q, v=v, inputs=inputs, steps=steps, wrenches=wrenches, motors=motors)
-
-
-_log = logging.getLogger("gibbs_codegen")
 
 
 def rollout(

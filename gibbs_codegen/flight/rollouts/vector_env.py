@@ -37,6 +37,10 @@ Flags = NDArray[np.bool_]
 _FARTHEST, _STEEPEST = 3.0, 1.4
 # Weight of rates in the reward, s².
 _RATES = 0.1
+Observations = NDArray[np.float32]
+Infos = dict[str, Any]
+# What an observation can say.
+_GREATEST_SINGLE = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -283,13 +287,6 @@ def episode_draws(
 def _is_number(value: object) -> bool:
     """Whether a value is one finite real number."""
     return isinstance(value, Real) and math.isfinite(value)
-
-
-Observations = NDArray[np.float32]
-Infos = dict[str, Any]
-
-# What an observation can say.
-_GREATEST_SINGLE = float(np.finfo(np.float32).max)
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):

@@ -20,14 +20,6 @@ from gibbs_codegen.flight.scenario.timing import Timing, TimingLaw
 
 # Names that entries of COORDINATES can have.
 _JOINT_NAME = "[A-Za-z0-9_]{1,200}"
-
-
-def _joint_name(name: str) -> str:
-    if re.fullmatch(_JOINT_NAME, name):
-        return name
-    raise fault("must be the name of a joint: of its coordinate, such as theta_7", IN_NAME)
-
-
 Limits = Annotated[
     tuple[Number, Number],
     listed(2),
@@ -37,16 +29,23 @@ Limits = Annotated[
         "the lower limit must be below the upper",
     ),
 ]
+_MOST_MOVES = 1000
+# Tables of travels in m, which with _deg have angles in degrees.
+_BOTH_UNITS = ("posture", "guess", "limits", "moves")
+_FILE = "default: as the robot file has them"
+
+
+def _joint_name(name: str) -> str:
+    if re.fullmatch(_JOINT_NAME, name):
+        return name
+    raise fault("must be the name of a joint: of its coordinate, such as theta_7", IN_NAME)
+
+
 JointName = Annotated[
     str,
     AfterValidator(_joint_name),
     WithJsonSchema({"type": "string", "pattern": f"^{_JOINT_NAME}$"}),
 ]
-
-_MOST_MOVES = 1000
-# Tables of travels in m, which with _deg have angles in degrees.
-_BOTH_UNITS = ("posture", "guess", "limits", "moves")
-_FILE = "default: as the robot file has them"
 
 
 class MoveTable(Table):

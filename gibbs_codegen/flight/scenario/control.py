@@ -13,6 +13,12 @@ from gibbs_codegen.files.table import Bounds, Place, Table, listed, needed
 from gibbs_codegen.flight.scenario.numbers import NotNegative, Number, Positive, require
 
 Law = Literal["tracking", "computed_torque", "geometric", "open_loop", "off"]
+Thrusts = Annotated[
+    tuple[Number, Number],
+    listed(2),
+    needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
+]
+_Frequency = Annotated[Positive, Bounds(most=1e4)]
 
 
 @dataclass(frozen=True)
@@ -72,14 +78,6 @@ class Motors:
             require(least < most, "motors: the least thrust must be below the greatest")
         lag = self.time_constant or 0.0
         require(0.0 <= lag < math.inf, "motors: time constant: 0 s or more")
-
-
-Thrusts = Annotated[
-    tuple[Number, Number],
-    listed(2),
-    needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
-]
-_Frequency = Annotated[Positive, Bounds(most=1e4)]
 
 
 class ControlTable(Table):

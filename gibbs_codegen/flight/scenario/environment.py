@@ -19,6 +19,14 @@ from gibbs_codegen.flight.scenario.numbers import (
     require,
 )
 
+MOST_PAYLOADS = MOST_WALLS = 20
+_MOST_GUSTS = 1000
+_FRAME = "a name in the module's FRAMES"
+_DRAGS = Annotated[
+    dict[str, NotNegative],
+    needed(bool, "names no frame; give frames and their coefficients, such as base = 0.3"),
+]
+
 
 @dataclass(frozen=True)
 class Payload:
@@ -90,15 +98,6 @@ class Wall:
         require(any(self.normal), "wall: its normal must not be zero")
         require(0.0 < self.stiffness < math.inf, "wall: its stiffness must be above 0 N/m")
         require(0.0 <= self.damping < math.inf, "wall: its damping must be 0 N s/m or more")
-
-
-MOST_PAYLOADS = MOST_WALLS = 20
-_MOST_GUSTS = 1000
-_FRAME = "a name in the module's FRAMES"
-_DRAGS = Annotated[
-    dict[str, NotNegative],
-    needed(bool, "names no frame; give frames and their coefficients, such as base = 0.3"),
-]
 
 
 class PayloadTable(Table):

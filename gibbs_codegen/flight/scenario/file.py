@@ -51,6 +51,10 @@ from gibbs_codegen.flight.scenario.sensors import SensorsTable
 from gibbs_codegen.robot.model import MAX_ROTORS
 
 _FOLDER = "scenarios"
+_MIN_DURATION = 1e-3
+_MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
+_LONGEST_NAME = 200
+_KIND = "the kind of attitude"
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -124,12 +128,6 @@ class PushTable(TipForceTable):
         """The fault of a push that pushes nothing."""
         if "force" not in values and "torque" not in values:
             yield "force", "missing: give a force, a torque, or both"
-
-
-_MIN_DURATION = 1e-3
-_MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
-_LONGEST_NAME = 200
-_KIND = "the kind of attitude"
 
 
 def _line_of_text(least: int) -> AfterValidator:

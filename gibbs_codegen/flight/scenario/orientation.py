@@ -25,6 +25,11 @@ Array = NDArray[np.float64]
 SINGULAR_COSINE = 0.005
 # The same for angles that began between −90° and 90°, rad; a cosine would not tell of whole turns.
 LARGEST_THETA_0 = math.acos(SINGULAR_COSINE)
+_VERTICAL = np.array([0.0, 0.0, 1.0])
+# Speed under which a path has no direction to follow, m/s.
+_STANDSTILL = 1e-6
+# Sine of the angle to the vertical under which the base normal has no side to lean to.
+_UPRIGHT = 1e-3
 
 
 class SingularAttitudeError(UsageError):
@@ -119,13 +124,6 @@ def _about(axis: Array, angles: Array) -> Array:
 def _times(matrices: Array, vectors: Array) -> Array:
     product: Array = (matrices @ vectors[..., np.newaxis])[..., 0]
     return product
-
-
-_VERTICAL = np.array([0.0, 0.0, 1.0])
-# Speed under which a path has no direction to follow, m/s.
-_STANDSTILL = 1e-6
-# Sine of the angle to the vertical under which the base normal has no side to lean to.
-_UPRIGHT = 1e-3
 
 
 class Orientation(Protocol):

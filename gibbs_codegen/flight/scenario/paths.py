@@ -31,6 +31,16 @@ Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 ORDERS = 4  # position and three derivatives
+Flags = NDArray[np.bool_]
+Velocity = Sequence[float] | Array | Literal["rest", "free"]
+WORDS = ("rest", "free")  # in place of a velocity
+_DEGREE = 9
+_GIVEN = 5  # values at each end of a piece: position and four derivatives
+# Bernstein coefficients 0 … 4 of a piece of duration 1, from position and derivatives at its
+# beginning: entry (k, j) is the share of derivative j in coefficient k.
+_COEFFICIENTS = np.array(
+    [[comb(k, j) / perm(_DEGREE, j) for j in range(_GIVEN)] for k in range(_GIVEN)]
+)
 
 
 class Path(Protocol):
@@ -204,20 +214,6 @@ def plane(normal: Vector | Array) -> tuple[Array, Array]:
     first = axis - (axis @ n) * n
     first /= np.linalg.norm(first)
     return first, np.cross(n, first)
-
-
-Flags = NDArray[np.bool_]
-Velocity = Sequence[float] | Array | Literal["rest", "free"]
-
-WORDS = ("rest", "free")  # in place of a velocity
-
-_DEGREE = 9
-_GIVEN = 5  # values at each end of a piece: position and four derivatives
-# Bernstein coefficients 0 … 4 of a piece of duration 1, from position and derivatives at its
-# beginning: entry (k, j) is the share of derivative j in coefficient k.
-_COEFFICIENTS = np.array(
-    [[comb(k, j) / perm(_DEGREE, j) for j in range(_GIVEN)] for k in range(_GIVEN)]
-)
 
 
 class Waypoints:

@@ -13,24 +13,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, printable
+from gibbs_codegen.flight.many import can_be_side_by_side, simulate_many
+from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps.fingerprint import fingerprint
-from gibbs_codegen.flight.sweeps.measures import Measure, packed
+from gibbs_codegen.flight.sweeps.measures import Measure, of_flight, packed, unpacked
 from gibbs_codegen.flight.sweeps.plan import Block, Cases
+from gibbs_codegen.flight.sweeps.sampling import Axis
 from gibbs_codegen.flight.sweeps.sources import ScenarioSource
+from gibbs_codegen.flight.sweeps.store import Rows, rows_of
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.version import __version__
-
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.record.flight import Flight
-    from gibbs_codegen.flight.scenario.scenario import Scenario
-    from gibbs_codegen.flight.sweeps.measures import Measure
-    from gibbs_codegen.flight.sweeps.store import Rows
-
 
 # What a chunk is to take at most, s; how many flights, and samples of them, may be in memory.
 _SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 256_000
@@ -38,6 +36,11 @@ _SECONDS, _MOST_FLIGHTS, _MOST_SAMPLES = 4.0, 256, 256_000
 _SIDE_BY_SIDE = ("plant.", "start.", "motors.time_constant")
 # Entries that decide how long a flight takes.
 _OF_LENGTH = ("duration", "integration", "control.rate")
+# After so long a worker hands over what it has flown, to be kept.
+_HANDED_OVER = 4.0
+_LONGEST_REASON = 400
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +95,29 @@ def _only_adaptive(block: Block) -> bool:
         scenario = block.scenario.changed(block.chosen(0)[1])
     except GibbsCodegenError:
         return False
+    fixed = replace(scenario, integration=replace(scenario.integration, method="rk4"))
     adaptive = scenario.integration.method == "adaptive"
-    return adaptive and scenario.control.rate is None and _together(block)
+    return adaptive and can_be_side_by_side(fixed) and _differ_side_by_side(block)
 
 
-def _together(block: Block) -> bool:
-    """Whether flights of a block differ in nothing that keeps them from being side by side."""
-    differ = [axis for axis in block.axes if len(axis.varied.levels) != 1]
-    return all(key.startswith(_SIDE_BY_SIDE) for axis in differ for key in axis.targets)
+def _differ_side_by_side(block: Block) -> bool:
+    """Whether every flight of a block has others from which nothing keeps it in blocks apart.
+
+    Axes alone decide, so that the same call flies the same cases alone, however they are cut.
+    """
+    listed = [axis for axis in block.axes if len(axis.varied.levels) > 1]
+    drawn = [axis for axis in block.axes if axis.varied.draw is not None and block.samples > 1]
+    return any(map(_is_side_by_side, listed)) or (bool(drawn) and all(map(_is_side_by_side, drawn)))
+
+
+def _is_side_by_side(axis: Axis) -> bool:
+    """Whether flights that differ in what an axis varies can be side by side."""
+    return all(key.startswith(_SIDE_BY_SIDE) for key in axis.targets)
 
 
 def _flights(block: Block) -> int:
     """How many flights of a block make a chunk."""
-    together, entries = _together(block), dict[str, Any]()
+    together, entries = _differ_side_by_side(block), dict[str, Any]()
     fit = _fit(block, entries, together)
     for axis in block.axes:  # One after the other is set to what takes longest.
         if any(key.startswith(_OF_LENGTH) for key in axis.targets):
@@ -132,20 +145,13 @@ def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
 def _seconds(scenario: Scenario, together: bool) -> float:
     """What a flight will take on one core, s, roughly.
 
-    `together` is whether flights differ in nothing that keeps them from being side by side.
+    `together` is whether there are others from which nothing keeps it in blocks apart.
     """
     settings, samples = scenario.integration, scenario.duration * scenario.integration.rate
     steps = scenario.duration / settings.step if settings.method == "rk4" else 0.0
-    if together and settings.method == "rk4" and scenario.control.rate is None:
+    if together and can_be_side_by_side(scenario):
         return 2e-3 + 3e-7 * steps + 3e-6 * samples
     return 0.05 + 0.03 * scenario.duration + 1e-5 * steps + 2e-5 * samples
-
-
-_LONGEST_REASON = 400
-# After so long a worker hands over what it has flown, to be kept.
-_HANDED_OVER = 4.0
-
-_log = logging.getLogger("gibbs_codegen")
 
 
 @dataclass(frozen=True)
@@ -153,7 +159,7 @@ class Task:
     """The flights of a chunk: all that another process needs to know.
 
     `folder` is that of the robot's module, with the `digest` of its files. `changes` are the values
-    of entries by key, for each flight. `measures` are packed.
+    of entries by key, for each flight. `measures` are packed. `blocks` is as of `simulate_many`.
     """
 
     folder: str
@@ -161,6 +167,7 @@ class Task:
     scenario: ScenarioSource
     changes: Sequence[Mapping[str, Any]]
     measures: bytes
+    blocks: bool
 
 
 def fly(task: Task) -> Rows:
@@ -169,16 +176,14 @@ def fly(task: Task) -> Rows:
     A row for each of these is as of `store.rows_of`. Raises `UsageError` if there is no module, or
     the measures cannot be unpacked here.
     """
-    from gibbs_codegen.flight.sweeps.measures import unpacked
-    from gibbs_codegen.flight.sweeps.store import rows_of
-
     module, measures = _module(task.folder, task.digest), unpacked(task.measures)
     rows: list[Any] = []
     left, size = _HANDED_OVER, 1  # How long flights take shows with the first.
     while len(rows) < len(task.changes) and (left > 0.0 or not rows):
         begin = time.monotonic()
         some = task.changes[len(rows) : len(rows) + size]
-        found = _flights_of_cases(module, [_scenario(task.scenario, each) for each in some])
+        scenarios = [_scenario(task.scenario, each) for each in some]
+        found = _flights_of_cases(module, scenarios, task.blocks)
         found.reverse()
         while found:  # A flight takes a megabyte once it has been measured: they go one by one.
             rows.append(_measured(measures, found.pop()))
@@ -190,16 +195,12 @@ def fly(task: Task) -> Rows:
 
 def dead_row(measures: int, reason: str) -> Rows:
     """The row, in an array of one, of a case that leaves no flight, and why."""
-    from gibbs_codegen.flight.sweeps.store import rows_of
-
     return rows_of([[math.nan] * measures], [""], [reason], [""])
 
 
 @cache
 def _module(folder: str, digest: str) -> ModuleType:
     """The module of a folder, which is loaded once as long as its digest is the same."""
-    from gibbs_codegen.runtime.load import load
-
     return load(folder, "c")
 
 
@@ -212,21 +213,19 @@ def _scenario(source: ScenarioSource, changes: Mapping[str, Any]) -> Scenario | 
 
 
 def _flights_of_cases(
-    module: ModuleType, scenarios: Sequence[Scenario | Exception]
+    module: ModuleType, scenarios: Sequence[Scenario | Exception], blocks: bool
 ) -> list[Flight | Exception]:
     """For each scenario, or reason why there is none, the flight or why there is none."""
-    from gibbs_codegen.flight.many import simulate_many
-
     flown = [each for each in scenarios if not isinstance(each, Exception)]
     found: list[Flight | Exception] = []
     try:
-        found += simulate_many(module, flown)
+        found += simulate_many(module, flown, blocks=blocks)
     except Exception as error:  # One of them is to blame, which is told by flying it by itself.
         words = printable(f"{type(error).__name__}: {error}")
         _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
         for scenario in flown:
             try:
-                found += simulate_many(module, [scenario])
+                found += simulate_many(module, [scenario], blocks=blocks)
             except Exception as error:
                 found.append(error)
     flights = iter(found)
@@ -237,8 +236,6 @@ def _measured(
     measures: Mapping[str, Measure], flight: Flight | Exception
 ) -> tuple[list[float], str, str, str]:
     """Measures of a flight, if there is one, and its texts of `store.REASONS`."""
-    from gibbs_codegen.flight.sweeps.measures import of_flight
-
     if not isinstance(flight, Exception):
         values, why = of_flight(measures, flight)
         return values, printable(flight.stopped, _LONGEST_REASON), "", why
@@ -259,7 +256,8 @@ class Job:
     def task(self, chunk: Chunk) -> Task:
         """What a worker is told: the flights of a chunk."""
         robot, scenario = chunk.block.robot, chunk.block.scenario
-        return Task(str(robot.folder), robot.digest, scenario, _changes(chunk), self._packed)
+        blocks, changes = _differ_side_by_side(chunk.block), _changes(chunk)
+        return Task(str(robot.folder), robot.digest, scenario, changes, self._packed, blocks)
 
     def digest(self, chunk: Chunk) -> str:
         """The SHA-256, in hexadecimal digits, of all that determines the results of a chunk."""
@@ -267,7 +265,8 @@ class Job:
         if place not in self._digests:
             robot, scenario = chunk.block.robot, chunk.block.scenario
             changes = json.dumps(_changes(chunk), default=fingerprint)
-            told = (robot.digest, scenario.text, scenario.given, self._of_measures, changes)
+            blocks, given = _differ_side_by_side(chunk.block), (scenario.text, scenario.given)
+            told = (robot.digest, *given, self._of_measures, changes, blocks)
             self._digests[place] = fingerprint(__version__, *told)
         return self._digests[place]
 

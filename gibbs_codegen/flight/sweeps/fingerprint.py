@@ -11,10 +11,12 @@ from __future__ import annotations
 import hashlib
 import io
 import sys
+import sysconfig
 import threading
 import weakref
 from collections.abc import Iterator
 from dis import get_instructions
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType
@@ -27,6 +29,10 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 _PROTOCOL = 4  # Later ones tell arrays that may be written from others.
 # Byte code that takes a global.
 _LOOK_UP = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")
+# Where Python's own modules lie.
+_STANDARD = sysconfig.get_path("stdlib")
+# The flag of types that are not of Python itself, some of which have no place by their name.
+_MADE_BY_CLASS = 1 << 9
 # What says nothing of numbers.
 _LOCKS = (type(threading.Lock()), type(threading.RLock()))
 # What Python adds to a class, which says nothing of what it does.
@@ -45,9 +51,10 @@ def fingerprint(*values: Any) -> str:
     except GibbsCodegenError:
         raise
     except Exception as error:  # Whatever pickling meets.
+        why = "it holds itself" if "cyclic" in str(error) else printable(error)
         raise UsageError(
             f"{printable(repr(values), 60)}: a sweep cannot tell whether this is the same when it "
-            f"is called again ({printable(error)}); let measures use numbers, arrays and functions"
+            f"is called again ({why}); let measures use numbers, arrays and functions"
         ) from None
     return hashlib.sha256(written.getbuffer()).hexdigest()
 
@@ -57,7 +64,9 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
 
     def __init__(self, file: io.BytesIO) -> None:
         super().__init__(file, _PROTOCOL)
-        self.fast = True  # What is equal is written alike, whether or not it is one object.
+        # Constants that are equal are one object in one process and two in another: each is written
+        # as often as it occurs. What has attributes may hold itself, and is written once.
+        self.fast = True
         self._seen: dict[int, tuple[int, Any]] = {}
 
     def persistent_id(self, value: Any) -> Any:
@@ -71,17 +80,26 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
             home, name = value.__name__, ""
         elif not isinstance(getattr(value, "__self__", None), ModuleType | None):
             return None  # A method, of an object that counts.
-        if isinstance(home, str) and isinstance(name, str) and "<" not in name and _installed(home):
-            package = sys.modules.get(home.partition(".")[0])
-            return f"{home}.{name} {getattr(package, '__version__', '')}"
-        return None
+        if not (isinstance(home, str) and isinstance(name, str) and _installed(home)):
+            return None
+        found: Any = sys.modules.get(home)
+        for part in filter(None, name.split(".")):
+            found = getattr(found, part, None)
+        of_c = isinstance(value, type) and not value.__flags__ & _MADE_BY_CLASS
+        if found is not value and not of_c:  # It only bears the name, by `functools.wraps`.
+            return None
+        package = sys.modules.get(home.partition(".")[0])
+        return f"{home}.{name} {getattr(package, '__version__', '')}"
 
     def reducer_override(self, value: Any) -> Any:
         """What a value is made of, in the form of `__reduce__`."""
-        self._seen[id(value)] = (len(self._seen), value)
+        if hasattr(value, "__dict__"):
+            self._seen[id(value)] = (len(self._seen), value)
         if isinstance(value, CodeType):
             told = (value.co_code, value.co_consts, value.co_names, value.co_exceptiontable)
-            return CodeType, (*told, value.co_varnames, value.co_cellvars, value.co_freevars)
+            counts = (value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount)
+            names = (value.co_varnames, value.co_cellvars, value.co_freevars)
+            return CodeType, (*told, value.co_flags, *counts, *names)
         if isinstance(value, FunctionType):
             return FunctionType, (), _of_function(value)
         if isinstance(value, type):
@@ -94,7 +112,8 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
             return type(value), ()
         if isinstance(value, weakref.ref):
             return type(value), (value(),)
-        if hasattr(value, "__wrapped__"):  # A cache of results, compiled code.
+        library = _installed(type(value).__module__) and not isinstance(value, partial)
+        if library and hasattr(value, "__wrapped__"):  # A cache of results, compiled code.
             return type(value), (value.__wrapped__,)
         return super().reducer_override(value)
 
@@ -138,10 +157,8 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(each)
 
 
-def _imported(name: str) -> ModuleType | str:
-    """A module that a function imports when it is called; of installed ones their names do."""
-    if _installed(name):
-        return name
+def _imported(name: str) -> ModuleType:
+    """A module that a function imports when it is called."""
     try:
         return import_module(name)
     except Exception as error:  # Whatever a module raises; names may be relative too.
@@ -154,7 +171,9 @@ def _imported(name: str) -> ModuleType | str:
 def _installed(module: str) -> bool:
     """Whether a module belongs to this package, to another one that is installed, or to Python."""
     top = module.partition(".")[0]
-    if top in sys.stdlib_module_names or top == __name__.partition(".")[0]:
-        return top != "__main__"
     file = getattr(sys.modules.get(module) or sys.modules.get(top), "__file__", None)
-    return not {"site-packages", "dist-packages"}.isdisjoint(Path(file or "").parts)
+    if file is None:  # Built in.
+        return top in sys.stdlib_module_names and top != "__main__"
+    places = {"site-packages", "dist-packages"}
+    own = top == __name__.partition(".")[0] or Path(file).is_relative_to(_STANDARD)
+    return own or not places.isdisjoint(Path(file).parts)

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from gibbs_codegen.flight.sweeps.sampling import Array, Axis, Varied, axes_of, noise_seed, shares
 from gibbs_codegen.flight.sweeps.sources import RobotSource, ScenarioSource, with_places_filled
 
+_NOISE = "sensors.seed"
+
 
 @dataclass(frozen=True)
 class Case:
@@ -35,9 +37,6 @@ class Case:
     scenario: str
     values: Mapping[str, Any]
     changes: Mapping[str, Any] = field(default_factory=dict)
-
-
-_NOISE = "sensors.seed"
 
 
 @dataclass(frozen=True)

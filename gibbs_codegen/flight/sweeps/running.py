@@ -39,6 +39,18 @@ from gibbs_codegen.flight.sweeps.store import Rows, Store, joined
 
 # How often a worker looks whether the program that it works for is still there, s.
 _LOOK_SECONDS = 1.0
+# How often the process of a chunk may die before the chunk is flown by itself, and of one case by
+# itself before it is given up.
+_DEATHS = 2
+# So many chunks in a row that die are the fault of the executor.
+_MOST_IN_A_ROW = 20
+# Chunks that are with an executor at a time, of which it is not known how many workers it has.
+_MANY = 1000
+# What is raised not because a worker died but because nothing can be computed there.
+_NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
+_DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 class Workers:
@@ -101,20 +113,6 @@ def _begin(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-# How often the process of a chunk may die before the chunk is flown by itself, and of one case by
-# itself before it is given up.
-_DEATHS = 2
-# So many chunks in a row that die are the fault of the executor.
-_MOST_IN_A_ROW = 20
-# Chunks that are with an executor at a time, of which it is not known how many workers it has.
-_MANY = 1000
-# What is raised not because a worker died but because nothing can be computed there.
-_NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
-_DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
-
-_log = logging.getLogger("gibbs_codegen")
 
 
 class Running:
@@ -225,6 +223,8 @@ class Running:
         """
         digest = self._job.digest(chunk)
         rows = self._store.read(digest)
+        if rows is not None:  # Of a half that an earlier call has kept nothing was told yet.
+            self._tell(len(rows) - self._kept[chunk.rows.start])
         tries = 1 if len(chunk) > 1 else _DEATHS
         while tries and (rows is None or len(rows) < len(chunk)):
             kept = 0 if rows is None else len(rows)

@@ -28,6 +28,8 @@ Kind = Literal["uniform", "normal", "log_uniform"]
 # Points of Sobol's sequence lie on multiples of 2^-30, 0 among them, where a normal distribution
 # has no number: they are moved by half of that.
 _HALF_STEP = 2.0**-31
+# Tables of the scenario file whose keys are parameters of the robot's module.
+_OF_PARAMETERS = ("parameters", "plant")
 
 
 @dataclass(frozen=True)
@@ -209,10 +211,6 @@ def _drawn(kind: Kind, first: float, second: float, right: bool, words: str) -> 
     if not right:
         raise UsageError(f"{given}: {words}")
     return Varied(draw=Draw(kind, float(first), float(second)))
-
-
-# Tables of the scenario file whose keys are parameters of the robot's module.
-_OF_PARAMETERS = ("parameters", "plant")
 
 
 @dataclass(frozen=True)

@@ -10,23 +10,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
 from gibbs_codegen.files.changes import merged
 from gibbs_codegen.files.shipped import text_of
+from gibbs_codegen.files.toml import checked
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.scenario.file import parse_scenario
+from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.runtime.load import find_module, load
 from gibbs_codegen.version import __version__
-
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.scenario.file import ScenarioTable
-
 
 Step = str | int
 
 _KEY = re.compile(r"[^.\[\]\s]+(\.[^.\[\]\s]+|\[\d+\])*")
+StrPath = str | os.PathLike[str]
 
 
 def steps_of(key: str) -> tuple[Step, ...]:
@@ -126,9 +125,6 @@ def replaced(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
     return replace(value, **new)
 
 
-StrPath = str | os.PathLike[str]
-
-
 @dataclass(frozen=True)
 class RobotSource:
     """A robot: the word for it, its module's folder, and of the module digest and parameters."""
@@ -158,9 +154,6 @@ class ScenarioSource:
     @cached_property
     def _table(self) -> ScenarioTable:
         """The file as it is, checked."""
-        from gibbs_codegen.files.toml import checked
-        from gibbs_codegen.flight.scenario.file import ScenarioTable
-
         return checked(self.text, self.word, ScenarioTable, ScenarioFileError)
 
     @cached_property
@@ -188,8 +181,6 @@ class ScenarioSource:
         if self.given is not None:
             scenario: Scenario = replaced(self.given, tables)
             return scenario
-        from gibbs_codegen.flight.scenario.file import ScenarioTable
-
         # What is refused is read again from the text, which has the lines of faults.
         table, _ = ScenarioTable.read(merged(self._document, tables))
         return table.scenario() if table else parse_scenario(self.text, self.word, tables)
@@ -216,8 +207,6 @@ def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSour
     folder of its digest in `modules`. Raises `UsageError` if there is no such robot, and
     `RobotFileError` with every fault of the file.
     """
-    from gibbs_codegen.runtime.load import find_module, load
-
     word = os.fspath(robot)
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         folder = find_module(Path(word))

@@ -64,20 +64,22 @@ class Store:
         self._folder, self._chunks = folder, folder / _FOLDER
 
     def read(self, digest: str) -> Rows | None:
-        """The first rows of the chunk of a digest, as many as are kept; None if there are none."""
+        """The first rows of the chunk of a digest, as many as are kept; None if there are none.
+
+        `OutputError` is raised if they cannot be read.
+        """
         path = self._chunks / f"{digest}.npy"
         try:
             content = path.read_bytes()
         except FileNotFoundError:
             return None
         except OSError as error:
-            why = f"cannot be read: {cause_of(error)}"
-        else:
-            rows, seal = content[:-_SEAL], content[-_SEAL:]
-            if seal == _seal(digest, rows):
-                found: Rows = np.load(io.BytesIO(rows), allow_pickle=False)
-                return found
-            why = "is broken or was changed: its rows and its last bytes, their digest, don't agree"
+            raise OutputError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
+        rows, seal = content[:-_SEAL], content[-_SEAL:]
+        if seal == _seal(digest, rows):
+            found: Rows = np.load(io.BytesIO(rows), allow_pickle=False)
+            return found
+        why = "is broken or was changed: its rows and its last bytes, their digest, don't agree"
         _log.warning("%s: %s; its flights are flown again", printable(path), why)
         with suppress(OSError):
             path.unlink()

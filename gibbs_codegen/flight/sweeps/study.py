@@ -33,6 +33,8 @@ _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 _FIGURES = [
     f"{n}.{s}" for n in ("distributions", "worst_cases", "sensitivities") for s in ("png", "pdf")
 ]
+# Columns that every table has.
+FIXED = ("case", "robot", "scenario", *REASONS)
 
 
 class Spread(NamedTuple):
@@ -294,10 +296,6 @@ def _toml(value: Any) -> str:
 
 def _cannot(path: StrPath, error: OSError) -> OutputError:
     return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")
-
-
-# Columns that every table has.
-FIXED = ("case", "robot", "scenario", *REASONS)
 
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:

@@ -42,6 +42,9 @@ _USUAL = 0.95
 _SMALL = 0.7
 # Points of a path, and thickness of its line, px.
 _POINTS, _LINE = 600, 3.0
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "8")
+# Frames per second, and frames at most, while there is room.
+_RATE, _MOST = 25.0, 1000
 
 
 class FlightScene:
@@ -196,9 +199,6 @@ def _place(flight: Flight, frame: str) -> int:
     return flight.points.index(frame if frame in flight.points else flight.centre)
 
 
-_SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "8")
-
-
 class FlightPanel:
     """Controls of a flight on a server without any, and the scene that follows them.
 
@@ -262,10 +262,6 @@ def _numbers(flight: Flight, sample: int) -> str:
         for name, value, unit in rows
     )
     return panel_text(f"<table>{cells}</table>")
-
-
-# Frames per second, and frames at most, while there is room.
-_RATE, _MOST = 25.0, 1000
 
 
 def flight_page(flight: Flight) -> ViewPage:

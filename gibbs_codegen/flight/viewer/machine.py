@@ -24,6 +24,28 @@ Indices = NDArray[np.int_]
 
 # Of how far a robot's points reach: the largest disc.
 _LARGEST_DISC = 0.4
+# Accelerations, m/s² and rad/s², and shares of the largest entry, below which there is none.
+_STILL, _ZERO = 1e-6, 1e-12
+# Postures from which it is told which entries of the hybrid system are filled.
+_POSTURES = 4
+# How far joints may be bent to begin with, and how far angles without limits go, rad.
+_BENT, _TURN = (-0.7, 0.7, -2.4, 2.4), float(np.pi)
+# Colours of rotors, thrusts and other forces; of rods without an effort, and with the largest.
+ROTOR, THRUST, FORCE = COLOURS[4], COLOURS[7], COLOURS[2]
+RELAXED, LOADED = "#8d99a6", "#d00000"
+_JOINT_COLOUR = "#262626"
+# Of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes; of the
+# radius of a rotor: its thickness.
+_ROD, _JOINT, _ARROW, _LENGTH, _AXES, _DISC = 0.008, 0.014, 0.012, 0.3, 0.08, 0.06
+# Of the robot's weight, and for torques times its size: what rounding and control leave is less.
+_NOISE = 1e-6
+# How much longer than others an arrow may be.
+_LONGEST = 1.5
+# About the share of a robot's size to which places in a file are rounded.
+_GRAIN = 2.0**-12
+_UP = np.array([[0.0, 0.0, 1.0]])
+# Angle of view of the camera, rad; and how near it is, in distances from which all would be seen.
+_FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
 
 
 @dataclass(frozen=True)
@@ -87,14 +109,6 @@ def skeleton(points: Points, positions: Array, directions: Array) -> Skeleton:
         radius,
         reach + radius,
     )
-
-
-# Accelerations, m/s² and rad/s², and shares of the largest entry, below which there is none.
-_STILL, _ZERO = 1e-6, 1e-12
-# Postures from which it is told which entries of the hybrid system are filled.
-_POSTURES = 4
-# How far joints may be bent to begin with, and how far angles without limits go, rad.
-_BENT, _TURN = (-0.7, 0.7, -2.4, 2.4), float(np.pi)
 
 
 @dataclass(frozen=True)
@@ -282,24 +296,6 @@ def changed(new: Array, old: Array) -> NDArray[np.bool_]:
     size = np.nanmax(np.abs(new), initial=1.0)
     differs: NDArray[np.bool_] = np.abs(new - old) > _ZERO * size
     return differs
-
-
-# Colours of rotors, thrusts and other forces; of rods without an effort, and with the largest.
-ROTOR, THRUST, FORCE = COLOURS[4], COLOURS[7], COLOURS[2]
-RELAXED, LOADED = "#8d99a6", "#d00000"
-_JOINT_COLOUR = "#262626"
-# Of the size of a robot: radii of rods, joints and arrows, lengths of arrows and of axes; of the
-# radius of a rotor: its thickness.
-_ROD, _JOINT, _ARROW, _LENGTH, _AXES, _DISC = 0.008, 0.014, 0.012, 0.3, 0.08, 0.06
-# Of the robot's weight, and for torques times its size: what rounding and control leave is less.
-_NOISE = 1e-6
-# How much longer than others an arrow may be.
-_LONGEST = 1.5
-# About the share of a robot's size to which places in a file are rounded.
-_GRAIN = 2.0**-12
-_UP = np.array([[0.0, 0.0, 1.0]])
-# Angle of view of the camera, rad; and how near it is, in distances from which all would be seen.
-_FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,9 @@ _STYLE = """<style>
 @media (max-width: 500px) { #key { font-size: 12px; } }
 </style>
 """
+# Where a free port is looked for from, and the address that no other machine reaches.
+PORT, _HOST = 8080, "127.0.0.1"
+_LAST = 65535
 
 
 @dataclass(frozen=True)
@@ -113,11 +116,6 @@ def key_list(key: Sequence[tuple[str, str]]) -> str:
 def panel_text(text: str) -> str:
     """Text in HTML with a margin, as viser's panels have their own."""
     return f'{_QUIET}<div style="margin: 4px 10px; font-size: 13px">{text}</div>'
-
-
-# Where a free port is looked for from, and the address that no other machine reaches.
-PORT, _HOST = 8080, "127.0.0.1"
-_LAST = 65535
 
 
 @contextmanager

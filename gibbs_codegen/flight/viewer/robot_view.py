@@ -37,6 +37,24 @@ from gibbs_codegen.flight.viewer.pattern import pattern_svg, symbol
 _FLOOR, _AROUND, _BETWEEN_PANELS = 0.2, 1.25, 1.4
 # Share of postures whose largest thrusts and efforts are not too large to be shown whole.
 _USUAL = 0.8
+# How long a coordinate moves, s, in frames; and how many frames there are at most, for all.
+_SECONDS, _FRAMES, _MOST = 3.0, 60, 900
+# How far angles go, rad: as far as shows what they do. Lengths, in the robot's size.
+_SWING, _ROOM = 0.6, 0.15
+# How far inputs without limits go, in the largest that holds the robot, and lengths, in its size.
+_INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
+# Postures from which the scale of arrows and colours is taken: for each coordinate, and how far
+# lengths go in them, in the robot's size.
+_SWING_FRAMES, _SWING_ROOM = 4, 0.15
+_PANEL_WIDTH = 360
+_HOLD = (
+    "Chooses the inputs of least thrust that hold the robot where it is, or do so as nearly as "
+    "they can. They know no limits."
+)
+_PATTERN = (
+    "Orange entries changed with the last move; blank ones are zero in every posture at rest. "
+    "Rows are the equations of the unknowns."
+)
 
 
 class RobotScene:
@@ -109,12 +127,6 @@ def _usual(values: Sequence[Array], least: float) -> float:
     return most if most > least else 0.0
 
 
-# How long a coordinate moves, s, in frames; and how many frames there are at most, for all.
-_SECONDS, _FRAMES, _MOST = 3.0, 60, 900
-# How far angles go, rad: as far as shows what they do. Lengths, in the robot's size.
-_SWING, _ROOM = 0.6, 0.15
-
-
 def robot_page(machine: Machine) -> ViewPage:
     """Record a robot as its attitude and its joints move, held still in each posture.
 
@@ -163,22 +175,6 @@ def swings(machine: Machine, start: Array, room: float, count: int) -> list[tupl
             q = machine.coordinates(controls)
             frames.append((labels[place], machine.state(q, machine.hover(q))))
     return frames
-
-
-# How far inputs without limits go, in the largest that holds the robot, and lengths, in its size.
-_INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
-# Postures from which the scale of arrows and colours is taken: for each coordinate, and how far
-# lengths go in them, in the robot's size.
-_SWING_FRAMES, _SWING_ROOM = 4, 0.15
-_PANEL_WIDTH = 360
-_HOLD = (
-    "Chooses the inputs of least thrust that hold the robot where it is, or do so as nearly as "
-    "they can. They know no limits."
-)
-_PATTERN = (
-    "Orange entries changed with the last move; blank ones are zero in every posture at rest. "
-    "Rows are the equations of the unknowns."
-)
 
 
 class RobotPanel:

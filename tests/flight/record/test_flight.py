@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.flight.record.flight import Flight, read_flight
+from gibbs_codegen.flight.record.flight import Flight, is_flight, read_flight
 from gibbs_codegen.flight.record.series import RANGES
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -149,6 +149,7 @@ def test_a_damaged_file_is_told(flight: Flight, tmp_path: Path) -> None:
         for place in random.integers(len(whole), size=3):
             damaged[place] = random.integers(256)
         path.write_bytes(damaged)
+        is_flight(path)
         try:
             read_flight(path)
         except UsageError as error:

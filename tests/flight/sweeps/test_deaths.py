@@ -16,7 +16,6 @@ import pytest
 
 from gibbs_codegen import UsageError, sweep, uniform
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps import chunks as work
 
 DEADLY = 0.063
 PARAMETERS = {
@@ -71,14 +70,23 @@ def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
     with ThreadPoolExecutor(1) as here:
         again = sweep(robot, "hover", PARAMETERS, 1, 0, measure, here, tmp_path / "a").table
     assert again.tobytes() == table.tobytes()
+    # Halves that are there already count as done.
+    for path in (tmp_path / "a").glob("chunks/*"):
+        if len(np.load(path)) == 2:
+            path.unlink()
+    told = []
+    asked = (measure, None, tmp_path / "a", lambda what, share: told.append(share), 1)
+    sweep(robot, "hover", PARAMETERS, 1, 0, *asked)
+    assert told[-1] == 1.0
 
 
 def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, alive, monkeypatch):
     def interrupt(what, share):
         if share == 0.25:
+            assert [len(np.load(path)) for path in (tmp_path / "a").glob("chunks/*")] == [1]
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(work, "_SECONDS", 0.0)  # One flight at a time.
+    monkeypatch.setattr(chunks, "_HANDED_OVER", 0.0)  # One flight at a time.
     parameters, measure = {**PARAMETERS, "duration": [DEADLY, 0.05]}, {"worst [m]": deadly}
     with ThreadPoolExecutor(1) as here, pytest.raises(KeyboardInterrupt):
         sweep(robot, "hover", parameters, 1, 0, measure, here, tmp_path / "a", interrupt)

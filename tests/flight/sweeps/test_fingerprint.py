@@ -94,6 +94,18 @@ def of_class(value=None, limit=0):
     return Measure
 
 
+def named_like_another(factor):
+    return functools.wraps(np.max)(lambda flight: factor * flight.x)
+
+
+class Wrapping:
+    """A measure around another, with something of its own."""
+
+    def __init__(self, factor):
+        functools.update_wrapper(self, over)
+        self.factor = factor
+
+
 @pytest.mark.parametrize(
     ("one", "other"),
     [
@@ -116,6 +128,11 @@ def of_class(value=None, limit=0):
         (math.sin, math.cos),
         (np.max, np.min),
         (functools.partial(max, 1), functools.partial(max, 2)),
+        (named_like_another(1), named_like_another(2)),
+        (Wrapping(1), Wrapping(2)),
+        [functools.update_wrapper(functools.partial(over, k), over) for k in (1, 2)],
+        (lambda *v: v, lambda v: v),
+        (lambda v, w: v, lambda v, *, w: v),
         (read_scenario("hover"), replace(read_scenario("hover"), duration=4.9)),
     ],
 )
@@ -135,6 +152,18 @@ def test_what_nothing_tells_is_refused():
         fingerprint(each for each in range(3))
 
 
+def test_what_holds_itself_is_refused_in_words():
+    own = []
+    own.append(own)
+    with pytest.raises(UsageError, match=r"is called again \(it holds itself\)"):
+        fingerprint(own)
+
+
+def test_equal_arrays_count_alike_whether_or_not_they_are_one():
+    array = np.arange(3.0)
+    assert fingerprint([array, array]) == fingerprint([array, array.copy()])
+
+
 HELPERS = """
 import dataclasses, functools
 def h(x): return {0} * x
@@ -152,6 +181,7 @@ plain = Plain()
 
 def of_module(name, factor, make):
     module = ModuleType(name)
+    module.__file__ = f"{name}.py"
     sys.modules[name] = module
     exec(HELPERS.format(factor), vars(module))  # noqa: S102  # Shorter than files.
     return fingerprint(make(module))
@@ -183,6 +213,12 @@ def test_code_of_other_modules_of_the_user_counts(make, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
     assert of_module(name, 2, make) == of_module(name, 2, make)
     assert of_module(name, 2, make) != of_module(name, 3, make)
+
+
+def test_a_module_of_the_user_may_be_named_like_one_of_pythons(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trace", None)
+    found = {of_module("trace", factor, lambda module: module.h) for factor in (2, 3)}
+    assert len(found) == 2
 
 
 def test_what_is_imported_within_a_function_and_is_not_there_is_refused():

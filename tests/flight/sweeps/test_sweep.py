@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from gibbs_codegen import (
     GibbsCodegenError,
+    OutputError,
     UsageError,
     load,
     normal,
@@ -21,18 +23,27 @@ from gibbs_codegen import (
     together,
     uniform,
 )
+from gibbs_codegen.flight import many
 from gibbs_codegen.flight.scenario.control import Motors
 from gibbs_codegen.flight.scenario.scenario import StartOffset
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps import chunks as work
 from gibbs_codegen.flight.sweeps.plan import cases_of
 from gibbs_codegen.flight.sweeps.sampling import varied
 from gibbs_codegen.flight.sweeps.sources import nested, robot_source, scenario_source
-from gibbs_codegen.flight.sweeps.store import REASONS
+from gibbs_codegen.flight.sweeps.store import REASONS, Store
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
 WORST = {"worst [m]": "tip_error.max"}
+# The end of flights long enough, and near enough to their limits, to show whatever rounds.
+END = {"end": lambda flight: flight.q[-1].sum()}
+FAR = {
+    **LATE,
+    "start.offset[1]": uniform(-0.01, 0.01),
+    "duration": 1.0,
+    "motors.limits": [[-60.0, 60.0]],
+    "motors.time_constant": [0.0, 0.01],
+}
 
 
 class Backwards(Executor):
@@ -56,6 +67,13 @@ class Backwards(Executor):
 def here():
     with ThreadPoolExecutor(1) as executor:
         yield executor
+
+
+@pytest.fixture
+def alone_is_another(monkeypatch):
+    """Flights by themselves differ from those in blocks, however a processor rounds."""
+    integrate = many.integrate
+    monkeypatch.setattr(many, "integrate", lambda loop, q, *a: integrate(loop, q + 1e-9, *a))
 
 
 def test_measures_are_those_of_single_flights(robot, tmp_path, here):
@@ -86,16 +104,19 @@ def test_samples_are_the_same_in_every_combination(robot, tmp_path, here):
     assert table["gravity"].tolist() == ([9.81] * 3 + [3.7] * 3) * 2
 
 
-def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch):
-    parameters = {**LATE, "motors.time_constant": [0.0, 0.01]}
-    first = sweep(robot, "hover", parameters, 6, 1, WORST, here, tmp_path / "a")
+@pytest.mark.usefixtures("alone_is_another")
+@pytest.mark.parametrize("more", [{}, {"duration": [0.9, 1.0], "motors.time_constant": 0.01}])
+def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch, more):
+    asked = {**FAR, **more}
+    first = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / "a")
+    assert len(first.whole) == 12
     for flights in (1, 5, 12):
         monkeypatch.setattr(chunks, "_MOST_FLIGHTS", flights)
-        other = sweep(robot, "hover", parameters, 6, 1, WORST, here, tmp_path / str(flights))
+        other = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / str(flights))
         assert other.table.dtype == first.table.dtype
         assert other.table.tobytes() == first.table.tobytes()
     monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 3)
-    last = sweep(robot, "hover", parameters, 6, 1, WORST, Backwards(4), tmp_path / "last")
+    last = sweep(robot, "hover", asked, 6, 1, END, Backwards(4), tmp_path / "last")
     assert last.table.tobytes() == first.table.tobytes()
 
 
@@ -289,24 +310,42 @@ def test_a_chunk_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, he
         assert path.read_bytes() == whole
 
 
+def test_a_chunk_that_cannot_be_read_is_left_alone(robot, tmp_path, here, monkeypatch):
+    sweep(robot, "hover", LATE, 2, 1, WORST, here, tmp_path)
+    (path,) = (tmp_path / "chunks").iterdir()
+
+    def broken(self):
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(type(path), "read_bytes", broken)
+        with pytest.raises(OutputError, match=rf"{path}: cannot be read: Input/output error"):
+            Store(tmp_path).read(path.stem)
+    assert path.is_file()
+
+
+@pytest.mark.usefixtures("alone_is_another")
 def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, here, monkeypatch):
-    first = sweep(robot, "hover", LATE, 6, 1, WORST, here, tmp_path / "a")
-    monkeypatch.setattr(work, "_SECONDS", 0.0)  # One flight at a time.
-    told = []
+    asked = {**FAR, "motors.time_constant": 0.01}
+    first = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / "a")
+    monkeypatch.setattr(chunks, "_HANDED_OVER", 0.0)  # One flight at a time.
+    told, kept = [], []
 
     def interrupt(what, share):
         told.append(share)
+        kept.append([len(np.load(path)) for path in (tmp_path / "b").glob("chunks/*")])
         if share > 0.4:
             raise KeyboardInterrupt
 
-    asked = (robot, "hover", LATE, 6, 1, WORST, here, tmp_path / "b")
+    again = (robot, "hover", asked, 6, 1, END, here, tmp_path / "b")
     with pytest.raises(KeyboardInterrupt):
-        sweep(*asked, interrupt)
-    assert told[-1] == 0.5
+        sweep(*again, interrupt)
+    assert [round(6 * share) for share in told if share] == [1, 2, 3]
+    assert kept[-3:] == [[1], [2], [3]]
     told.clear()
-    again = sweep(*asked, lambda what, share: told.append(share))
+    rest = sweep(*again, lambda what, share: told.append(share))
     assert [round(6 * share) for share in told if share] == [3, 4, 5, 6]
-    assert again.table.tobytes() == first.table.tobytes()
+    assert rest.table.tobytes() == first.table.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -315,6 +354,7 @@ def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, 
         ({}, True),
         ({"integration.method": "rk4"}, False),
         ({"control.rate": 200.0}, False),
+        ({"control.rate": 200.0, "sensors.position": 0.01}, False),
         ({"duration": [0.01, 0.02], "motors.time_constant": 0.0}, False),
     ],
 )
