@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.synthetic_flight import synthetic_flight
 
-from gibbs_codegen.cli.simulate import reached_limits
+from gibbs_codegen.cli.limits_report import reached_limits
 from gibbs_codegen.flight.record.flight import Flight
 
 

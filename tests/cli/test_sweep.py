@@ -19,7 +19,8 @@ import pytest
 from support.command import ENVIRONMENT, run
 from support.synthetic_study import LAG, MASS, synthetic_study
 
-from gibbs_codegen.cli.sweep import print_study, varied
+from gibbs_codegen.cli.sweep import varied
+from gibbs_codegen.cli.sweep_report import print_study
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.sweeps.sampling import log_uniform, normal, scaled, together, uniform

@@ -1,0 +1,151 @@
+"""What `verify` says: as plain data, and laid out for a terminal."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gibbs_codegen.cli.terminal import plain_table
+from gibbs_codegen.verification.comparison import Comparison, failure_text, shown
+from gibbs_codegen.verification.verify import Verification
+
+if TYPE_CHECKING:
+    from gibbs_codegen.verification.verify import Verification
+
+
+# Longer, a list of failures is not read.
+_MOST_FAILURES = 12
+
+
+def as_data(verification: Verification) -> dict[str, Any]:
+    """Everything that `verify` found in values that JSON can hold; what is not a number is null."""
+    return {
+        "robot": verification.robot,
+        "seed": verification.seed,
+        "passed": verification.passed,
+        "comparisons": verification.count,
+        "failures": len(verification.failures),
+        "not_done": verification.not_done,
+        "backends": {
+            backend: [
+                asdict(c)
+                | {"error": c.error if math.isfinite(c.error) else None, "passed": c.passed}
+                for c in comparisons
+            ]
+            for backend, comparisons in verification.comparisons.items()
+        },
+    }
+
+
+def print_verification(verification: Verification, console: Console) -> None:
+    """Print the largest errors: for each back end functions by formulations, then the rest."""
+    for backend, comparisons in verification.comparisons.items():
+        by_formulation, others = _sorted(comparisons)
+        title = f"{backend}: largest relative error of each function against …"
+        for columns in _fitting(by_formulation, console.width):
+            console.print(_formulation_table(title, columns))
+            console.print()
+            title = f"{backend}: … and against …"
+        if others:
+            console.print(_invariant_table(backend, others))
+            console.print()
+    for what, reason in verification.not_done.items():
+        console.print(Text(f"{what}: not compared: {reason}"))
+
+
+def failure_lines(verification: Verification) -> list[str]:
+    """A line for each comparison that failed, the worst first; the last counts those left out."""
+    failures = sorted(verification.failures, key=lambda f: -f[1].error)
+    lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
+    if len(failures) > _MOST_FAILURES:
+        lines.append(f"and {len(failures) - _MOST_FAILURES} more")
+    return lines
+
+
+def _sorted(
+    comparisons: list[Comparison],
+) -> tuple[dict[str, dict[str, Comparison]], list[Comparison]]:
+    """Comparisons by formulation and function where one column serves many functions; the rest."""
+    columns: dict[str, dict[str, Comparison]] = {}
+    for comparison in comparisons:
+        columns.setdefault(comparison.against, {})[comparison.what] = comparison
+    wide = {
+        against: rows
+        for against, rows in columns.items()
+        if len(rows) > 6 and any(c.states for c in rows.values())
+    }
+    return wide, [c for c in comparisons if c.against not in wide]
+
+
+Columns = dict[str, dict[str, Comparison]]
+
+
+def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
+    """The columns shared among tables that are no wider than the terminal, one column at least."""
+    functions = {what for rows in columns.values() for what in rows}
+    room = width - max(map(len, functions), default=0)
+    some: Columns = {}
+    left = room
+    for against, rows in columns.items():
+        cells = [_cell(comparison).plain for comparison in rows.values()]
+        needed = 2 + max(map(len, [*_heading(against).split("\n"), *cells]))
+        if some and needed > left:
+            yield some
+            some, left = {}, room
+        some[against] = rows
+        left -= needed
+    if some:
+        yield some
+
+
+def _heading(against: str) -> str:
+    """A heading in short lines."""
+    return textwrap.fill(against, 12, break_long_words=False)
+
+
+def _formulation_table(title: str, columns: Columns) -> Table:
+    table = plain_table(title, padding=(0, 2, 0, 0))
+    table.add_column("function", no_wrap=True, vertical="bottom")
+    for against in columns:
+        table.add_column(_heading(against), justify="right", no_wrap=True, vertical="bottom")
+    functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
+    for function in functions:
+        table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
+    limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in columns.values()]
+    states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
+    table.add_row("limit", *limits, style="dim")
+    table.add_row("states", *states, style="dim")
+    return table
+
+
+def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
+    table = plain_table(f"{backend}: other comparisons")
+    table.add_column("what", no_wrap=True)
+    table.add_column("against", overflow="fold")
+    for column in ("states", "error", "limit"):
+        table.add_column(column, justify="right")
+    for c in comparisons:
+        limit = "exact" if c.limit == 0.0 else shown(c)[1]
+        states = str(c.states) if c.states else "-"
+        table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
+        if c.fault:
+            table.add_row("", Text(c.fault, style="red"))
+    return table
+
+
+def _cell(comparison: Comparison | None) -> Text:
+    if comparison is None:
+        return Text("-", style="dim")
+    if comparison.passed:
+        return Text(f"{comparison.error:.1e}" if comparison.error else "0")
+    error, limit = shown(comparison)
+    number = f"{error} > {limit}" if math.isfinite(comparison.error) else ""
+    # The word too, for a pipe has no colours.
+    return Text(f"FAILS {number}".strip(), style="bold red")
