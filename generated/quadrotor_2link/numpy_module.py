@@ -460,7 +460,8 @@ def sqrt(x: Any) -> Any:
         x: A number, or an array of them.
 
     Returns:
-        A float for a float of Python, else what NumPy has, which knows how to divide by zero.
+        A float for a float of Python, else a number or array of NumPy, which can be divided by
+        when it is zero.
     """
     return math.sqrt(x) if type(x) is float else np.sqrt(x)
 
@@ -655,8 +656,7 @@ class NotFiniteReport:
         self._labels = {"q": coordinates, "u": inputs, "u_dot": inputs, "h": ["the step"]}
         self._labels["W"] = [frame for frame in frames for _ in range(6)]
         self._velocities = velocities
-        turns = ", a quaternion has no direction" if "qw" in coordinates else ""
-        self._causes = f"numbers overflow{turns}, or nothing resists an acceleration"
+        self._quaternion = [i for i, q in enumerate(coordinates) if q in ("qx", "qy", "qz", "qw")]
 
     def __call__(
         self,
@@ -684,17 +684,22 @@ class NotFiniteReport:
             return
         state = np.unravel_index(np.argmax(lost), lost.shape)
         largest, place = 0.0, ""
+        cause = "numbers overflow, or nothing resists an acceleration"
         for name, argument in arguments.items():
             values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
             i = int(np.argmax(np.abs(values)))
             if abs(values[i]) >= abs(largest):
                 labels = self._labels.get(name.rstrip("01"), self._velocities)
                 largest, place = values[i], f"{name} of {labels[i]}"
+            if self._quaternion and name.rstrip("01") == "q":
+                squared = sum(x * x for x in values[self._quaternion].tolist())
+                if squared in (0.0, math.inf):
+                    cause = "a quaternion has no direction"
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (
             f"{self._module}.{function} is not finite{where} though its arguments are: "
-            f"{self._causes} (largest there: {place}, {largest:g})"
+            f"{cause} (largest there: {place}, {largest:g})"
         )
         if mode == "raise":
             raise FloatingPointError(message)
