@@ -27,7 +27,7 @@ from gibbs_codegen.runtime.compiled_function import (
     GeneralFunction,
     Pool,
 )
-from gibbs_codegen.runtime.load import LoadedModule
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
 class EachLibrary:

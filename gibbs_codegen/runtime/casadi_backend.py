@@ -17,7 +17,7 @@ import numpy as np
 from gibbs_codegen.emitted.preparation import real_numbers
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.runtime.kernels import Kernels, Objects, objects
-from gibbs_codegen.runtime.load import LoadedModule
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 _ELEMENTARY = {
     "sin": casadi.sin,

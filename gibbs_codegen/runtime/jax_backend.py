@@ -28,7 +28,7 @@ from gibbs_codegen.interface import FUNCTIONS, Signature, derivative, module_sig
 from gibbs_codegen.runtime.jax_ffi import CompiledCalls, compiled_calls
 from gibbs_codegen.runtime.jax_rules import Tangents, by_parameters, rule_of
 from gibbs_codegen.runtime.kernels import Kernels
-from gibbs_codegen.runtime.load import LoadedModule
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 ELEMENTARY = {
     "sin": jnp.sin,

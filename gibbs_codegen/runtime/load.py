@@ -17,45 +17,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
-from gibbs_codegen.errors import MissingFunctionError, UsageError, cause_of, printable
-from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, module_signatures
-
-# Functions that bring what is no function of the table.
-_BROUGHT_BY = {
-    "BASE_PARAMETERS": "base_parameters",
-    "PATTERNS": "forward_dynamics_derivatives",
-    "step": "step_euler",
-    "step_derivatives": "step_euler_derivatives",
-}
-
-
-class LoadedModule(ModuleType):
-    """The constants of a module; the error for what it lacks names the option that adds it.
-
-    `backend` computes its functions: "numpy", "c", "casadi" or "jax".
-    """
-
-    backend = "numpy"
-
-    def __init__(self, module: ModuleType, backend: str) -> None:
-        """Take the constants of a NumPy module, to which a back end adds its functions."""
-        super().__init__(module.__name__, module.__doc__)
-        self.__file__ = module.__file__
-        self.__path__ = module.__path__
-        self.backend = backend
-        for name in (*DATA, *DATA_ON_REQUEST):
-            if hasattr(module, name):
-                setattr(self, name, getattr(module, name))
-
-    def __getattr__(self, name: str) -> Any:
-        """Raise `MissingFunctionError` for what is generated on request, else `AttributeError`."""
-        function = _BROUGHT_BY.get(name, name)
-        if function in FUNCTIONS and FUNCTIONS[function].on_request:
-            raise MissingFunctionError(self.NAME, name, self.DERIVATIVES, function)
-        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-
+from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.interface import DATA, module_signatures
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 BACKENDS = ("numpy", "c")
 # Back ends whose functions belong to another library, which the extra of that name installs.

@@ -16,6 +16,8 @@ from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.rollouts import Array, Feedback, Motors
 
+Controller = Callable[[float, Any, Any], Any]
+
 # Every call asks for it, of one module after all.
 _layout = functools.lru_cache(maxsize=64)(Layout.listed)
 

@@ -10,8 +10,7 @@ from typing import Any
 import jax
 import jax.numpy
 
-from gibbs_codegen.flight.rollouts.arguments import Given, numpy_array
-from gibbs_codegen.flight.rollouts.rollout import Controller
+from gibbs_codegen.flight.rollouts.arguments import Controller, Given, numpy_array
 from gibbs_codegen.runtime.rollouts import (
     DIVERGED,
     OUT_OF_BOUNDS,

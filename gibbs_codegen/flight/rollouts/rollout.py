@@ -13,7 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.rollouts.arguments import Given, seconds, whole
+from gibbs_codegen.flight.rollouts.arguments import Controller, Given, seconds, whole
 from gibbs_codegen.flight.rollouts.closed_loop import flown_rollout
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.c_library import CompilerError
@@ -33,7 +33,6 @@ from gibbs_codegen.runtime.rollouts import (
     rollout_function,
 )
 
-Controller = Callable[[float, Any, Any], Any]
 Roll = Callable[[Problem], Rollout]
 _log = logging.getLogger("gibbs_codegen")
 
