@@ -36,7 +36,7 @@ _STATES, _DRAWN = 2 * LANES + 4, 10
 _STEPS, _LONG = 6, 5.0
 _ROUNDINGS = 20.0
 # The largest limit: a greater one would let faults pass.
-_LARGEST = 1e-3
+_LARGEST = 1e-2
 _ILL = "rounding leaves too few digits of the robot's accelerations"
 
 

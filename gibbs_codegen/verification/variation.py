@@ -31,10 +31,10 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     """The robot with other numbers for some parameters.
 
     Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and
-    negative for two numbers of four (`number` decides which); what is zero gets a size that is natural to
-    the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of negative
-    length has a negative mass per length, since it lies the other way, and products of inertia
-    change their signs as if axes of the body did.
+    negative for two numbers of four (`number` decides which); what is zero gets a size that is
+    natural to the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of
+    negative length has a negative mass per length, since it lies the other way, and products of
+    inertia change their signs as if axes of the body did.
     """
     draw, tree = _Draw(seed, number), Tree(robot)
     reach, period = tree.reach, 1.0 / tree.tempo
