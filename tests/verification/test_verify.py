@@ -160,7 +160,7 @@ def test_planted_faults_are_found(
         path.write_text(text, encoding="utf-8")
         if verify(copied, states=3, backends=["numpy"]).passed:
             missed.append(what)
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_planted_faults_in_c_are_found(
         assert list(found.comparisons) == ["c"], found.not_done
         if found.passed:
             missed.append(what)
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 # Compares rollouts alone, in a process that a fault may end.
@@ -201,8 +201,9 @@ for precision in ("double", "single"):
     ("attitude", "faults", "least"),
     [
         ("angles", 3, 3),
-        pytest.param("angles", 30, 29, marks=pytest.mark.slow),
-        pytest.param("quaternion", 30, 29, marks=pytest.mark.slow),
+        # Two of them change lanes that are not used, or not in double precision.
+        pytest.param("angles", 30, 28, marks=pytest.mark.slow),
+        pytest.param("quaternion", 30, 28, marks=pytest.mark.slow),
     ],
 )
 def test_planted_faults_in_rollouts_are_found(
@@ -226,7 +227,7 @@ def test_planted_faults_in_rollouts_are_found(
     path.write_text(text, encoding="utf-8")
     found = subprocess.run(command, check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["passed", "passed"]
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 def test_a_module_of_wrong_rollouts_fails_and_one_without_says_so(copied: Path) -> None:
