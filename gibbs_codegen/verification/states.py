@@ -15,8 +15,8 @@ from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
 _STEEPEST = 1.2
 # Angles of a few turns; and the least of far ones, as a share of the largest.
 _TURNS, _FAR = 50.0, 0.8
-# Distances from the singular attitude, which states next to it have by turns.
-_NEAR = (1e-2, 1e-5, 1e-8)
+# Distances from the singular attitude, one for every three states by turns.
+_NEAR = np.repeat((1e-2, 1e-5, 1e-8), 3)
 # A step, as a share of a velocity over an acceleration.
 _SHORT = 0.01
 # Largest angles: beyond those that C computes by itself, 1e5 rad, and 400 in single precision.
@@ -136,8 +136,7 @@ class States:
         kinds = np.arange(count) % 3
         chosen = np.where(kinds[:, None] == 0, several, beyond)
         q[:, turning] = np.where(kinds[:, None] == 2, q[:, turning], chosen)
-        distances = np.resize(np.repeat(_NEAR, 3), count)
-        near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * distances
+        near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * np.resize(_NEAR, count)
         middle = tree.middle_angle
         q[:, middle] = np.where(kinds == 2, signs[:, 0] * near, q[:, middle])
         return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)

@@ -28,7 +28,7 @@ from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.verification.contents import compare_c_defaults
+from gibbs_codegen.verification.contents import compare_c_defaults, compare_contents
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.frame_rows import frame_rows
 from gibbs_codegen.verification.modules import verify
@@ -160,7 +160,7 @@ def test_planted_faults_are_found(
         path.write_text(text, encoding="utf-8")
         if verify(copied, states=3, backends=["numpy"]).passed:
             missed.append(what)
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_planted_faults_in_c_are_found(
         assert list(found.comparisons) == ["c"], found.not_done
         if found.passed:
             missed.append(what)
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 # Compares rollouts alone, in a process that a fault may end.
@@ -201,6 +201,7 @@ for precision in ("double", "single"):
     ("attitude", "faults", "least"),
     [
         ("angles", 3, 3),
+        # One of them changes lanes that are not used.
         pytest.param("angles", 30, 29, marks=pytest.mark.slow),
         pytest.param("quaternion", 30, 29, marks=pytest.mark.slow),
     ],
@@ -213,19 +214,20 @@ def test_planted_faults_in_rollouts_are_found(
     path = folder / "quadrotor_2link_rollout.c"
     text = path.read_text(encoding="utf-8")
     command = [sys.executable, "-c", ROLLOUTS, str(folder)]
-    missed, uncompiled = [], 0
+    missed, apart = [], []  # Apart are those that no compiler takes, or that end the process.
     for altered, what in planted(text, faults, seed=1, statement=ANY_IN_C):
         path.write_text(altered, encoding="utf-8")
         found = subprocess.run(command, check=False, capture_output=True, text=True)
-        said = found.stdout.split()[:1]  # In double precision, whose limit is the least.
-        uncompiled += said == ["uncompiled"]
-        if said not in (["failed"], ["uncompiled"]):
-            missed.append(f"{what} ({said or found.returncode})")
-    assert uncompiled <= faults // 5
+        said = found.stdout.split()  # In double precision, and in single.
+        if "uncompiled" in said or found.returncode < 0:
+            apart.append(what)
+        elif "failed" not in said:
+            missed.append(what)
+    assert len(apart) <= faults // 2, apart
     path.write_text(text, encoding="utf-8")
     found = subprocess.run(command, check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["passed", "passed"]
-    assert len(missed) <= faults - least, missed
+    assert len(missed) <= faults - least, "\n".join(missed)
 
 
 def test_a_module_of_wrong_rollouts_fails_and_one_without_says_so(copied: Path) -> None:
@@ -268,7 +270,6 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
         ('"theta_0",', '"theta_zero",', {"COORDINATES", "HYBRID_COORDINATES"}),
         ('"gravity": 9.81', '"gravity": 9.8', {"PARAMETERS"}),
         ('ATTITUDE = "xyz"', 'ATTITUDE = "zyx"', {"ATTITUDE"}),
-        ("\nCARRIERS = ", "\nCARRIED = ", {"CARRIERS"}),
         ('"motor2", "motor3"', '"motor3", "motor2"', {"POINTS"}),
         ("\ndef _kinetic_energy(", "\ndef _kinetic_enemy(", {"kinetic_energy"}),
         ("shaped(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.mass_matrix"}),
@@ -295,6 +296,13 @@ def test_whatever_was_done_to_a_module_is_a_failure_with_a_reason(
     found = verify(copied, states=2, backends=["numpy"])
     assert failed <= {c.what for _, c in found.failures}
     assert all(c.fault or not math.isfinite(c.error) or c.error > 0 for _, c in found.failures)
+
+
+def test_a_module_without_carriers_fails() -> None:
+    robot = read_robot("quadrotor_2link")[0]
+    module = emitted_module(robot)
+    del module.CARRIERS
+    assert failing(compare_contents(module, robot)) == ["CARRIERS"]
 
 
 def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
