@@ -764,10 +764,9 @@ class NotFiniteReport:
             if abs(values[i]) >= abs(largest):
                 labels = self._labels.get(name.rstrip("01"), self._velocities)
                 largest, place = values[i], f"{name} of {labels[i]}"
-            if self._quaternion and name.rstrip("01") == "q":
-                squared = sum(x * x for x in values[self._quaternion].tolist())
-                if squared in (0.0, math.inf):
-                    cause = "a quaternion has no direction"
+            turns = self._quaternion if name.rstrip("01") == "q" else []
+            if turns and sum(x * x for x in values[turns].tolist()) in (0.0, math.inf):
+                cause = "a quaternion has no direction"
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (
