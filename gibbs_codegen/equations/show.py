@@ -164,7 +164,7 @@ COLUMNS = (
 FRAMES = (
     "Each item lies in the frame of the one before: turned by gamma about z, moved by x, y and z, "
     "turned by alpha about x, moved by d along z and turned by theta about z. Angles are in "
-    "degrees; the coordinate adds to theta or, where it is a length, to d."
+    "degrees; the coordinate adds to theta or, of a joint that slides, to d."
 )
 
 

@@ -281,7 +281,7 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     assert max(map(len, done.stdout.splitlines())) <= 100
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "a1 revolute 0.4 ±2 rad 0.1" in lines
-    assert "a1 base 0.1, 0, -0.02 0, 0, 0 0.6, 0, 0.8" in lines
+    assert "a1 base 0.1, 0.02, -0.08 171.9, 14.32, -22.92 0.6, 0, 0.8" in lines
     assert any("(kg, m, kg m² about the centre of mass)" in line for line in lines)
     assert "rotor_4 b2 0.2, 0.02, 0.03 -x 0.03 0 … 15 N" in lines
     assert "none hold it level: a moment of 0, 2.324, 0 N m is left" in " ".join(lines)
