@@ -459,9 +459,10 @@ def _spread(cases: list[pytest.Item], count: int) -> list[pytest.Item]:
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Before any worker begins, remove what earlier runs have kept and nobody used for long."""
-    if not hasattr(session.config, "workerinput") and session.config.cache is not None:
-        forget_unused(Path(session.config.cache.mkdir("modules")))
-        forget_unused(Path(session.config.cache.mkdir("compiled")) / "libraries")
+    cache = getattr(session.config, "cache", None)
+    if cache is not None and not hasattr(session.config, "workerinput"):
+        forget_unused(cache.mkdir("modules"))
+        forget_unused(cache.mkdir("compiled") / "libraries")
 
 
 @pytest.fixture(scope="session")
@@ -472,18 +473,21 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def kept(pytestconfig: pytest.Config) -> Path:
+def kept(pytestconfig: pytest.Config, shared: Path) -> Path:
     """A folder for modules that later runs use again, until the generator changes."""
-    folder = Path(pytestconfig.cache.mkdir("modules")) / generator_digest()
-    folder.mkdir(exist_ok=True)
+    cache = getattr(pytestconfig, "cache", None)  # There is none where pytest is to keep nothing.
+    folder = (cache.mkdir("modules") if cache else shared / "modules") / generator_digest()
+    folder.mkdir(parents=True, exist_ok=True)
     folder.touch()
     return folder
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _compiled_cache(pytestconfig: pytest.Config) -> None:
+def _compiled_cache(pytestconfig: pytest.Config, shared: Path) -> None:
     """A cache of compiled libraries of the tests' own, which later runs use again."""
-    os.environ["GIBBS_CODEGEN_CACHE"] = str(pytestconfig.cache.mkdir("compiled") / "libraries")
+    cache = getattr(pytestconfig, "cache", None)
+    folder = (cache.mkdir("compiled") if cache else shared) / "libraries"
+    os.environ["GIBBS_CODEGEN_CACHE"] = str(folder)
 
 
 def compiled_soon(folder: Path) -> ModuleType:
