@@ -40,7 +40,6 @@ def best(statement: str, names: dict[str, object], number: int) -> float:
 def main() -> None:
     """Print nanoseconds a call and a state."""
     numpy, compiled = load(ROBOT), load(ROBOT, backend="c")
-    library = ctypes.CDLL(compiled.__file__)
     rng = np.random.default_rng(0)
     table = Table(title=f"{numpy.NAME}: ns")
     for column in ("function", "C itself", "call", "overhead", "in a batch", "NumPy", "in a batch"):
@@ -56,7 +55,7 @@ def main() -> None:
             if len(given) <= 5:  # As many as the timing loop passes on; the rest are not looked at.
                 given += [0] * (5 - len(given))
                 first = [number for pointer in given[:3] for number in (pointer, 0)]
-                address = ctypes.cast(library[f"{numpy.NAME}_{signature.name}"], ctypes.c_void_p)
+                address = ctypes.cast(compiled.compiled.function(signature.name), ctypes.c_void_p)
                 itself = min(time_calls(address, 20_000, 1, *first, *given[3:]) for _ in range(10))
             row = [itself]
             for module in (compiled, numpy):

@@ -173,7 +173,7 @@ def check(who: str, value: Any, right: Array) -> None:
 
 def measured(robot: str, folder: Path, console: Console) -> dict[str, list[tuple[float, float]]]:
     """Microseconds for one state and for a state of many, alone and with Jacobian, by way."""
-    targets = ["numpy", "c", "matlab"]
+    targets = ["numpy", "c", "casadi", "matlab"]
     made = generate(robot, folder, targets=targets, derivatives=True)
     modules = {b: load(made, backend=b) for b in ("numpy", "c", "casadi", "jax")}
     numpy, compiled = modules["numpy"], modules["c"]

@@ -1,6 +1,6 @@
 """Times of model predictive control, in one run: `python benchmarks/nmpc_times.py`.
 
-The controller of `gibbs_codegen.examples.nmpc` flies the same circle with the same solver and
+The controller of `examples.nmpc` flies the same circle with the same solver and
 tolerances, and gets the time step, the tip's position and their derivatives from
 
 - the emitted C, with its exact derivatives as CasADi's external functions find them,
@@ -45,10 +45,10 @@ from peers.casadi_recursions import Machine  # noqa: E402
 from peers.casadi_spatial import Scalar, Vector  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
 
-from gibbs_codegen.examples.controller import Controller  # noqa: E402
-from gibbs_codegen.examples.nmpc import STEP  # noqa: E402
-from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of  # noqa: E402
-from gibbs_codegen.examples.tracking_problem import (  # noqa: E402
+from examples.controller import Controller  # noqa: E402
+from examples.nmpc import STEP  # noqa: E402
+from examples.task import Circle, Task, circle_task, module_of  # noqa: E402
+from examples.tracking_problem import (  # noqa: E402
     DERIVATIVES,
     Prediction,
     compiled,

@@ -17,7 +17,7 @@ from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import ArmTask
-from gibbs_codegen.flight.simulation import prepared
+from gibbs_codegen.flight.simulation import flight_start
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
@@ -123,7 +123,7 @@ def closed_loop(ours: Machine, compensation: bool) -> Measure:
     motors = replace(
         scenario.motors, limits=(-1e3, 1e3), time_constant=LAG, compensation=compensation
     )
-    begin = prepared(
+    begin = flight_start(
         ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
     )
     loop = BlockLoop.of(begin.loop, np.inf, NOTHING, STATES)

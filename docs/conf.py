@@ -13,6 +13,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "_ext")]
+# Notebooks are run by processes of their own, and import from the same places.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, [str(ROOT), str(ROOT / "docs" / "_ext"), os.environ.get("PYTHONPATH")])
+)
 
 from gibbs_codegen import __version__  # noqa: E402 - the package of this checkout
 

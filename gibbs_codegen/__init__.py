@@ -36,18 +36,18 @@ if TYPE_CHECKING:
     from gibbs_codegen.figures.coupling import coupling_figure as coupling_figure
     from gibbs_codegen.figures.coupling import hybrid_pattern_figure as hybrid_pattern_figure
     from gibbs_codegen.figures.machine import machine_figure as machine_figure
+    from gibbs_codegen.flight.analysis.linear_model import Regulator as Regulator
     from gibbs_codegen.flight.analysis.linear_model import linearise as linearise
+    from gibbs_codegen.flight.analysis.linear_model import lqr as lqr
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
         ReachableWrenches as ReachableWrenches,
     )
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
         reachable_wrenches as reachable_wrenches,
     )
-    from gibbs_codegen.flight.analysis.regulator import Regulator as Regulator
-    from gibbs_codegen.flight.analysis.regulator import lqr as lqr
     from gibbs_codegen.flight.analysis.trim import Trim as Trim
     from gibbs_codegen.flight.analysis.trim import trim as trim
-    from gibbs_codegen.flight.control.sampled import Observation as Observation
+    from gibbs_codegen.flight.control.sampled_control import Observation as Observation
     from gibbs_codegen.flight.figures.curves import (
         reachable_wrenches_figure as reachable_wrenches_figure,
     )
@@ -60,11 +60,11 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.scenario.scenario import Scenario as Scenario
     from gibbs_codegen.flight.simulation import simulate as simulate
     from gibbs_codegen.flight.stepping import Simulation as Simulation
-    from gibbs_codegen.flight.sweeps.sampling import log_uniform as log_uniform
-    from gibbs_codegen.flight.sweeps.sampling import normal as normal
-    from gibbs_codegen.flight.sweeps.sampling import scaled as scaled
-    from gibbs_codegen.flight.sweeps.sampling import together as together
-    from gibbs_codegen.flight.sweeps.sampling import uniform as uniform
+    from gibbs_codegen.flight.sweeps.cases import log_uniform as log_uniform
+    from gibbs_codegen.flight.sweeps.cases import normal as normal
+    from gibbs_codegen.flight.sweeps.cases import scaled as scaled
+    from gibbs_codegen.flight.sweeps.cases import together as together
+    from gibbs_codegen.flight.sweeps.cases import uniform as uniform
     from gibbs_codegen.flight.sweeps.study import Study as Study
     from gibbs_codegen.flight.sweeps.study import read_study as read_study
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
@@ -80,56 +80,42 @@ if TYPE_CHECKING:
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
-_LAZY = {
-    "ChainEquation": "equations.chain_equations",
-    "Feedback": "runtime.rollouts",
-    "Flight": "flight.record.flight",
-    "Observation": "flight.control.sampled",
-    "ReachableWrenches": "flight.analysis.reachable_wrenches",
-    "Regulator": "flight.analysis.regulator",
-    "Rollout": "runtime.rollouts",
-    "Scenario": "flight.scenario.scenario",
-    "Simulation": "flight.stepping",
-    "Study": "flight.sweeps.study",
-    "Trim": "flight.analysis.trim",
-    "Verification": "verification.verify",
-    "as_latex": "equations.pages",
-    "as_markdown": "equations.pages",
-    "as_text": "equations.pages",
-    "chain_closed_form": "equations.readable_chain",
-    "chain_equation": "equations.show",
-    "chains_figure": "figures.chains",
-    "coupling_figure": "figures.coupling",
-    "derive": "derivation.derive",
-    "generate": "pipeline",
-    "hybrid_pattern_figure": "figures.coupling",
-    "linearise": "flight.analysis.linear_model",
-    "load": "runtime.load",
-    "log_uniform": "flight.sweeps.sampling",
-    "lqr": "flight.analysis.regulator",
-    "machine_figure": "figures.machine",
-    "normal": "flight.sweeps.sampling",
-    "paper_family": "robot.family",
-    "parse_robot": "robot.file",
-    "reachable_wrenches": "flight.analysis.reachable_wrenches",
-    "reachable_wrenches_figure": "flight.figures.curves",
-    "read_flight": "flight.record.flight",
-    "read_robot": "robot.file",
-    "read_scenario": "flight.scenario.file",
-    "read_study": "flight.sweeps.study",
-    "rollout": "flight.rollouts.rollout",
-    "scaled": "flight.sweeps.sampling",
-    "simulate": "flight.simulation",
-    "simulate_many": "flight.many",
-    "sweep": "flight.sweeps.sweep",
-    "together": "flight.sweeps.sampling",
-    "trim": "flight.analysis.trim",
-    "uniform": "flight.sweeps.sampling",
-    "verify": "verification.modules",
-    "view": "flight.viewer.view",
-    "view_html": "flight.viewer.view",
-    "write_results": "flight.figures.flight",
+# Where they are imported from.
+_MODULES = {
+    "derivation.derive": ("derive",),
+    "equations.chain_equations": ("ChainEquation",),
+    "equations.pages": ("as_latex", "as_markdown", "as_text"),
+    "equations.readable_chain": ("chain_closed_form",),
+    "equations.show": ("chain_equation",),
+    "figures.chains": ("chains_figure",),
+    "figures.coupling": ("coupling_figure", "hybrid_pattern_figure"),
+    "figures.machine": ("machine_figure",),
+    "flight.analysis.linear_model": ("Regulator", "linearise", "lqr"),
+    "flight.analysis.reachable_wrenches": ("ReachableWrenches", "reachable_wrenches"),
+    "flight.analysis.trim": ("Trim", "trim"),
+    "flight.control.sampled_control": ("Observation",),
+    "flight.figures.curves": ("reachable_wrenches_figure",),
+    "flight.figures.flight": ("write_results",),
+    "flight.many": ("simulate_many",),
+    "flight.record.flight": ("Flight", "read_flight"),
+    "flight.rollouts.rollout": ("rollout",),
+    "flight.scenario.file": ("read_scenario",),
+    "flight.scenario.scenario": ("Scenario",),
+    "flight.simulation": ("simulate",),
+    "flight.stepping": ("Simulation",),
+    "flight.sweeps.cases": ("log_uniform", "normal", "scaled", "together", "uniform"),
+    "flight.sweeps.study": ("Study", "read_study"),
+    "flight.sweeps.sweep": ("sweep",),
+    "flight.viewer.view": ("view", "view_html"),
+    "pipeline": ("generate",),
+    "robot.family": ("paper_family",),
+    "robot.file": ("parse_robot", "read_robot"),
+    "runtime.load": ("load",),
+    "runtime.rollouts": ("Feedback", "Rollout"),
+    "verification.modules": ("verify",),
+    "verification.verify": ("Verification",),
 }
+_LAZY = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "GibbsCodegenError",
@@ -142,7 +128,7 @@ __all__ = [
     "UsageError",
     "WrongModuleError",
     "__version__",
-    *_LAZY,
+    *sorted(_LAZY),
 ]
 
 

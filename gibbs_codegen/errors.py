@@ -17,13 +17,13 @@ def printable(text: object, most: int = _LONGEST) -> str:
 
     It is abbreviated in its middle to `most` characters; control characters are escapes.
     """
-    plain = "".join(
+    escaped = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
     )
-    if len(plain) <= most:
-        return plain
+    if len(escaped) <= most:
+        return escaped
     end = (most - 3) // 2  # A path tells most at its end, where its name is.
-    return f"{plain[: most - 3 - end]}...{plain[-end:]}"
+    return f"{escaped[: most - 3 - end]}...{escaped[-end:]}"
 
 
 def cause_of(error: OSError) -> str:
@@ -160,24 +160,20 @@ class UsageError(GibbsCodegenError):
 
 
 class MissingFunctionError(UsageError, AttributeError):
-    """What a module lacks, since it is generated on request.
+    """What a module lacks, since it was generated without it.
 
     Args:
         module: Name of the module.
         missing: Name of what it lacks.
-        present: Names of the functions generated on request that it has, which it is to keep.
-        function: Name of the function that brings what is missing; the same name if None.
+        option: Name of the option that brings it, "functions" or "derivatives".
+        words: Words of that option with which it is there, and what the module has already.
     """
 
-    def __init__(
-        self, module: str, missing: str, present: Sequence[str], function: str | None = None
-    ) -> None:
-        wanted = [*present, function or missing]
-        listed = ", ".join(f'"{name}"' for name in wanted)
+    def __init__(self, module: str, missing: str, option: str, words: Sequence[str]) -> None:
+        listed = ", ".join(f'"{word}"' for word in words)
         super().__init__(
-            f"{module}: has no {missing}, which is generated on request: "
-            f"gibbs-codegen generate {module} --derivatives={','.join(wanted)}, or derivatives="
-            f"[{listed}] in Python"
+            f"{module}: has no {missing}, which is generated on request: gibbs-codegen generate "
+            f"{module} --{option}={','.join(words)}, or {option}=[{listed}] in Python"
         )
 
 

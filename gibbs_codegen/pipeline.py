@@ -29,10 +29,11 @@ from pathlib import Path
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.files.staging import check_output_folder
-from gibbs_codegen.program.model import Derivatives, Model, Progress
+from gibbs_codegen.program.choice import Derivatives, Functions
+from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.targets.registry import DEFAULT_TARGETS, find_targets, render_module
+from gibbs_codegen.targets import registry
 from gibbs_codegen.verification.modules import refuse_wrong
 
 StrPath = str | os.PathLike[str]
@@ -41,11 +42,12 @@ StrPath = str | os.PathLike[str]
 def generate(
     robot_file: StrPath,
     out: StrPath = "generated",
-    targets: Sequence[str] = DEFAULT_TARGETS,
+    targets: Sequence[str] = registry.DEFAULT_TARGETS,
     keep_zeros: bool = False,
     verify: bool = True,
     force: bool = False,
     derivatives: Derivatives = False,
+    functions: Functions = None,
 ) -> Path:
     """Generate the module of a robot file, or of a robot that ships: all of it, or nothing.
 
@@ -58,9 +60,10 @@ def generate(
             that share no code with the derivation, and with each other.
         force: Whether a module's folder with files that were not generated, or were changed since,
             is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
-        derivatives: Which of the functions that are generated on request are there: with True all
-            that are not long, or none of them; one name, or several; "all" stands for the long ones
-            too.
+        derivatives: Which derivatives are there: with True all that are not long, or none of them;
+            one name, or several; "all" stands for the long ones too.
+        functions: Which other functions are there: names, or groups as "dynamics" and "hybrid";
+            those by default if None, which "default" stands for too.
 
     Returns:
         The module's folder.
@@ -68,27 +71,32 @@ def generate(
     Raises:
         RobotFileError: If the file is faulty.
         SingularRobotError: If the robot has a massless degree of freedom.
-        UsageError: If there is no such robot, target or derivative, or the folder is refused.
+        UsageError: If there is no such robot, target or function, or the folder is refused.
         WrongModuleError: If a check fails.
         OutputError: If the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
-    _, folder = generate_robot(
-        robot, text, out, targets, keep_zeros, verify=verify, force=force, derivatives=derivatives
-    )
-    return folder
+    return generate_robot(
+        *(robot, text, out, targets, keep_zeros, _silent),
+        *(verify, force, derivatives, functions),
+    )[1]
+
+
+def _silent(step: str) -> None:
+    """Tell nobody what is at work."""
 
 
 def generate_robot(
     robot: Robot,
     text: str,
     out: StrPath,
-    targets: Sequence[str] = DEFAULT_TARGETS,
+    targets: Sequence[str] = registry.DEFAULT_TARGETS,
     keep_zeros: bool = False,
-    progress: Progress = lambda _: None,
+    progress: Progress = _silent,
     verify: bool = True,
     force: bool = False,
     derivatives: Derivatives = False,
+    functions: Functions = None,
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that has been read, and keep `text`, its file, in it.
 
@@ -97,15 +105,15 @@ def generate_robot(
     check_output_folder(out)
     folder = Path(out) / robot.name
     check_replaceable(folder, text, force)
-    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives)
+    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives, functions)
     if verify:
         if "numpy" in targets:
             readable = files
         else:  # Every target prints the same program.
-            readable = render_module(model, text, find_targets(["numpy"]))
+            readable = registry.render_module(model, text, registry.find_targets(["numpy"]))
         refuse_wrong(robot, readable["numpy_module.py"], progress)
     progress("writing")
-    write_module(folder, files, force)
+    write_module(folder, files, force, _options(model, targets))
     return model, folder
 
 
@@ -113,16 +121,22 @@ def check_robot(
     robot: Robot,
     text: str,
     out: StrPath,
-    targets: Sequence[str] = DEFAULT_TARGETS,
+    targets: Sequence[str] = registry.DEFAULT_TARGETS,
     keep_zeros: bool = False,
-    progress: Progress = lambda _: None,
+    progress: Progress = _silent,
     derivatives: Derivatives = False,
+    functions: Functions = None,
 ) -> tuple[Path, list[str]]:
     """The folder of a module, and names of its files that `generate` would write otherwise."""
     check_output_folder(out)
     folder = Path(out) / robot.name
-    _, files = module_files(robot, text, targets, keep_zeros, progress, derivatives)
-    return folder, differing_files(folder, files)
+    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives, functions)
+    return folder, differing_files(folder, files, _options(model, targets))
+
+
+def _options(model: Model, targets: Sequence[str]) -> str:
+    """What the manifest keeps of how a module was generated."""
+    return " ".join(registry.generating_options(targets, model.functions, model.keeps_zeros))
 
 
 def module_files(
@@ -132,14 +146,15 @@ def module_files(
     keep_zeros: bool,
     progress: Progress,
     derivatives: Derivatives = False,
+    functions: Functions = None,
 ) -> tuple[Model, dict[str, str]]:
     """Derive a robot, and render the files of its module by name.
 
     `keep_zeros` is whether parameters that are zero in the file stay parameters. Raises
     `SingularRobotError` if the robot has a massless degree of freedom, and `UsageError` if there is
-    no such target or derivative.
+    no such target or function.
     """
-    found = find_targets(targets)
-    model = derive(robot, keep_zeros, progress, derivatives)
+    found = registry.find_targets(targets)
+    model = derive(robot, keep_zeros, progress, derivatives, functions)
     progress("rendering")
-    return model, render_module(model, text, found)
+    return model, registry.render_module(model, text, found)

@@ -28,8 +28,8 @@ from types import ModuleType
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from support.agreement import errors, random_states
 from support.comparison import compare as compare_with_oracle
+from support.comparison import of_rounding
 from support.degenerate_robots import degenerate_robot
 from support.emitted import NUMPY
 from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
@@ -90,7 +90,7 @@ def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
         found = {}
         compare_with_oracle(robot, module, STATES)
     else:
-        found = errors(robot, module, random_states(robot, STATES, number))
+        found = of_rounding(robot, module, STATES, number)
     newton_euler = formulated(NewtonEuler(Tree(robot)))
     verified = compare_module(module, robot, [newton_euler], STATES, number)
     if not all(c.passed for c in verified):

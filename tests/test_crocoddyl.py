@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose
 from support.pages import run_python
 from support.tools import missing, tool
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 # Of the acceleration and all derivatives, as a share of the largest entry.
 AGREEMENT = 1e-10
 DERIVATIVES = ("Fx", "Fu", "Lx", "Lu", "Lxx", "Lxu", "Luu")

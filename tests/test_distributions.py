@@ -147,6 +147,7 @@ def built(plain: Checkout) -> Path:
     return plain.folder.parent / "dist"
 
 
+@pytest.mark.exhaustive
 def test_whoever_builds_again_elsewhere_gets_the_same_bytes(built: Path, tmp_path: Path) -> None:
     variables = {"TZ": "Pacific/Kiritimati", "LC_ALL": "C", "PYTHONDONTWRITEBYTECODE": ""}
     other = Checkout(tmp_path / "another clone", 0o077, variables)

@@ -13,6 +13,8 @@ from support.tools import tool
 
 from gibbs_codegen import read_flight
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 PAGE = "docs/start/first-robot.md"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from mutation.mutants import Mutant, python_mutants
-from mutation.suites import GROUPS
+from mutation.suites import NAMED
 from mutation.survivors import Copy, Fault, drawn, mutants, source_path
 from mutation.templates import template_mutants
 
@@ -84,7 +84,7 @@ def test_faults_are_drawn_evenly_and_alike_from_one_seed() -> None:
 
 
 def test_every_module_that_is_named_has_faults() -> None:
-    for modules in GROUPS.values():
+    for modules in NAMED.values():
         for module in modules:
             assert mutants(module), module
 
@@ -99,7 +99,6 @@ CLASSIC = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_classic_faults_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A term dropped, a sign turned, gravity forgotten, a − (b − c) mistaken, an index off by one.
@@ -108,7 +107,7 @@ def test_classic_faults_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """
     # A fork of this process would have the package, without the fault, already imported.
     monkeypatch.setattr("mutation.survivors._PROCESSES", get_context("spawn"))
-    copy = Copy(tmp_path)
+    copy = Copy(tmp_path, tmp_path / "nothing")
     for module, (old, new) in CLASSIC.items():
         source = source_path(module).read_text(encoding="utf-8")
         assert source.count(old) == 1, module

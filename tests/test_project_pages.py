@@ -101,7 +101,7 @@ def test_the_build_generates_the_module_anew_when_the_robot_file_changes(folder:
 
 def test_the_control_loop_in_c_holds_the_robot(tmp_path: Path) -> None:
     assert project(LOOP, tmp_path) == ["control.c"]
-    (commands,) = blocks(LOOP, "sh")
+    commands = blocks(LOOP, "sh")[-1]
     flags = "-std=c99 -O0 -Wall -Wextra -Wdouble-promotion -Werror"
     commands = commands.replace("-O2", flags)
     start, end = (line.split()[-1] for line in printed(commands, tmp_path).splitlines())

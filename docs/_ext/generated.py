@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.files.table import json_schema
 from gibbs_codegen.flight.scenario.file import ScenarioTable
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LISTS, Row
 from gibbs_codegen.robot.tables import RobotTable
@@ -25,12 +26,12 @@ LENGTHS |= {"c": "(nh - nv) / 2", "s": "2 nv", "x": "(2 nv + nu)"}
 
 def robot_keys() -> str:
     """The keys of a robot file in Markdown."""
-    return keys(RobotTable.json_schema())
+    return keys(json_schema(RobotTable))
 
 
 def scenario_keys() -> str:
     """The keys of a scenario file in Markdown."""
-    return keys(ScenarioTable.json_schema())
+    return keys(json_schema(ScenarioTable))
 
 
 def keys(schema: dict[str, Any]) -> str:
@@ -105,8 +106,10 @@ def array(value: dict[str, Any]) -> str:
 
 def default(value: dict[str, Any]) -> str:
     """The default, where the schema has one and the meaning does not say it."""
-    known = "default" in value and "default" not in value["description"]
-    return f"; default `{str(value['default']).lower() or chr(34) * 2}`" if known else ""
+    if "default" not in value or "default" in value["description"]:
+        return ""
+    whole = re.sub(r"\.0\b", "", str(value["default"]).lower())
+    return f"; default `{whole or chr(34) * 2}`"
 
 
 def commands() -> str:

@@ -456,127 +456,120 @@ static INLINE int constants_lane(
     const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
     const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
     const STEPWISE real k19 = k17 + k18;
-    const STEPWISE real k20 = R(0.5) * k19;
 
     /* second moments of link2 */
-    const STEPWISE real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k22 = link2_section_inertia_xx - k21;
-    const STEPWISE real k23 = link2_section_inertia_yy - k22;
-    const STEPWISE real k24 = link2_section_inertia_zz - k21;
-    const STEPWISE real k25 = k23 + k24;
-    const STEPWISE real k26 = link2_length * link2_length;
-    const STEPWISE real k27 = R(0.5) * k25 + R(0.33333333333333331) * link2_mass_per_length *
-        link2_length * k26;
-    const STEPWISE real k28 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k29 = link2_section_inertia_yy - k28;
-    const STEPWISE real k30 = link2_section_inertia_zz - k29;
-    const STEPWISE real k31 = link2_section_inertia_xx - k28;
-    const STEPWISE real k32 = k30 + k31;
-    const STEPWISE real k33 = R(0.5) * k32;
-    const STEPWISE real k34 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k35 = link2_section_inertia_zz + k34;
-    const STEPWISE real k36 = link2_section_inertia_xx - k35;
-    const STEPWISE real k37 = link2_section_inertia_yy + k34;
-    const STEPWISE real k38 = k36 + k37;
-    const STEPWISE real k39 = R(0.5) * k38;
+    const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20;
+    const STEPWISE real k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20;
+    const STEPWISE real k24 = k22 + k23;
+    const STEPWISE real k25 = link2_length * link2_length;
+    const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k25;
+    const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27;
+    const STEPWISE real k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27;
+    const STEPWISE real k31 = k29 + k30;
+    const STEPWISE real k32 = R(0.5) * k31;
+    const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33;
+    const STEPWISE real k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33;
+    const STEPWISE real k37 = k35 + k36;
 
     /* second moments of link3 */
-    const STEPWISE real k40 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const STEPWISE real k41 = link3_section_inertia_xx - k40;
-    const STEPWISE real k42 = link3_section_inertia_yy - k41;
-    const STEPWISE real k43 = link3_section_inertia_zz - k40;
-    const STEPWISE real k44 = k42 + k43;
-    const STEPWISE real k45 = link3_length * link3_length;
-    const STEPWISE real k46 = R(0.5) * k44 + R(0.33333333333333331) * link3_mass_per_length *
-        link3_length * k45;
-    const STEPWISE real k47 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const STEPWISE real k48 = link3_section_inertia_yy - k47;
-    const STEPWISE real k49 = link3_section_inertia_zz - k48;
-    const STEPWISE real k50 = link3_section_inertia_xx - k47;
-    const STEPWISE real k51 = k49 + k50;
-    const STEPWISE real k52 = R(0.5) * k51;
-    const STEPWISE real k53 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const STEPWISE real k54 = link3_section_inertia_zz + k53;
-    const STEPWISE real k55 = link3_section_inertia_xx - k54;
-    const STEPWISE real k56 = link3_section_inertia_yy + k53;
-    const STEPWISE real k57 = k55 + k56;
-    const STEPWISE real k58 = R(0.5) * k57;
+    const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
+    const STEPWISE real k39 = link3_section_inertia_xx - k38;
+    const STEPWISE real k40 = link3_section_inertia_yy - k39;
+    const STEPWISE real k41 = link3_section_inertia_zz - k38;
+    const STEPWISE real k42 = k40 + k41;
+    const STEPWISE real k43 = link3_length * link3_length;
+    const STEPWISE real k44 = R(0.5) * k42 + R(0.33333333333333331) * link3_mass_per_length *
+        link3_length * k43;
+    const STEPWISE real k45 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k46 = link3_section_inertia_yy - k45;
+    const STEPWISE real k47 = link3_section_inertia_zz - k46;
+    const STEPWISE real k48 = link3_section_inertia_xx - k45;
+    const STEPWISE real k49 = k47 + k48;
+    const STEPWISE real k50 = R(0.5) * k49;
+    const STEPWISE real k51 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k52 = link3_section_inertia_zz + k51;
+    const STEPWISE real k53 = link3_section_inertia_xx - k52;
+    const STEPWISE real k54 = link3_section_inertia_yy + k51;
+    const STEPWISE real k55 = k53 + k54;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k59 = base_arm_mass_per_length * k6;
-    const STEPWISE real k60 = R(3.0) * k8;
-    const STEPWISE real k61 = R(1.5) * k13;
-    const STEPWISE real k62 = k60 + k61 + R(6.0) * k7;
-    const STEPWISE real k63 = k60 + k61;
-    const STEPWISE real k64 = R(3.0) * k19;
-    const STEPWISE real k65 = base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k56 = base_arm_mass_per_length * k6;
+    const STEPWISE real k57 = R(3.0) * k8;
+    const STEPWISE real k58 = R(1.5) * k13;
+    const STEPWISE real k59 = k57 + k58 + R(6.0) * k7;
+    const STEPWISE real k60 = k57 + k58;
+    const STEPWISE real k61 = R(3.0) * k19;
 
     /* inertias of the links */
-    const STEPWISE real k66 = R(0.5) * link2_mass_per_length * k26;
-    const STEPWISE real k67 = link2_length * link2_mass_per_length;
-    const STEPWISE real k68 = R(0.5) * link3_mass_per_length * k45;
-    const STEPWISE real k69 = link3_length * link3_mass_per_length;
+    const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k43;
+    const STEPWISE real k63 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
-    const STEPWISE real k70 = link2_length * k69;
-    const STEPWISE real k71 = R(2.0) * link2_length;
-    const STEPWISE real k72 = k67 + k69;
-    const STEPWISE real k73 = k66 + k70;
-    const STEPWISE real k74 = k27 + link2_length * k70;
-    const STEPWISE real k75 = k39 + k58;
+    const STEPWISE real k64 = link2_length * k63;
+    const STEPWISE real k65 = R(2.0) * link2_length;
+    const STEPWISE real k66 = link2_length * link2_mass_per_length + k63;
+    const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k25 + k64;
+    const STEPWISE real k68 = k26 + link2_length * k64;
+    const STEPWISE real k69 = R(0.5) * k37 + R(0.5) * k55;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
-    const STEPWISE real k76 = base_arm_length * k72;
-    const STEPWISE real k77 = R(2.0) * base_arm_length;
-    const STEPWISE real k78 = R(6.0) * k65 + k72;
-    const STEPWISE real k79 = R(6.0) * k59 + k76;
-    const STEPWISE real k80 = k62 + base_arm_length * k76;
+    const STEPWISE real k70 = base_arm_length * k66;
+    const STEPWISE real k71 = R(2.0) * base_arm_length;
+    const STEPWISE real k72 = R(6.0) * base_arm_length * base_arm_mass_per_length + k66;
+    const STEPWISE real k73 = R(6.0) * k56 + k70;
+    const STEPWISE real k74 = k59 + base_arm_length * k70;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k81 = k46 - k52;
-    const STEPWISE real k82 = k33 - k74;
-    const STEPWISE real k83 = k63 - k80;
-    const STEPWISE real k84 = R(6.0) * k19;
-    const STEPWISE real k85 = gravity * k78;
-    const STEPWISE real k86 = R(0.5) * base_arm_length;
-    const STEPWISE real k87 = R(0.8660254037844386) * base_arm_length;
-    const STEPWISE real k88 = base_arm_length - k86;
-    const STEPWISE real k89 = R(0.74999999999999989) * base_arm_length;
-    const STEPWISE real k90 = R(0.5) * k88 - k89;
-    const STEPWISE real k91 = base_arm_length + k86;
+    const STEPWISE real k75 = k44 - k50;
+    const STEPWISE real k76 = k32 - k68;
+    const STEPWISE real k77 = k60 - k74;
+    const STEPWISE real k78 = R(6.0) * k19;
+    const STEPWISE real k79 = gravity * k72;
+    const STEPWISE real k80 = R(0.5) * base_arm_length;
+    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
+    const STEPWISE real k82 = base_arm_length - k80;
+    const STEPWISE real k83 = R(0.74999999999999989) * base_arm_length;
+    const STEPWISE real k84 = R(0.5) * k82 - k83;
+    const STEPWISE real k85 = base_arm_length + k80;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k92 = R(0.5) * k59;
+    const STEPWISE real k86 = R(0.5) * k56;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k93 = R(0.25) * k59;
-    const STEPWISE real k94 = R(0.4330127018922193) * k59;
-    const STEPWISE real k95 = k8 - k14;
-    const STEPWISE real k96 = R(0.74999999999999989) * k95;
-    const STEPWISE real k97 = k8 - k96;
-    const STEPWISE real k98 = k14 + k96;
-    const STEPWISE real k99 = R(0.4330127018922193) * k95;
-    const STEPWISE real k100 = k97 + k98;
-    const STEPWISE real k101 = base_arm_length * k93;
-    const STEPWISE real k102 = k100 - k101;
-    const STEPWISE real k103 = k100 + k101;
-    const STEPWISE real k104 = k8 + k14;
-    const STEPWISE real k105 = k104 + base_arm_length * k92;
-    const STEPWISE real k106 = k89 + R(0.25) * base_arm_length;
-    const STEPWISE real k107 = k63 + k64;
-    const STEPWISE real k108 = R(2.0) * k63;
-    const STEPWISE real k109 = R(1.0) / k108;
-    const STEPWISE real k110 = R(1.0) / k107;
-    const STEPWISE real k111 = R(1.0) / k78;
-    const STEPWISE real k112 = k68 * k111;
-    const STEPWISE real k113 = R(1.5) * k19;
-    const STEPWISE real k114 = R(0.5) * k78;
-    const STEPWISE real k115 = R(0.5) * k75;
-    const STEPWISE real k116 = k27 - k33;
-    const STEPWISE real k117 = k75 + k107;
-    const STEPWISE real k118 = k85 * k111;
-    const STEPWISE real k119 = k85 * k112;
-    int good = k78 > R(0.0);
+    const STEPWISE real k87 = R(0.25) * k56;
+    const STEPWISE real k88 = R(0.4330127018922193) * k56;
+    const STEPWISE real k89 = k8 - k14;
+    const STEPWISE real k90 = R(0.74999999999999989) * k89;
+    const STEPWISE real k91 = k8 - k90;
+    const STEPWISE real k92 = k14 + k90;
+    const STEPWISE real k93 = R(0.4330127018922193) * k89;
+    const STEPWISE real k94 = k91 + k92;
+    const STEPWISE real k95 = base_arm_length * k87;
+    const STEPWISE real k96 = k94 - k95;
+    const STEPWISE real k97 = k94 + k95;
+    const STEPWISE real k98 = k8 + k14;
+    const STEPWISE real k99 = k98 + base_arm_length * k86;
+    const STEPWISE real k100 = k83 + R(0.25) * base_arm_length;
+    const STEPWISE real k101 = k60 + k61;
+    const STEPWISE real k102 = R(2.0) * k60;
+    const STEPWISE real k103 = R(1.0) / k102;
+    const STEPWISE real k104 = R(1.0) / k101;
+    const STEPWISE real k105 = R(1.0) / k72;
+    const STEPWISE real k106 = k62 * k105;
+    const STEPWISE real k107 = R(1.5) * k19;
+    const STEPWISE real k108 = R(0.5) * k72;
+    const STEPWISE real k109 = R(0.5) * k69;
+    const STEPWISE real k110 = k69 + k101;
+    const STEPWISE real k111 = k79 * k105;
+    const STEPWISE real k112 = k79 * k106;
+    int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i * stride]);
     }
@@ -588,32 +581,24 @@ static INLINE int constants_lane(
     good &= is_finite(k8);
     CONSTANT(k14) = k14;
     good &= is_finite(k14);
-    CONSTANT(k20) = k20;
-    good &= is_finite(k20);
     CONSTANT(link2_length) = link2_length;
     good &= is_finite(link2_length);
-    CONSTANT(k27) = k27;
-    good &= is_finite(k27);
-    CONSTANT(k33) = k33;
-    good &= is_finite(k33);
-    CONSTANT(k39) = k39;
-    good &= is_finite(k39);
+    CONSTANT(k32) = k32;
+    good &= is_finite(k32);
     CONSTANT(link3_length) = link3_length;
     good &= is_finite(link3_length);
-    CONSTANT(k46) = k46;
-    good &= is_finite(k46);
-    CONSTANT(k52) = k52;
-    good &= is_finite(k52);
-    CONSTANT(k58) = k58;
-    good &= is_finite(k58);
-    CONSTANT(k63) = k63;
-    good &= is_finite(k63);
-    CONSTANT(k64) = k64;
-    good &= is_finite(k64);
+    CONSTANT(k44) = k44;
+    good &= is_finite(k44);
+    CONSTANT(k50) = k50;
+    good &= is_finite(k50);
+    CONSTANT(k60) = k60;
+    good &= is_finite(k60);
+    CONSTANT(k61) = k61;
+    good &= is_finite(k61);
+    CONSTANT(k62) = k62;
+    good &= is_finite(k62);
     CONSTANT(k65) = k65;
     good &= is_finite(k65);
-    CONSTANT(k66) = k66;
-    good &= is_finite(k66);
     CONSTANT(k67) = k67;
     good &= is_finite(k67);
     CONSTANT(k68) = k68;
@@ -622,12 +607,16 @@ static INLINE int constants_lane(
     good &= is_finite(k69);
     CONSTANT(k71) = k71;
     good &= is_finite(k71);
+    CONSTANT(k72) = k72;
+    good &= is_finite(k72);
     CONSTANT(k73) = k73;
     good &= is_finite(k73);
     CONSTANT(k74) = k74;
     good &= is_finite(k74);
     CONSTANT(k75) = k75;
     good &= is_finite(k75);
+    CONSTANT(k76) = k76;
+    good &= is_finite(k76);
     CONSTANT(k77) = k77;
     good &= is_finite(k77);
     CONSTANT(k78) = k78;
@@ -640,8 +629,6 @@ static INLINE int constants_lane(
     good &= is_finite(k81);
     CONSTANT(k82) = k82;
     good &= is_finite(k82);
-    CONSTANT(k83) = k83;
-    good &= is_finite(k83);
     CONSTANT(k84) = k84;
     good &= is_finite(k84);
     CONSTANT(k85) = k85;
@@ -652,8 +639,6 @@ static INLINE int constants_lane(
     good &= is_finite(k87);
     CONSTANT(k88) = k88;
     good &= is_finite(k88);
-    CONSTANT(k90) = k90;
-    good &= is_finite(k90);
     CONSTANT(k91) = k91;
     good &= is_finite(k91);
     CONSTANT(k92) = k92;
@@ -662,6 +647,8 @@ static INLINE int constants_lane(
     good &= is_finite(k93);
     CONSTANT(k94) = k94;
     good &= is_finite(k94);
+    CONSTANT(k96) = k96;
+    good &= is_finite(k96);
     CONSTANT(k97) = k97;
     good &= is_finite(k97);
     CONSTANT(k98) = k98;
@@ -680,6 +667,8 @@ static INLINE int constants_lane(
     good &= is_finite(k105);
     CONSTANT(k106) = k106;
     good &= is_finite(k106);
+    CONSTANT(k107) = k107;
+    good &= is_finite(k107);
     CONSTANT(k108) = k108;
     good &= is_finite(k108);
     CONSTANT(k109) = k109;
@@ -690,20 +679,6 @@ static INLINE int constants_lane(
     good &= is_finite(k111);
     CONSTANT(k112) = k112;
     good &= is_finite(k112);
-    CONSTANT(k113) = k113;
-    good &= is_finite(k113);
-    CONSTANT(k114) = k114;
-    good &= is_finite(k114);
-    CONSTANT(k115) = k115;
-    good &= is_finite(k115);
-    CONSTANT(k116) = k116;
-    good &= is_finite(k116);
-    CONSTANT(k117) = k117;
-    good &= is_finite(k117);
-    CONSTANT(k118) = k118;
-    good &= is_finite(k118);
-    CONSTANT(k119) = k119;
-    good &= is_finite(k119);
     return !good;
 }
 
@@ -761,68 +736,18 @@ const real
 
 const Constants
     hexarotor_3link_default_constants = {
-    R(9.8100000000000005),
-    R(0.5),
-    R(0.041666666666666664),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(0.12500572400000001),
-    R(1.2719999999999994e-06),
-    R(0.5),
-    R(4.5),
-    R(3.0),
-    R(4.5),
-    R(3.0),
-    R(6.0),
-    R(13.5),
-    R(36.0),
-    R(4.2399999999999983e-07),
-    R(1.0),
-    R(9.0),
-    R(4.5),
-    R(2.3750057240000002),
-    R(8.9999980920000002),
-    -R(35.999998091999998),
-    -R(2.25),
-    R(2.5439999999999989e-06),
-    R(88.290000000000006),
-    R(0.25),
-    R(0.4330127018922193),
-    R(0.25),
-    -R(0.24999999999999994),
-    R(0.75),
-    R(0.125),
-    R(0.0625),
-    R(0.10825317547305482),
-    R(0.010418097666666671),
-    R(0.031250476999999992),
-    R(0.018041369723940593),
-    R(0.041668574666666666),
-    R(0.010418574666666666),
-    R(0.072918574666666666),
-    R(0.041668574666666666),
-    R(0.10416857466666667),
-    R(0.49999999999999994),
-    R(0.25001144800000002),
-    R(3.9998168403872447),
-    R(7.9995522810579329),
-    R(0.1111111111111111),
-    R(0.5),
-    R(6.3599999999999971e-07),
-    R(4.5),
-    R(2.1199999999999991e-07),
-    R(8.9999980920000002),
-    R(0.12500742000000001),
-    R(9.8100000000000005),
-    R(44.145000000000003),
+    R(9.8100000000000005), R(0.5), R(0.041666666666666664), R(1.9080000000000002e-06), R(3.0),
+    R(1.9080000000000002e-06), R(3.0), R(9.0), R(1.9080000000000002e-06), R(0.12500572400000001),
+    R(1.2719999999999994e-06), R(4.5), R(6.0), R(13.5), R(36.0), R(4.2399999999999983e-07), R(1.0),
+    R(9.0), R(4.5), R(2.3750057240000002), R(8.9999980920000002), -R(35.999998091999998), -R(2.25),
+    R(2.5439999999999989e-06), R(88.290000000000006), R(0.25), R(0.4330127018922193), R(0.25),
+    -R(0.24999999999999994), R(0.75), R(0.125), R(0.0625), R(0.10825317547305482),
+    R(0.010418097666666671), R(0.031250476999999992), R(0.018041369723940593),
+    R(0.041668574666666666), R(0.010418574666666666), R(0.072918574666666666),
+    R(0.041668574666666666), R(0.10416857466666667), R(0.49999999999999994), R(0.25001144800000002),
+    R(3.9998168403872447), R(7.9995522810579329), R(0.1111111111111111), R(0.5),
+    R(6.3599999999999971e-07), R(4.5), R(2.1199999999999991e-07), R(0.12500742000000001),
+    R(9.8100000000000005), R(44.145000000000003),
 };
 
 int hexarotor_3link_init_constants(
@@ -835,12 +760,8 @@ int hexarotor_3link_init_constants(
 
 /* ---- mass_matrix_and_residual ---- */
 
-static INLINE void mass_matrix_and_residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void mass_matrix_and_residual_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -862,39 +783,33 @@ static INLINE void mass_matrix_and_residual_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void mass_matrix_and_residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT mass_matrix, real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k65 = CONSTANT(k65);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
     const real k71 = CONSTANT(k71);
+    const real k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
     const real k78 = CONSTANT(k78);
     const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k84 = CONSTANT(k84);
-    const real k85 = CONSTANT(k85);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -919,15 +834,15 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[39 * stride] = R(0.0);
     mass_matrix[48 * stride] = R(0.0);
     mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k78;
+    mass_matrix[60 * stride] = k72;
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k78;
+    mass_matrix[70 * stride] = k72;
     mass_matrix[71 * stride] = R(0.0);
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k78;
+    mass_matrix[80 * stride] = k72;
 
     /* motion of the base */
     const real t15 = gravity * s1;
@@ -994,12 +909,12 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k68 * c6;
-    const real t72 = k68 * s6;
-    const real t73 = k81 * s6;
+    const real t71 = k62 * c6;
+    const real t72 = k62 * s6;
+    const real t73 = k75 * s6;
     const real t74 = s6 * t73;
-    const real t75 = k46 - t74;
-    const real t76 = k52 + t74;
+    const real t75 = k44 - t74;
+    const real t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
@@ -1010,21 +925,21 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
-    const real t84 = k68 * (s6 * t52 - c6 * t67);
-    const real t85 = k68 * (c6 * t49 + s6 * t69);
-    const real t86 = k68 * (s6 * t70 - c6 * t68);
+    const real t84 = k62 * (s6 * t52 - c6 * t67);
+    const real t85 = k62 * (c6 * t49 + s6 * t69);
+    const real t86 = k62 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
     const real t87 = link2_length * c5;
     const real t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t89 = k73 * c5;
-    const real t90 = k73 * s5;
-    const real t91 = k82 * s5;
+    const real t89 = k67 * c5;
+    const real t90 = k67 * s5;
+    const real t91 = k76 * s5;
     const real t92 = s5 * t91;
-    const real t93 = k74 + t92;
-    const real t94 = k33 - t92;
+    const real t93 = k68 + t92;
+    const real t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1034,15 +949,15 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t99 = t52 * t94;
     const real t100 = t95 * (t55 - t58);
     const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
-    const real t102 = t84 + k73 * t61;
-    const real t103 = t85 + k73 * t62;
-    const real t104 = t86 + k73 * t63;
+    const real t102 = t84 + k67 * t61;
+    const real t103 = t85 + k67 * t62;
+    const real t104 = t86 + k67 * t63;
     const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
     residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t106 = t78 + t86 * t88 + t96 + k75 * t51;
-    const real t107 = t86 * t87 - t79 - t97 - k75 * t50;
+    const real t106 = t78 + t86 * t88 + t96 + k69 * t51;
+    const real t107 = t86 * t87 - t79 - t97 - k69 * t50;
     residual[3 * stride] = t107;
     const real t108 = c4 * t102 + s4 * t104;
     const real t109 = c4 * t104 - s4 * t102;
@@ -1052,24 +967,24 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t112 = k79 * c3;
-    const real t113 = k79 * s3;
-    const real t114 = k83 * s3;
+    const real t112 = k73 * c3;
+    const real t113 = k73 * s3;
+    const real t114 = k77 * s3;
     const real t115 = s3 * t114;
-    const real t116 = k80 + t115;
-    const real t117 = k63 - t115;
+    const real t116 = k74 + t115;
+    const real t117 = k60 - t115;
     const real t118 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
     const real t119 = t31 * t117;
-    const real t120 = t21 * t113 + t29 * t118 - k84 * t19 - t119;
+    const real t120 = t21 * t113 + t29 * t118 - k78 * t19 - t119;
     const real t121 = t29 * t116;
-    const real t122 = t21 * t112 + t31 * t118 - k64 * t23 - t121;
+    const real t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121;
     const real t123 = t118 * (t28 - t30);
     const real t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
-    const real t125 = k79 * t32 - t108;
-    const real t126 = t109 - k79 * t33;
-    const real t127 = t103 + k79 * t34;
+    const real t125 = k73 * t32 - t108;
+    const real t126 = t109 - k73 * t33;
+    const real t127 = t103 + k73 * t34;
     const real t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
     const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t129;
@@ -1084,14 +999,14 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[0 * stride] = t133;
     const real t134 = c1 * t126 + s1 * t131;
     residual[7 * stride] = t134;
-    const real t135 = s1 * t126 - c1 * t131 - k85;
+    const real t135 = s1 * t126 - c1 * t131 - k79;
     residual[8 * stride] = t135;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t136 = t71 + t89;
     const real t137 = t72 + t90;
-    const real t138 = t93 + t75 + t71 * k71 * c5;
-    const real t139 = t94 + t76 + t72 * k71 * s5;
+    const real t138 = t93 + t75 + t71 * k65 * c5;
+    const real t139 = t94 + t76 + t72 * k65 * s5;
     const real t140 = t95 - t77 - t71 * t88 - t72 * t87;
 
     /* composite inertia of links 1 to 3, about joint 7 */
@@ -1101,10 +1016,10 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t144 = s4 * t140;
     mass_matrix[12 * stride] = t144;
     mass_matrix[28 * stride] = t144;
-    const real t145 = s4 * (k75 - t138);
+    const real t145 = s4 * (k69 - t138);
     const real t146 = s4 * t145;
     const real t147 = t138 + t146;
-    const real t148 = k75 - t146;
+    const real t148 = k69 - t146;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t149 = t143 - t110 * t137;
@@ -1113,9 +1028,9 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[19 * stride] = t150;
     const real t151 = t112 + t141;
     const real t152 = t113 + t142;
-    const real t153 = t116 + t147 + t141 * k77 * c3;
-    const real t154 = t117 + t148 + t142 * k77 * s3;
-    const real t155 = k64 + t139;
+    const real t153 = t116 + t147 + t141 * k71 * c3;
+    const real t154 = t117 + t148 + t142 * k71 * s3;
+    const real t155 = k61 + t139;
     const real t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
 
     /* mass matrix, columns of the joints carried in to the base */
@@ -1232,12 +1147,8 @@ static INLINE void mass_matrix_and_residual_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_mass_matrix_and_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     real angle[6], sine[6], cosine[6];
@@ -1249,18 +1160,15 @@ hexarotor_3link_mass_matrix_and_residual(
 }
 #endif
 
-static WIDE void mass_matrix_and_residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+static WIDE void mass_matrix_and_residual_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
-            + lane, LANES);
+        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
@@ -1270,56 +1178,33 @@ static WIDE void mass_matrix_and_residual_block(
     }
 }
 
-void
-BATCH(mass_matrix_and_residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_and_residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            mass_matrix + block * (81 * LANES),
+        mass_matrix_and_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), mass_matrix + block * (81 * LANES),
             residual + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        mass_matrix_and_residual_block(
-            last_constants,
-            last_q,
-            last_v,
-            mass_matrix + whole * (81 * LANES),
-            residual + whole * (9 * LANES));
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        mass_matrix_and_residual_block(last_constants, last_q, last_v,
+            mass_matrix + whole * (81 * LANES), residual + whole * (9 * LANES));
     }
 }
 
 /* ---- mass_matrix ---- */
 
-static INLINE void mass_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void mass_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -1340,34 +1225,30 @@ static INLINE void mass_matrix_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void mass_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix,
+static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT mass_matrix,
     const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k65 = CONSTANT(k65);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
     const real k71 = CONSTANT(k71);
+    const real k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1386,33 +1267,33 @@ static INLINE void mass_matrix_lane(
     mass_matrix[39 * stride] = R(0.0);
     mass_matrix[48 * stride] = R(0.0);
     mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k78;
+    mass_matrix[60 * stride] = k72;
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k78;
+    mass_matrix[70 * stride] = k72;
     mass_matrix[71 * stride] = R(0.0);
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k78;
+    mass_matrix[80 * stride] = k72;
 
     /* attitude */
     const real t1 = -c1;
 
     /* inertia of link 3, turned by the joints */
-    const real t15 = k68 * c6;
-    const real t16 = k68 * s6;
-    const real t17 = k81 * s6;
+    const real t15 = k62 * c6;
+    const real t16 = k62 * s6;
+    const real t17 = k75 * s6;
     const real t18 = s6 * t17;
-    const real t19 = k46 - t18;
-    const real t20 = k52 + t18;
+    const real t19 = k44 - t18;
+    const real t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = k82 * s5;
+    const real t23 = k76 * s5;
     const real t24 = s5 * t23;
 
     /* step from the base to link 1 */
@@ -1420,15 +1301,15 @@ static INLINE void mass_matrix_lane(
     const real t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = k83 * s3;
+    const real t27 = k77 * s3;
     const real t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
-    const real t30 = t15 + k73 * c5;
-    const real t31 = t16 + k73 * s5;
-    const real t32 = k74 + t24 + t19 + t15 * k71 * c5;
-    const real t33 = k33 + t20 + t16 * k71 * s5 - t24;
+    const real t30 = t15 + k67 * c5;
+    const real t31 = t16 + k67 * s5;
+    const real t32 = k68 + t24 + t19 + t15 * k65 * c5;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24;
     const real t34 = t29 - c5 * t23;
 
     /* composite inertia of links 1 to 3, about joint 7 */
@@ -1438,10 +1319,10 @@ static INLINE void mass_matrix_lane(
     const real t38 = s4 * t34;
     mass_matrix[12 * stride] = t38;
     mass_matrix[28 * stride] = t38;
-    const real t39 = s4 * (k75 - t32);
+    const real t39 = s4 * (k69 - t32);
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
-    const real t42 = k75 - t40;
+    const real t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t43 = t25 * t36 - c4 * t39 - t26 * t35;
@@ -1449,11 +1330,11 @@ static INLINE void mass_matrix_lane(
     const real t45 = t38 - t26 * t31;
     mass_matrix[11 * stride] = t45;
     mass_matrix[19 * stride] = t45;
-    const real t46 = k79 * c3 + t35;
-    const real t47 = t36 - k79 * s3;
-    const real t48 = k80 + t28 + t41 + t35 * k77 * c3;
-    const real t49 = k63 + t42 - t28 - t36 * k77 * s3;
-    const real t50 = k64 + t33;
+    const real t46 = k73 * c3 + t35;
+    const real t47 = t36 - k73 * s3;
+    const real t48 = k74 + t28 + t41 + t35 * k71 * c3;
+    const real t49 = k60 + t42 - t28 - t36 * k71 * s3;
+    const real t50 = k61 + t33;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t51 = t41 + t42;
@@ -1569,10 +1450,7 @@ static INLINE void mass_matrix_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_mass_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[6], sine[6], cosine[6];
@@ -1583,9 +1461,7 @@ hexarotor_3link_mass_matrix(
 }
 #endif
 
-static WIDE void mass_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -1601,45 +1477,28 @@ static WIDE void mass_matrix_block(
     }
 }
 
-void
-BATCH(mass_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+void BATCH(mass_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             mass_matrix + block * (81 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        mass_matrix_block(
-            last_constants,
-            last_q,
-            mass_matrix + whole * (81 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        mass_matrix_block(last_constants, last_q, mass_matrix + whole * (81 * LANES));
     }
 }
 
 /* ---- residual ---- */
 
-static INLINE void residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void residual_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -1661,35 +1520,30 @@ static INLINE void residual_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void residual_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, const real *RESTRICT v,
+    real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
+    const real k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78);
     const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k84 = CONSTANT(k84);
-    const real k85 = CONSTANT(k85);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1774,12 +1628,12 @@ static INLINE void residual_lane(
     const real t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k68 * c6;
-    const real t72 = k68 * s6;
-    const real t73 = k81 * s6;
+    const real t71 = k62 * c6;
+    const real t72 = k62 * s6;
+    const real t73 = k75 * s6;
     const real t74 = s6 * t73;
-    const real t75 = k46 - t74;
-    const real t76 = k52 + t74;
+    const real t75 = k44 - t74;
+    const real t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
@@ -1790,21 +1644,21 @@ static INLINE void residual_lane(
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
-    const real t84 = k68 * (s6 * t52 - c6 * t67);
-    const real t85 = k68 * (c6 * t49 + s6 * t69);
-    const real t86 = k68 * (s6 * t70 - c6 * t68);
+    const real t84 = k62 * (s6 * t52 - c6 * t67);
+    const real t85 = k62 * (c6 * t49 + s6 * t69);
+    const real t86 = k62 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
     const real t87 = link2_length * c5;
     const real t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t89 = k73 * c5;
-    const real t90 = k73 * s5;
-    const real t91 = k82 * s5;
+    const real t89 = k67 * c5;
+    const real t90 = k67 * s5;
+    const real t91 = k76 * s5;
     const real t92 = s5 * t91;
-    const real t93 = k74 + t92;
-    const real t94 = k33 - t92;
+    const real t93 = k68 + t92;
+    const real t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -1814,15 +1668,15 @@ static INLINE void residual_lane(
     const real t99 = t52 * t94;
     const real t100 = t95 * (t55 - t58);
     const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
-    const real t102 = t84 + k73 * t61;
-    const real t103 = t85 + k73 * t62;
-    const real t104 = t86 + k73 * t63;
+    const real t102 = t84 + k67 * t61;
+    const real t103 = t85 + k67 * t62;
+    const real t104 = t86 + k67 * t63;
     const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
     residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t106 = t78 + t86 * t88 + t96 + k75 * t51;
-    const real t107 = t86 * t87 - t79 - t97 - k75 * t50;
+    const real t106 = t78 + t86 * t88 + t96 + k69 * t51;
+    const real t107 = t86 * t87 - t79 - t97 - k69 * t50;
     residual[3 * stride] = t107;
     const real t108 = c4 * t102 + s4 * t104;
     const real t109 = c4 * t104 - s4 * t102;
@@ -1832,23 +1686,23 @@ static INLINE void residual_lane(
     const real t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t112 = k79 * c3;
-    const real t113 = k79 * s3;
-    const real t114 = k83 * s3;
+    const real t112 = k73 * c3;
+    const real t113 = k73 * s3;
+    const real t114 = k77 * s3;
     const real t115 = s3 * t114;
-    const real t116 = k80 + t115;
+    const real t116 = k74 + t115;
     const real t117 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t118 = t31 * (k63 - t115);
-    const real t119 = t21 * t113 + t29 * t117 - k84 * t19 - t118;
+    const real t118 = t31 * (k60 - t115);
+    const real t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118;
     const real t120 = t29 * t116;
-    const real t121 = t21 * t112 + t31 * t117 - k64 * t23 - t120;
+    const real t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
     const real t122 = t117 * (t28 - t30);
     const real t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
-    const real t124 = k79 * t32 - t108;
-    const real t125 = t109 - k79 * t33;
-    const real t126 = t103 + k79 * t34;
+    const real t124 = k73 * t32 - t108;
+    const real t125 = t109 - k73 * t33;
+    const real t126 = t103 + k73 * t34;
     const real t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
     const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t128;
@@ -1863,17 +1717,13 @@ static INLINE void residual_lane(
     residual[0 * stride] = t132;
     const real t133 = c1 * t125 + s1 * t130;
     residual[7 * stride] = t133;
-    const real t134 = s1 * t125 - c1 * t130 - k85;
+    const real t134 = s1 * t125 - c1 * t130 - k79;
     residual[8 * stride] = t134;
 }
 
 #ifndef EACH
-void
-hexarotor_3link_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[6], sine[6], cosine[6];
     residual_angles(constants, q, v, angle, 1);
@@ -1883,11 +1733,8 @@ hexarotor_3link_residual(
 }
 #endif
 
-static WIDE void residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+static WIDE void residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -1897,58 +1744,35 @@ static WIDE void residual_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v +
-            lane, residual + lane, LANES);
+        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, residual + lane, LANES);
     }
 }
 
-void
-BATCH(residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            residual + block * (9 * LANES));
+        residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), residual + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        residual_block(
-            last_constants,
-            last_q,
-            last_v,
-            residual + whole * (9 * LANES));
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        residual_block(last_constants, last_q, last_v, residual + whole * (9 * LANES));
     }
 }
 
 /* ---- input_matrix ---- */
 
-static INLINE void input_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void input_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -1959,28 +1783,24 @@ static INLINE void input_matrix_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void input_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix,
+static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT input_matrix,
     const int stride)
 {
     (void)q;
-    const real k77 = CONSTANT(k77);
-    const real k87 = CONSTANT(k87);
-    const real k90 = CONSTANT(k90);
-    const real k91 = CONSTANT(k91);
+    const real k71 = CONSTANT(k71);
+    const real k81 = CONSTANT(k81);
+    const real k84 = CONSTANT(k84);
+    const real k85 = CONSTANT(k85);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k90;
-    input_matrix[21 * stride] = k77;
-    input_matrix[23 * stride] = -k90;
+    input_matrix[19 * stride] = -k84;
+    input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = -k84;
     input_matrix[33 * stride] = R(1.0);
     input_matrix[43 * stride] = R(1.0);
     input_matrix[53 * stride] = R(1.0);
@@ -2008,7 +1828,7 @@ static INLINE void input_matrix_lane(
     const real t15 = s2 * t11;
     const real t16 = c2 * t11;
     input_matrix[55 * stride] = t16;
-    const real t17 = k90 * s2;
+    const real t17 = k84 * s2;
     input_matrix[1 * stride] = -t17;
     input_matrix[5 * stride] = -t17;
     const real t18 = s1 * t15 + c1 * t14;
@@ -2017,10 +1837,10 @@ static INLINE void input_matrix_lane(
     input_matrix[73 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k91 * s3;
-    const real t21 = k87 * c3;
-    const real t22 = k87 * s3;
-    const real t23 = k91 * c3;
+    const real t20 = k85 * s3;
+    const real t21 = k81 * c3;
+    const real t22 = k81 * s3;
+    const real t23 = k85 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -2030,7 +1850,7 @@ static INLINE void input_matrix_lane(
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[57 * stride] = -t27;
-    const real t28 = k77 * s2;
+    const real t28 = k71 * s2;
     input_matrix[3 * stride] = t28;
     const real t29 = c1 * c3 - s1 * t26;
     input_matrix[66 * stride] = t29;
@@ -2056,10 +1876,7 @@ static INLINE void input_matrix_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_input_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_input_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT input_matrix)
 {
     real angle[3], sine[3], cosine[3];
@@ -2072,9 +1889,7 @@ hexarotor_3link_input_matrix(
 }
 #endif
 
-static WIDE void input_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void input_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT input_matrix)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
@@ -2093,45 +1908,28 @@ static WIDE void input_matrix_block(
     }
 }
 
-void
-BATCH(input_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void BATCH(input_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        input_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             input_matrix + block * (81 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        input_matrix_block(
-            last_constants,
-            last_q,
-            input_matrix + whole * (81 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        input_matrix_block(last_constants, last_q, input_matrix + whole * (81 * LANES));
     }
 }
 
 /* ---- forward_dynamics ---- */
 
-static INLINE void forward_dynamics_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
+static INLINE void forward_dynamics_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT angle,
     const int stride)
 {
     (void)constants;
@@ -2155,40 +1953,34 @@ static INLINE void forward_dynamics_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void forward_dynamics_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration,
-    const int stride)
+static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
+    const real k69 = CONSTANT(k69);
+    const real k72 = CONSTANT(k72);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
     const real k78 = CONSTANT(k78);
+    const real k80 = CONSTANT(k80);
     const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k84 = CONSTANT(k84);
-    const real k86 = CONSTANT(k86);
-    const real k87 = CONSTANT(k87);
-    const real k106 = CONSTANT(k106);
-    const real k108 = CONSTANT(k108);
-    const real k109 = CONSTANT(k109);
+    const real k100 = CONSTANT(k100);
+    const real k102 = CONSTANT(k102);
+    const real k103 = CONSTANT(k103);
+    const real k104 = CONSTANT(k104);
     const real k110 = CONSTANT(k110);
-    const real k117 = CONSTANT(k117);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2265,12 +2057,12 @@ static INLINE void forward_dynamics_lane(
     const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t54 = k68 * c6;
-    const real t55 = k68 * s6;
-    const real t56 = k81 * s6;
+    const real t54 = k62 * c6;
+    const real t55 = k62 * s6;
+    const real t56 = k75 * s6;
     const real t57 = s6 * t56;
-    const real t58 = k46 - t57;
-    const real t59 = k52 + t57;
+    const real t58 = k44 - t57;
+    const real t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
@@ -2279,7 +2071,7 @@ static INLINE void forward_dynamics_lane(
     const real t63 = t51 * t58;
     const real t64 = t60 * t53;
     const real t65 = t60 * (t50 - t52);
-    const real t66 = k68 * (c6 * t51 - s6 * t53);
+    const real t66 = k62 * (c6 * t51 - s6 * t53);
 
     /* step from link 2 to link 3 */
     const real t67 = link2_length * c5;
@@ -2290,12 +2082,12 @@ static INLINE void forward_dynamics_lane(
     const real t70 = t67 * t66;
 
     /* inertia of link 2, turned by the joints */
-    const real t71 = k73 * c5;
-    const real t72 = k73 * s5;
-    const real t73 = k82 * s5;
+    const real t71 = k67 * c5;
+    const real t72 = k67 * s5;
+    const real t73 = k76 * s5;
     const real t74 = s5 * t73;
-    const real t75 = k74 + t74;
-    const real t76 = k33 - t74;
+    const real t75 = k68 + t74;
+    const real t76 = k32 - t74;
     const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -2308,17 +2100,17 @@ static INLINE void forward_dynamics_lane(
     const real t84 = t77 * (t38 - t41);
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t85 = k75 * t34;
-    const real t86 = k75 * t33;
+    const real t85 = k69 * t34;
+    const real t86 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
     const real t87 = t54 + t71;
     const real t88 = t60 + t54 * t68 + t55 * t67 - t77;
 
     /* force and moment of all thrusts */
-    const real t89 = k87 * (F_3 - F_5);
+    const real t89 = k81 * (F_3 - F_5);
     const real t90 = F_3 + F_5;
-    const real t91 = base_arm_length * F_1 - k86 * t90;
+    const real t91 = base_arm_length * F_1 - k80 * t90;
     const real t92 = R(0.8660254037844386) * (F_2 - F_6);
     const real t93 = F_2 + F_6;
     const real t94 = F_4 - R(0.5) * t93;
@@ -2334,8 +2126,8 @@ static INLINE void forward_dynamics_lane(
     const real t100 = t97 * t99;
     const real t101 = t55 * t97;
     const real t102 = t54 * t97;
-    const real t103 = k68 * (s6 * t35 - c6 * t50) - t55 * t100;
-    const real t104 = k68 * (c6 * t32 + s6 * t52) - t54 * t100;
+    const real t103 = k62 * (s6 * t35 - c6 * t50) - t55 * t100;
+    const real t104 = k62 * (c6 * t32 + s6 * t52) - t54 * t100;
     const real t105 = t55 * t101;
     const real t106 = t54 * t102;
     const real t107 = t54 * t101;
@@ -2359,7 +2151,7 @@ static INLINE void forward_dynamics_lane(
     const real t121 = t107 + t114 * t118;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t122 = R(1.0) / (k75 + t58 + t75 + R(2.0) * t54 * t67);
+    const real t122 = R(1.0) / (k69 + t58 + t75 + R(2.0) * t54 * t67);
     const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96;
     const real t124 = t122 * t123;
     const real t125 = t87 * t122;
@@ -2371,37 +2163,37 @@ static INLINE void forward_dynamics_lane(
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t130 = c3 * t92 - s3 * t94;
     const real t131 = c3 * t94 + s3 * t92;
-    const real t132 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t133 = k63 * (t19 - R(2.0) * t21 * t16);
-    const real t134 = k84 * t17 + t132 - c3 * t89 - s3 * t91;
-    const real t135 = k64 * t19 + t133 + s3 * t89 - c3 * t91;
+    const real t132 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t133 = k60 * (t19 - R(2.0) * t21 * t16);
+    const real t134 = k78 * t17 + t132 - c3 * t89 - s3 * t91;
+    const real t135 = k61 * t19 + t133 + s3 * t89 - c3 * t91;
     const real t136 = c4 * t130;
     const real t137 = s4 * t131;
     const real t138 = c4 * t131;
     const real t139 = s4 * t130;
     const real t140 = s4 * t135;
     const real t141 = c4 * t134;
-    const real t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117;
+    const real t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
     const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
-    const real t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18;
+    const real t144 = base_arm_length * F_4 + k100 * t93 - tau_7 - k102 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t145 = R(1.0) / (t59 + t76 + t110 + k117 - t88 * t126);
+    const real t145 = R(1.0) / (t59 + t76 + t110 + k110 - t88 * t126);
     const real t146 = t129 * t145;
     const real t147 = t143 * t146;
-    const real t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147;
-    const real t149 = R(1.0) / (k78 - t87 * t125 - t129 * t146);
-    const real t150 = R(1.0) / (k78 - t106 - t114 * t119);
+    const real t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147;
+    const real t149 = R(1.0) / (k72 - t87 * t125 - t129 * t146);
+    const real t150 = R(1.0) / (k72 - t106 - t114 * t119);
     const real t151 = t121 * t150;
     const real t152 = t151 * t142;
-    const real t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137;
-    const real t154 = R(1.0) / (k78 - t105 - t113 * t118 - t121 * t151);
+    const real t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137;
+    const real t154 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t151);
     const real t155 = t154 * t153;
     const real t156 = t151 * t155 + t150 * t142;
     const real t157 = t148 * t149;
     const real t158 = t143 * t145 - t146 * t157;
-    const real t159 = k110 * (tau_8 - s4 * t134 - c4 * t135);
-    const real t160 = k109 * t144;
+    const real t159 = k104 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t160 = k103 * t144;
 
     /* acceleration of joint 7 */
     const real t161 = t124 + t125 * t157 + t126 * t158 - t160;
@@ -2452,13 +2244,8 @@ static INLINE void forward_dynamics_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_forward_dynamics(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration)
+void hexarotor_3link_forward_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
 {
     real angle[6], sine[6], cosine[6];
     forward_dynamics_angles(constants, q, v, u, angle, 1);
@@ -2468,12 +2255,8 @@ hexarotor_3link_forward_dynamics(
 }
 #endif
 
-static WIDE void forward_dynamics_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration)
+static WIDE void forward_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -2484,68 +2267,40 @@ static WIDE void forward_dynamics_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, u + lane, acceleration + lane, LANES);
+        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, u + lane, acceleration + lane, LANES);
     }
 }
 
-void
-BATCH(forward_dynamics)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
+void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u,
     real *RESTRICT acceleration)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            u + block * (9 * LANES),
+        forward_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), u + block * (9 * LANES),
             acceleration + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         real last_u[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            u + whole * (9 * LANES),
-            last_u);
-        forward_dynamics_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_u,
+        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
+        forward_dynamics_block(last_constants, last_q, last_v, last_u,
             acceleration + whole * (9 * LANES));
     }
 }
 
 /* ---- inverse_dynamics ---- */
 
-static INLINE void inverse_dynamics_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT angle,
+static INLINE void inverse_dynamics_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT angle,
     const int stride)
 {
     (void)constants;
@@ -2569,35 +2324,29 @@ static INLINE void inverse_dynamics_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void inverse_dynamics_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
+    const real k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
+    const real k76 = CONSTANT(k76);
+    const real k77 = CONSTANT(k77);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2659,12 +2408,12 @@ static INLINE void inverse_dynamics_lane(
     const real t38 = t27 + t36;
 
     /* inertia of link 3, turned by the joints */
-    const real t39 = k68 * c6;
-    const real t40 = k68 * s6;
-    const real t41 = k81 * s6;
+    const real t39 = k62 * c6;
+    const real t40 = k62 * s6;
+    const real t41 = k75 * s6;
     const real t42 = s6 * t41;
-    const real t43 = k46 - t42;
-    const real t44 = k52 + t42;
+    const real t43 = k44 - t42;
+    const real t44 = k50 + t42;
     const real t45 = c6 * t41;
 
     /* inertia forces of link 3, about joint 9 */
@@ -2675,12 +2424,12 @@ static INLINE void inverse_dynamics_lane(
     const real t48 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t49 = k73 * c5;
-    const real t50 = k73 * s5;
-    const real t51 = k82 * s5;
+    const real t49 = k67 * c5;
+    const real t50 = k67 * s5;
+    const real t51 = k76 * s5;
     const real t52 = s5 * t51;
-    const real t53 = k74 + t52;
-    const real t54 = k33 - t52;
+    const real t53 = k68 + t52;
+    const real t54 = k32 - t52;
     const real t55 = c5 * t51;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -2691,12 +2440,12 @@ static INLINE void inverse_dynamics_lane(
     const real t58 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t59 = k79 * c3;
-    const real t60 = k79 * s3;
-    const real t61 = k83 * s3;
+    const real t59 = k73 * c3;
+    const real t60 = k73 * s3;
+    const real t61 = k77 * s3;
     const real t62 = s3 * t61;
-    const real t63 = k80 + t62;
-    const real t64 = k63 - t62;
+    const real t63 = k74 + t62;
+    const real t64 = k60 - t62;
     const real t65 = c3 * t61;
 
     /* inertia forces of the base and links 1 to 3 */
@@ -2755,9 +2504,9 @@ static INLINE void inverse_dynamics_lane(
     const real t108 = t40 * (t87 - link2_length * t96);
     const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
     force[5 * stride] = t109;
-    const real t110 = k68 * (c6 * t37 - s6 * t103);
-    const real t111 = k68 * (s6 * t38 - c6 * t101);
-    const real t112 = k68 * (c6 * t102 + s6 * t104);
+    const real t110 = k62 * (c6 * t37 - s6 * t103);
+    const real t111 = k62 * (s6 * t38 - c6 * t101);
+    const real t112 = k62 * (c6 * t102 + s6 * t104);
 
     /* inertia forces of links 2 and 3, about joint 8 */
     const real t113 = t54 * t95 - t50 * t88 - t55 * t93;
@@ -2765,30 +2514,30 @@ static INLINE void inverse_dynamics_lane(
     const real t115 = t49 * t84;
     const real t116 = t53 * t92;
     const real t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116;
-    const real t118 = t110 + k73 * t96;
-    const real t119 = t111 + k73 * t97;
-    const real t120 = t112 + k73 * t98;
+    const real t118 = t110 + k67 * t96;
+    const real t119 = t111 + k67 * t97;
+    const real t120 = t112 + k67 * t98;
     const real t121 = t109 + t48 * t110 - t47 * t111 - t117;
     force[4 * stride] = t121;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t122 = t105 + t48 * t112 + t113 + k75 * t90;
-    const real t123 = t106 + t114 - t47 * t112 - k75 * t89;
+    const real t122 = t105 + t48 * t112 + t113 + k69 * t90;
+    const real t123 = t106 + t114 - t47 * t112 - k69 * t89;
     force[3 * stride] = t123;
     const real t124 = s4 * t120 - c4 * t118;
     const real t125 = s4 * t118 + c4 * t120;
 
     /* inertia forces of the base and links 1 to 3 */
     const real t126 = t65 * t76;
-    const real t127 = t60 * t70 + t64 * t78 - k64 * t73 - t126;
+    const real t127 = t60 * t70 + t64 * t78 - k61 * t73 - t126;
     const real t128 = t63 * t76;
-    const real t129 = k64 * t72 + t65 * t78 - t59 * t70 - t128;
+    const real t129 = k61 * t72 + t65 * t78 - t59 * t70 - t128;
     const real t130 = t59 * t68;
     const real t131 = t63 * t75;
     const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131;
-    const real t133 = t124 - k79 * t79;
-    const real t134 = t125 + k79 * t80;
-    const real t135 = t119 - k79 * t81;
+    const real t133 = t124 - k73 * t79;
+    const real t134 = t125 + k73 * t80;
+    const real t135 = t119 - k73 * t81;
     const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
     force[1 * stride] = t137;
@@ -2799,22 +2548,17 @@ static INLINE void inverse_dynamics_lane(
     const real t139 = s2 * t133 + c2 * t135;
     const real t140 = c2 * t136 + s2 * t138;
     force[0 * stride] = t140;
-    const real t141 = c2 * t133 + k78 * a_x - s2 * t135;
+    const real t141 = c2 * t133 + k72 * a_x - s2 * t135;
     force[6 * stride] = t141;
-    const real t142 = s1 * t139 + k78 * a_y - c1 * t134;
+    const real t142 = s1 * t139 + k72 * a_y - c1 * t134;
     force[7 * stride] = t142;
-    const real t143 = k78 * t67 - c1 * t139 - s1 * t134;
+    const real t143 = k72 * t67 - c1 * t139 - s1 * t134;
     force[8 * stride] = t143;
 }
 
 #ifndef EACH
-void
-hexarotor_3link_inverse_dynamics(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+void hexarotor_3link_inverse_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     real angle[6], sine[6], cosine[6];
     inverse_dynamics_angles(constants, q, v, a, angle, 1);
@@ -2824,12 +2568,8 @@ hexarotor_3link_inverse_dynamics(
 }
 #endif
 
-static WIDE void inverse_dynamics_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+static WIDE void inverse_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -2840,67 +2580,38 @@ static WIDE void inverse_dynamics_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, a + lane, force + lane, LANES);
+        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, a + lane, force + lane, LANES);
     }
 }
 
-void
-BATCH(inverse_dynamics)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        inverse_dynamics_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            a + block * (9 * LANES),
-            force + block * (9 * LANES));
+        inverse_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), a + block * (9 * LANES), force + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         real last_a[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            a + whole * (9 * LANES),
-            last_a);
-        inverse_dynamics_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
+        fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
+        inverse_dynamics_block(last_constants, last_q, last_v, last_a,
             force + whole * (9 * LANES));
     }
 }
 
 /* ---- hybrid_mass_matrix ---- */
 
-static INLINE void hybrid_mass_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_mass_matrix_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -2921,42 +2632,38 @@ static INLINE void hybrid_mass_matrix_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void hybrid_mass_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix,
-    const int stride)
+static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT mass_matrix, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k65 = CONSTANT(k65);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
     const real k71 = CONSTANT(k71);
+    const real k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k92 = CONSTANT(k92);
-    const real k93 = CONSTANT(k93);
+    const real k86 = CONSTANT(k86);
+    const real k87 = CONSTANT(k87);
+    const real k88 = CONSTANT(k88);
     const real k94 = CONSTANT(k94);
-    const real k100 = CONSTANT(k100);
-    const real k102 = CONSTANT(k102);
-    const real k103 = CONSTANT(k103);
-    const real k104 = CONSTANT(k104);
-    const real k105 = CONSTANT(k105);
+    const real k96 = CONSTANT(k96);
+    const real k97 = CONSTANT(k97);
+    const real k98 = CONSTANT(k98);
+    const real k99 = CONSTANT(k99);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2969,29 +2676,29 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k102;
-    mass_matrix[42 * stride] = k103;
-    mass_matrix[43 * stride] = k105;
-    mass_matrix[44 * stride] = k103;
-    mass_matrix[45 * stride] = k102;
-    mass_matrix[59 * stride] = k102;
-    mass_matrix[60 * stride] = k100;
+    mass_matrix[41 * stride] = k96;
+    mass_matrix[42 * stride] = k97;
+    mass_matrix[43 * stride] = k99;
+    mass_matrix[44 * stride] = k97;
+    mass_matrix[45 * stride] = k96;
+    mass_matrix[59 * stride] = k96;
+    mass_matrix[60 * stride] = k94;
     mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k103;
-    mass_matrix[80 * stride] = k100;
+    mass_matrix[78 * stride] = k97;
+    mass_matrix[80 * stride] = k94;
     mass_matrix[91 * stride] = -R(1.0);
-    mass_matrix[97 * stride] = k105;
-    mass_matrix[100 * stride] = k104;
+    mass_matrix[97 * stride] = k99;
+    mass_matrix[100 * stride] = k98;
     mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k103;
-    mass_matrix[120 * stride] = k100;
+    mass_matrix[116 * stride] = k97;
+    mass_matrix[120 * stride] = k94;
     mass_matrix[131 * stride] = -R(1.0);
-    mass_matrix[135 * stride] = k102;
-    mass_matrix[140 * stride] = k100;
+    mass_matrix[135 * stride] = k96;
+    mass_matrix[140 * stride] = k94;
     mass_matrix[151 * stride] = -R(1.0);
-    mass_matrix[220 * stride] = k78;
-    mass_matrix[240 * stride] = k78;
-    mass_matrix[260 * stride] = k78;
+    mass_matrix[220 * stride] = k72;
+    mass_matrix[240 * stride] = k72;
+    mass_matrix[260 * stride] = k72;
     mass_matrix[269 * stride] = R(1.0);
     mass_matrix[289 * stride] = R(1.0);
     mass_matrix[309 * stride] = R(1.0);
@@ -3003,19 +2710,19 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t3 = -c2;
 
     /* inertia of link 3, turned by the joints */
-    const real t15 = k68 * c6;
-    const real t16 = k68 * s6;
-    const real t17 = k81 * s6;
+    const real t15 = k62 * c6;
+    const real t16 = k62 * s6;
+    const real t17 = k75 * s6;
     const real t18 = s6 * t17;
-    const real t19 = k46 - t18;
-    const real t20 = k52 + t18;
+    const real t19 = k44 - t18;
+    const real t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = k82 * s5;
+    const real t23 = k76 * s5;
     const real t24 = s5 * t23;
 
     /* step from the base to link 1 */
@@ -3023,15 +2730,15 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = k83 * s3;
+    const real t27 = k77 * s3;
     const real t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = t16 * t21;
-    const real t30 = t15 + k73 * c5;
-    const real t31 = t16 + k73 * s5;
-    const real t32 = k74 + t19 + t24 + t15 * k71 * c5;
-    const real t33 = k33 + t20 + t16 * k71 * s5 - t24;
+    const real t30 = t15 + k67 * c5;
+    const real t31 = t16 + k67 * s5;
+    const real t32 = k68 + t19 + t24 + t15 * k65 * c5;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24;
     const real t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
@@ -3041,10 +2748,10 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t38 = s4 * t34;
     mass_matrix[27 * stride] = t38;
     mass_matrix[153 * stride] = t38;
-    const real t39 = s4 * (k75 - t32);
+    const real t39 = s4 * (k69 - t32);
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
-    const real t42 = k75 - t40;
+    const real t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
     const real t43 = t26 * t35;
@@ -3052,11 +2759,11 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t45 = t38 - t26 * t31;
     mass_matrix[21 * stride] = t45;
     mass_matrix[39 * stride] = t45;
-    const real t46 = k79 * c3 + t35;
-    const real t47 = k79 * s3 + t36;
-    const real t48 = k80 + t28 + t35 * k77 * c3 + t41;
-    const real t49 = k63 + t36 * k77 * s3 + t42 - t28;
-    const real t50 = k64 + t33;
+    const real t46 = k73 * c3 + t35;
+    const real t47 = k73 * s3 + t36;
+    const real t48 = k74 + t28 + t35 * k71 * c3 + t41;
+    const real t49 = k60 + t36 * k71 * s3 + t42 - t28;
+    const real t50 = k61 + t33;
     const real t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
     /* mass matrix, columns of the joints carried in to the base */
@@ -3172,13 +2879,13 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[257 * stride] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t96 = k94 * s3;
-    const real t97 = k94 * c3;
+    const real t96 = k88 * s3;
+    const real t97 = k88 * c3;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t98 = k93 * s3;
+    const real t98 = k87 * s3;
     const real t99 = t97 + t98;
-    const real t100 = k93 * c3;
+    const real t100 = k87 * c3;
     const real t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
@@ -3188,7 +2895,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[125 * stride] = t103;
     mass_matrix[212 * stride] = -t103;
     mass_matrix[215 * stride] = t103;
-    const real t104 = k102 * s2;
+    const real t104 = k96 * s2;
     mass_matrix[3 * stride] = t104;
     mass_matrix[7 * stride] = t104;
     mass_matrix[57 * stride] = t104;
@@ -3215,7 +2922,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[144 * stride] = t110;
     mass_matrix[213 * stride] = -t110;
     mass_matrix[216 * stride] = t110;
-    const real t111 = k103 * s2;
+    const real t111 = k97 * s2;
     mass_matrix[4 * stride] = t111;
     mass_matrix[6 * stride] = t111;
     mass_matrix[76 * stride] = t111;
@@ -3232,15 +2939,15 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[254 * stride] = t113;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t114 = k92 * s3;
-    const real t115 = k92 * c3;
+    const real t114 = k86 * s3;
+    const real t115 = k86 * c3;
 
     /* mass matrix, column of joint 4 */
     const real t116 = s2 * t114;
     const real t117 = t3 * t114;
     mass_matrix[106 * stride] = t117;
     mass_matrix[214 * stride] = t117;
-    const real t118 = k105 * s2;
+    const real t118 = k99 * s2;
     mass_matrix[5 * stride] = t118;
     mass_matrix[95 * stride] = t118;
     const real t119 = c1 * t115 + t2 * t116;
@@ -3252,10 +2959,7 @@ static INLINE void hybrid_mass_matrix_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_hybrid_mass_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_hybrid_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[6], sine[6], cosine[6];
@@ -3269,10 +2973,8 @@ hexarotor_3link_hybrid_mass_matrix(
 }
 #endif
 
-static WIDE void hybrid_mass_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+static WIDE void hybrid_mass_matrix_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     for (int i = 0; i < 361 * LANES; ++i) {
@@ -3285,50 +2987,34 @@ static WIDE void hybrid_mass_matrix_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, mass_matrix + lane, LANES);
+        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, mass_matrix + lane, LANES);
     }
 }
 
-void
-BATCH(hybrid_mass_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+void BATCH(hybrid_mass_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_mass_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        hybrid_mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             mass_matrix + block * (361 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        hybrid_mass_matrix_block(
-            last_constants,
-            last_q,
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        hybrid_mass_matrix_block(last_constants, last_q,
             mass_matrix + whole * (361 * LANES));
     }
 }
 
 /* ---- hybrid_residual ---- */
 
-static INLINE void hybrid_residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_residual_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -3350,14 +3036,9 @@ static INLINE void hybrid_residual_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void hybrid_residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
@@ -3365,28 +3046,28 @@ static INLINE void hybrid_residual_lane(
     const real k8 = CONSTANT(k8);
     const real k14 = CONSTANT(k14);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
+    const real k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78);
     const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k84 = CONSTANT(k84);
-    const real k85 = CONSTANT(k85);
+    const real k86 = CONSTANT(k86);
+    const real k87 = CONSTANT(k87);
+    const real k88 = CONSTANT(k88);
+    const real k91 = CONSTANT(k91);
     const real k92 = CONSTANT(k92);
     const real k93 = CONSTANT(k93);
-    const real k94 = CONSTANT(k94);
-    const real k97 = CONSTANT(k97);
-    const real k98 = CONSTANT(k98);
-    const real k99 = CONSTANT(k99);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3476,12 +3157,12 @@ static INLINE void hybrid_residual_lane(
     const real t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k68 * c6;
-    const real t72 = k68 * s6;
-    const real t73 = k81 * s6;
+    const real t71 = k62 * c6;
+    const real t72 = k62 * s6;
+    const real t73 = k75 * s6;
     const real t74 = s6 * t73;
-    const real t75 = k46 - t74;
-    const real t76 = k52 + t74;
+    const real t75 = k44 - t74;
+    const real t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
@@ -3496,9 +3177,9 @@ static INLINE void hybrid_residual_lane(
     const real t86 = (t45 + link2_length * t61) * t72;
     const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
     residual[10 * stride] = t87;
-    const real t88 = k68 * (s6 * t52 - c6 * t67);
-    const real t89 = k68 * (c6 * t49 + s6 * t69);
-    const real t90 = k68 * (c6 * t68 - s6 * t70);
+    const real t88 = k62 * (s6 * t52 - c6 * t67);
+    const real t89 = k62 * (c6 * t49 + s6 * t69);
+    const real t90 = k62 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
     const real t91 = link2_length * c5;
@@ -3511,12 +3192,12 @@ static INLINE void hybrid_residual_lane(
     const real t96 = t89 * t91;
 
     /* inertia of link 2, turned by the joints */
-    const real t97 = k73 * c5;
-    const real t98 = k73 * s5;
-    const real t99 = k82 * s5;
+    const real t97 = k67 * c5;
+    const real t98 = k67 * s5;
+    const real t99 = k76 * s5;
     const real t100 = s5 * t99;
-    const real t101 = k74 + t100;
-    const real t102 = k33 - t100;
+    const real t101 = k68 + t100;
+    const real t102 = k32 - t100;
     const real t103 = c5 * t99;
 
     /* inertia forces of links 2 and 3, about joint 8 */
@@ -3531,15 +3212,15 @@ static INLINE void hybrid_residual_lane(
     const real t112 = t49 * t101;
     const real t113 = t52 * t102;
     const real t114 = t103 * (t55 - t58);
-    const real t115 = t88 + k73 * t61;
-    const real t116 = t89 + k73 * t62;
-    const real t117 = t90 + k73 * t63;
+    const real t115 = t88 + k67 * t61;
+    const real t116 = t89 + k67 * t62;
+    const real t117 = t90 + k67 * t63;
     const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
     residual[9 * stride] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t119 = k75 * t51;
-    const real t120 = k75 * t50;
+    const real t119 = k69 * t51;
+    const real t120 = k69 * t50;
     const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
     const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
     residual[8 * stride] = t122;
@@ -3561,19 +3242,19 @@ static INLINE void hybrid_residual_lane(
     const real t134 = t130 * t123;
 
     /* inertia of the base, turned by the joints */
-    const real t135 = k79 * c3;
-    const real t136 = k79 * s3;
-    const real t137 = k83 * s3;
+    const real t135 = k73 * c3;
+    const real t136 = k73 * s3;
+    const real t137 = k77 * s3;
     const real t138 = s3 * t137;
-    const real t139 = k80 + t138;
+    const real t139 = k74 + t138;
     const real t140 = c3 * t137;
 
     /* inertia forces of the base and links 1 to 3 */
     const real t141 = t21 * t136;
     const real t142 = t29 * t140;
-    const real t143 = k84 * t19;
-    const real t144 = t31 * (k63 - t138);
-    const real t145 = k64 * t23;
+    const real t143 = k78 * t19;
+    const real t144 = t31 * (k60 - t138);
+    const real t145 = k61 * t23;
     const real t146 = t29 * t139;
     const real t147 = t21 * t135;
     const real t148 = t31 * t140;
@@ -3581,9 +3262,9 @@ static INLINE void hybrid_residual_lane(
     const real t150 = t24 * t139;
     const real t151 = t15 * t135;
     const real t152 = t140 * (t28 - t30);
-    const real t153 = k79 * t32 - t123;
-    const real t154 = k79 * t33 - t124;
-    const real t155 = t116 + k79 * t34;
+    const real t153 = k73 * t32 - t123;
+    const real t154 = k73 * t33 - t124;
+    const real t155 = t116 + k73 * t34;
     const real t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
     const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
     residual[1 * stride] = t157;
@@ -3598,7 +3279,7 @@ static INLINE void hybrid_residual_lane(
     residual[0 * stride] = t161;
     const real t162 = c1 * t154 - s1 * t159;
     residual[12 * stride] = t162;
-    const real t163 = s1 * t154 + c1 * t159 - k85;
+    const real t163 = s1 * t154 + c1 * t159 - k79;
     residual[13 * stride] = t163;
 
     /* motion of the base */
@@ -3613,11 +3294,11 @@ static INLINE void hybrid_residual_lane(
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t171 = k94 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
-    const real t172 = k99 * (t27 + t164 * t164 - t167);
-    const real t173 = k93 * t170;
+    const real t171 = k88 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k93 * (t27 + t164 * t164 - t167);
+    const real t173 = k87 * t170;
     const real t174 = t171 - t172;
-    const real t175 = k97 * t168 - k98 * t169;
+    const real t175 = k91 * t168 - k92 * t169;
     const real t176 = t173 + t175;
     const real t177 = t176 - t174;
     residual[3 * stride] = t177;
@@ -3629,7 +3310,7 @@ static INLINE void hybrid_residual_lane(
     residual[4 * stride] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t181 = k8 * t168 - k14 * t169 - k92 * t170;
+    const real t181 = k8 * t168 - k14 * t169 - k86 * t170;
     residual[5 * stride] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
@@ -3642,12 +3323,8 @@ static INLINE void hybrid_residual_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_hybrid_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void hexarotor_3link_hybrid_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[6], sine[6], cosine[6];
     hybrid_residual_angles(constants, q, v, angle, 1);
@@ -3657,11 +3334,8 @@ hexarotor_3link_hybrid_residual(
 }
 #endif
 
-static WIDE void hybrid_residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+static WIDE void hybrid_residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -3677,53 +3351,31 @@ static WIDE void hybrid_residual_block(
     }
 }
 
-void
-BATCH(hybrid_residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            residual + block * (19 * LANES));
+        hybrid_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), residual + block * (19 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        hybrid_residual_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        hybrid_residual_block(last_constants, last_q, last_v,
             residual + whole * (19 * LANES));
     }
 }
 
 /* ---- hybrid_input_matrix ---- */
 
-static INLINE void hybrid_input_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_input_matrix_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -3734,29 +3386,25 @@ static INLINE void hybrid_input_matrix_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void hybrid_input_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix,
-    const int stride)
+static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT input_matrix, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k77 = CONSTANT(k77);
-    const real k87 = CONSTANT(k87);
-    const real k90 = CONSTANT(k90);
-    const real k91 = CONSTANT(k91);
+    const real k71 = CONSTANT(k71);
+    const real k81 = CONSTANT(k81);
+    const real k84 = CONSTANT(k84);
+    const real k85 = CONSTANT(k85);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k90;
-    input_matrix[21 * stride] = k77;
-    input_matrix[23 * stride] = -k90;
+    input_matrix[19 * stride] = -k84;
+    input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = -k84;
     input_matrix[28 * stride] = base_arm_length;
     input_matrix[48 * stride] = base_arm_length;
     input_matrix[68 * stride] = base_arm_length;
@@ -3787,7 +3435,7 @@ static INLINE void hybrid_input_matrix_lane(
     const real t15 = s2 * t11;
     const real t16 = c2 * t11;
     input_matrix[100 * stride] = t16;
-    const real t17 = k90 * s2;
+    const real t17 = k84 * s2;
     input_matrix[1 * stride] = -t17;
     input_matrix[5 * stride] = -t17;
     const real t18 = s1 * t15 + c1 * t14;
@@ -3796,10 +3444,10 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[118 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k91 * s3;
-    const real t21 = k87 * c3;
-    const real t22 = k87 * s3;
-    const real t23 = k91 * c3;
+    const real t20 = k85 * s3;
+    const real t21 = k81 * c3;
+    const real t22 = k81 * s3;
+    const real t23 = k85 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -3809,7 +3457,7 @@ static INLINE void hybrid_input_matrix_lane(
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[102 * stride] = -t27;
-    const real t28 = k77 * s2;
+    const real t28 = k71 * s2;
     input_matrix[3 * stride] = t28;
     const real t29 = c1 * c3 - s1 * t26;
     input_matrix[111 * stride] = t29;
@@ -3835,11 +3483,8 @@ static INLINE void hybrid_input_matrix_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_hybrid_input_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void hexarotor_3link_hybrid_input_matrix(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     real angle[3], sine[3], cosine[3];
     for (int i = 0; i < 171; ++i) {
@@ -3851,10 +3496,8 @@ hexarotor_3link_hybrid_input_matrix(
 }
 #endif
 
-static WIDE void hybrid_input_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+static WIDE void hybrid_input_matrix_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     for (int i = 0; i < 171 * LANES; ++i) {
@@ -3867,52 +3510,35 @@ static WIDE void hybrid_input_matrix_block(
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, input_matrix + lane, LANES);
+        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, input_matrix + lane, LANES);
     }
 }
 
-void
-BATCH(hybrid_input_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void BATCH(hybrid_input_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_input_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        hybrid_input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             input_matrix + block * (171 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        hybrid_input_matrix_block(
-            last_constants,
-            last_q,
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        hybrid_input_matrix_block(last_constants, last_q,
             input_matrix + whole * (171 * LANES));
     }
 }
 
 /* ---- constraint_torques ---- */
 
-static INLINE void constraint_torques_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void constraint_torques_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -3926,15 +3552,9 @@ static INLINE void constraint_torques_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void constraint_torques_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT torque,
+static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque,
     const int stride)
 {
     (void)q;
@@ -3942,12 +3562,12 @@ static INLINE void constraint_torques_lane(
     const real base_arm_length = CONSTANT(base_arm_length);
     const real k8 = CONSTANT(k8);
     const real k14 = CONSTANT(k14);
+    const real k86 = CONSTANT(k86);
+    const real k87 = CONSTANT(k87);
+    const real k88 = CONSTANT(k88);
+    const real k91 = CONSTANT(k91);
     const real k92 = CONSTANT(k92);
     const real k93 = CONSTANT(k93);
-    const real k94 = CONSTANT(k94);
-    const real k97 = CONSTANT(k97);
-    const real k98 = CONSTANT(k98);
-    const real k99 = CONSTANT(k99);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3976,7 +3596,7 @@ static INLINE void constraint_torques_lane(
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t14 = k99 * (t9 + t10 * t10 - t13);
+    const real t14 = k93 * (t9 + t10 * t10 - t13);
 
     /* motion of the base */
     const real t15 = a_z + gravity;
@@ -3990,12 +3610,12 @@ static INLINE void constraint_torques_lane(
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k93 * t21;
-    const real t23 = k94 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
+    const real t22 = k87 * t21;
+    const real t23 = k88 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
     const real t24 = t14 + t22;
-    const real t25 = k97 * t19 - k98 * t20;
+    const real t25 = k91 * t19 - k92 * t20;
     const real t26 = t25 - t23;
     const real t27 = t26 - base_arm_length * F_2 - t24;
     torque[0 * stride] = t27;
@@ -4008,7 +3628,7 @@ static INLINE void constraint_torques_lane(
     const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29;
+    const real t30 = k8 * t19 + k86 * t21 - base_arm_length * F_4 - t29;
     torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
@@ -4023,14 +3643,8 @@ static INLINE void constraint_torques_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_constraint_torques(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT torque)
+void hexarotor_3link_constraint_torques(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque)
 {
     real angle[3], sine[3], cosine[3];
     constraint_torques_angles(constants, q, v, a, u, angle, 1);
@@ -4039,460 +3653,55 @@ hexarotor_3link_constraint_torques(
 }
 #endif
 
-static WIDE void constraint_torques_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
+static WIDE void constraint_torques_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u
-            + lane, angle + lane, LANES);
+        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
+            u + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, a + lane, u + lane, torque + lane, LANES);
+        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, a + lane, u + lane, torque + lane, LANES);
     }
 }
 
-void
-BATCH(constraint_torques)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
+void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        constraint_torques_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            a + block * (9 * LANES),
-            u + block * (9 * LANES),
+        constraint_torques_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), a + block * (9 * LANES), u + block * (9 * LANES),
             torque + block * (5 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         real last_a[9 * LANES];
+        fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
         real last_u[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            a + whole * (9 * LANES),
-            last_a);
-        fill_lanes(
-            9,
-            rest,
-            u + whole * (9 * LANES),
-            last_u);
-        constraint_torques_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            last_u,
+        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
+        constraint_torques_block(last_constants, last_q, last_v, last_a, last_u,
             torque + whole * (5 * LANES));
-    }
-}
-
-/* ---- gibbs ---- */
-
-static INLINE void gibbs_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    (void)a;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void gibbs_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value,
-    const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
-    const real k68 = CONSTANT(k68);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k113 = CONSTANT(k113);
-    const real k114 = CONSTANT(k114);
-    const real k115 = CONSTANT(k115);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_7 = a[3 * stride];
-    const real a_theta_8 = a[4 * stride];
-    const real a_theta_9 = a[5 * stride];
-    const real a_x = a[6 * stride];
-    const real a_y = a[7 * stride];
-    const real a_z = a[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-
-    /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = v_theta_1 + t15;
-    const real t19 = v_theta_0 * t18;
-    const real t20 = t16 * t18;
-    const real t21 = t18 * t18;
-
-    /* motion of link 1 */
-    const real t22 = v_theta_7 + t18;
-    const real t23 = c4 * t16 + v_theta_0 * s4;
-    const real t24 = v_theta_0 * c4 - s4 * t16;
-    const real t25 = t23 * t24;
-    const real t26 = t22 * t23;
-    const real t27 = t22 * t24;
-
-    /* motion of link 2 */
-    const real t28 = v_theta_8 - t24;
-    const real t29 = t28 * t28;
-
-    /* motion of link 3 */
-    const real t30 = v_theta_9 + t28;
-
-    /* inertia of link 3, turned by the joints */
-    const real t31 = k68 * c6;
-    const real t32 = k68 * s6;
-    const real t33 = k81 * s6;
-    const real t34 = s6 * t33;
-    const real t35 = k46 - t34;
-    const real t36 = k52 + t34;
-    const real t37 = c6 * t33;
-
-    /* inertia of link 2, turned by the joints */
-    const real t38 = k73 * c5;
-    const real t39 = k73 * s5;
-    const real t40 = k82 * s5;
-    const real t41 = s5 * t40;
-    const real t42 = k74 + t41;
-    const real t43 = k33 - t41;
-    const real t44 = c5 * t40;
-
-    /* inertia of the base, turned by the joints */
-    const real t45 = k79 * c3;
-    const real t46 = k79 * s3;
-    const real t47 = k83 * s3;
-    const real t48 = s3 * t47;
-    const real t49 = k80 + t48;
-    const real t50 = k63 - t48;
-    const real t51 = c3 * t47;
-
-    /* motion of the base */
-    const real t52 = a_z + gravity;
-    const real t53 = a_y * c1 + s1 * t52;
-    const real t54 = c1 * t52 - a_y * s1;
-    const real t55 = a_x * s2 + c2 * t54;
-    const real t56 = a_x * c2 - s2 * t54;
-    const real t57 = a_theta_0 + t15 * t16;
-    const real t58 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
-    const real t59 = a_theta_1 + t17 + a_theta_m1 * s2;
-    const real t60 = t19 - t58;
-    const real t61 = t20 - t57;
-
-    /* motion of link 1 */
-    const real t62 = c3 * (v_theta_0 * v_theta_0 + t21) - s3 * (t17 - t59);
-    const real t63 = s3 * (t16 * t16 + t21) - c3 * (t17 + t59);
-    const real t64 = s3 * (R(2.0) * t18 * v_theta_0 - t58);
-    const real t65 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t57) + t64);
-    const real t66 = t56 - base_arm_length * t62;
-    const real t67 = t53 - base_arm_length * t63;
-    const real t68 = t55 + t65;
-    const real t69 = a_theta_7 + t59;
-    const real t70 = v_theta_0 * t22 - t58;
-    const real t71 = t16 * t22 - t57;
-    const real t72 = s4 * t71 - c4 * t70;
-    const real t73 = c4 * t66 + s4 * t67;
-    const real t74 = c4 * t67 - s4 * t66;
-    const real t75 = t25 - t69;
-    const real t76 = t27 - t72;
-
-    /* motion of link 2 */
-    const real t77 = a_theta_8 + c4 * t71 + s4 * t70;
-    const real t78 = t22 * t28 + t76;
-    const real t79 = t23 * t28 + t75;
-
-    /* motion of link 3 */
-    const real t80 = c5 * (t22 * t22 + t29) - s5 * (t26 - t77);
-    const real t81 = s5 * (t23 * t23 + t29) - c5 * (t26 + t77);
-    const real t82 = s5 * (R(2.0) * t28 * t22 + t76);
-    const real t83 = link2_length * (c5 * (R(2.0) * t28 * t23 + t75) + t82);
-    const real t84 = t73 - link2_length * t80;
-    const real t85 = t68 - link2_length * t81;
-    const real t86 = t74 - t83;
-    const real t87 = a_theta_9 + t77;
-    const real t88 = t22 * t30 + t76;
-    const real t89 = t23 * t30 + t75;
-
-    /* Gibbs function of the base */
-    const real t90 = t18 * t45;
-    const real t91 = v_theta_0 * t45;
-    const real t92 = v_theta_0 * t51;
-    const real t93 = v_theta_0 * t92 * t59;
-    const real t94 = v_theta_0 * t46;
-
-    /* Gibbs function of link 2 */
-    const real t95 = t79 * t42 * t79;
-    const real t96 = t78 * t43 * t78;
-    const real t97 = t22 * t38;
-    const real t98 = t28 * t38;
-    const real t99 = t38 * t74 * t79;
-    const real t100 = t22 * t44;
-    const real t101 = t22 * t39;
-
-    /* Gibbs function of link 3 */
-    const real t102 = t89 * t35 * t89;
-    const real t103 = t88 * t36 * t88;
-    const real t104 = t22 * t37;
-    const real t105 = t22 * t31;
-    const real t106 = t30 * t31;
-    const real t107 = t88 * t32 * t86;
-    const real t108 = t22 * t32;
-
-    /* sum over the links */
-    const real t109 = t97 * t68;
-    const real t110 = t101 * t73;
-    const real t111 = t28 * t42 * t79;
-    const real t112 = t98 * t74;
-    const real t113 = t108 * t84;
-    const real t114 = t105 * t85;
-    const real t115 = t30 * t35 * t89;
-    const real t116 = t106 * t86;
-    const real t117 = t61 * t18 * t49;
-    const real t118 = t51 * t61;
-    const real t119 = k64 * t19;
-    const real t120 = t28 * t39 * t68;
-    const real t121 = t100 * t79;
-    const real t122 = t30 * t32 * t85;
-    const real t123 = t104 * t89;
-    const real t124 = k64 * t20;
-    const real t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124;
-    const real t126 = t61 * t125;
-    const real t127 = k114 * t56;
-    const real t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127;
-    const real t129 = t56 * t128;
-    const real t130 = t104 * t87;
-    const real t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130;
-    const real t132 = t22 * t131;
-    const real t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59;
-    const real t134 = t53 * t133;
-    const real t135 = t55 * (t18 * t94 + k114 * t55);
-    const real t136 = k115 * (t69 * t69 + t72 * t72);
-    const real t137 = k75 * (t27 * t72 + t25 * t69);
-    const real t138 = t77 * (t38 * t68 - t39 * t73);
-    const real t139 = t78 * (t39 * t74 + t44 * t79);
-    const real t140 = t87 * (t31 * t85 - t32 * t84);
-    const real t141 = t89 * (t31 * t86 - t37 * t88);
-    const real t142 = t23 * (t39 * t68 + t32 * t85);
-    const real t143 = t59 * t59;
-    const real t144 = t49 * (t61 * t61 + t143);
-    const real t145 = t50 * (t60 * t60 + t143);
-    const real t146 = t53 * (t16 * t46 - t91);
-    const real t147 = t16 * t51 - v_theta_0 * t50;
-    const real t148 = t18 * t147;
-    const real t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148;
-    const real t150 = t60 * t149;
-    const real t151 = t23 * t44 - t22 * t43;
-    const real t152 = t78 * t151;
-    const real t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152;
-    const real t154 = t28 * t153;
-    const real t155 = t23 * t37 + t22 * t36;
-    const real t156 = t88 * t155;
-    const real t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156;
-    const real t158 = t30 * t157;
-    const real t159 = t77 * (t22 * t42 + t151);
-    const real t160 = t87 * (t22 * t35 - t155);
-    const real t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142;
-    const real t162 = t23 * t161;
-    const real t163 = t59 * (v_theta_0 * t49 + t147);
-    const real t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146;
-    const real t165 = t16 * t164;
-    const real t166 = t77 * (t42 + t43) * t77;
-    const real t167 = t87 * (t35 + t36) * t87;
-    const real t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167;
-    const real t169 = R(0.5) * t168;
-    const real t170 = t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 -
-        t107 - t129 - t132 - t134 - t137 - t139 - t141 - t154 - t158;
-    value[0 * stride] = t170;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_gibbs(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    real angle[6], sine[6], cosine[6];
-    gibbs_angles(constants, q, v, a, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    gibbs_lane(constants, sine, cosine, q, v, a, value, 1);
-}
-#endif
-
-static WIDE void gibbs_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v + lane,
-            a + lane, value + lane, LANES);
-    }
-}
-
-void
-BATCH(gibbs)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        gibbs_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            a + block * (9 * LANES),
-            value + block * (1 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        real last_v[9 * LANES];
-        real last_a[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            a + whole * (9 * LANES),
-            last_a);
-        gibbs_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            value + whole * (1 * LANES));
     }
 }
 
 /* ---- kinetic_energy ---- */
 
-static INLINE void kinetic_energy_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void kinetic_energy_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -4514,33 +3723,28 @@ static INLINE void kinetic_energy_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void kinetic_energy_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy,
-    const int stride)
+static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
+    const real k32 = CONSTANT(k32);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
     const real k73 = CONSTANT(k73);
     const real k74 = CONSTANT(k74);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k113 = CONSTANT(k113);
-    const real k114 = CONSTANT(k114);
-    const real k115 = CONSTANT(k115);
+    const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
+    const real k77 = CONSTANT(k77);
+    const real k107 = CONSTANT(k107);
+    const real k108 = CONSTANT(k108);
+    const real k109 = CONSTANT(k109);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4578,28 +3782,28 @@ static INLINE void kinetic_energy_lane(
     const real t20 = v_theta_9 + t19;
 
     /* inertia of link 3, turned by the joints */
-    const real t21 = k68 * c6;
-    const real t22 = k68 * s6;
-    const real t23 = k81 * s6;
+    const real t21 = k62 * c6;
+    const real t22 = k62 * s6;
+    const real t23 = k75 * s6;
     const real t24 = s6 * t23;
-    const real t25 = k46 - t24;
-    const real t26 = k52 + t24;
+    const real t25 = k44 - t24;
+    const real t26 = k50 + t24;
 
     /* inertia of link 2, turned by the joints */
-    const real t27 = k73 * c5;
-    const real t28 = k73 * s5;
-    const real t29 = k82 * s5;
+    const real t27 = k67 * c5;
+    const real t28 = k67 * s5;
+    const real t29 = k76 * s5;
     const real t30 = s5 * t29;
-    const real t31 = k74 + t30;
-    const real t32 = k33 - t30;
+    const real t31 = k68 + t30;
+    const real t32 = k32 - t30;
 
     /* inertia of the base, turned by the joints */
-    const real t33 = k79 * c3;
-    const real t34 = k79 * s3;
-    const real t35 = k83 * s3;
+    const real t33 = k73 * c3;
+    const real t34 = k73 * s3;
+    const real t35 = k77 * s3;
     const real t36 = s3 * t35;
-    const real t37 = k80 + t36;
-    const real t38 = k63 - t36;
+    const real t37 = k74 + t36;
+    const real t38 = k60 - t36;
 
     /* motion of the base */
     const real t39 = v_y * c1 + v_z * s1;
@@ -4622,17 +3826,17 @@ static INLINE void kinetic_energy_lane(
     const real t50 = t15 * t15 * t38;
 
     /* sum over the links */
-    const real t51 = v_theta_0 * c3 * t35 + k113 * t15 + t34 * t41;
+    const real t51 = v_theta_0 * c3 * t35 + k107 * t15 + t34 * t41;
     const real t52 = t15 * t51;
-    const real t53 = k114 * (t39 * t39 + t41 * t41 + t42 * t42);
-    const real t54 = t18 * (k115 * t18 - t28 * t47 - t22 * t48);
-    const real t55 = v_theta_0 * (k113 * v_theta_0 - t33 * t41);
+    const real t53 = k108 * (t39 * t39 + t41 * t41 + t42 * t42);
+    const real t54 = t18 * (k109 * t18 - t28 * t47 - t22 * t48);
+    const real t55 = v_theta_0 * (k107 * v_theta_0 - t33 * t41);
     const real t56 = t16 * (t33 * t39 - t34 * t42);
     const real t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
     const real t60 = t18 * (c6 * t23 - c5 * t29);
-    const real t61 = k115 * t17 + t27 * t47 + t21 * t48 - t60;
+    const real t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60;
     const real t62 = t17 * t61;
     const real t63 = t16 * t16 * (t37 + t38);
     const real t64 = t17 * t17 * (t25 + t31);
@@ -4646,12 +3850,8 @@ static INLINE void kinetic_energy_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_kinetic_energy(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+void hexarotor_3link_kinetic_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy)
 {
     real angle[6], sine[6], cosine[6];
     kinetic_energy_angles(constants, q, v, angle, 1);
@@ -4661,11 +3861,8 @@ hexarotor_3link_kinetic_energy(
 }
 #endif
 
-static WIDE void kinetic_energy_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+static WIDE void kinetic_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -4681,53 +3878,30 @@ static WIDE void kinetic_energy_block(
     }
 }
 
-void
-BATCH(kinetic_energy)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT energy)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        kinetic_energy_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            energy + block * (1 * LANES));
+        kinetic_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), energy + block * (1 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        kinetic_energy_block(
-            last_constants,
-            last_q,
-            last_v,
-            energy + whole * (1 * LANES));
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        kinetic_energy_block(last_constants, last_q, last_v, energy + whole * (1 * LANES));
     }
 }
 
 /* ---- potential_energy ---- */
 
-static INLINE void potential_energy_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void potential_energy_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -4748,19 +3922,15 @@ static INLINE void potential_energy_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void potential_energy_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT energy,
-    const int stride)
+static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT energy, const int stride)
 {
     const real gravity = CONSTANT(gravity);
-    const real k68 = CONSTANT(k68);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
+    const real k72 = CONSTANT(k72);
     const real k73 = CONSTANT(k73);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
     const real z = q[8 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -4776,21 +3946,18 @@ static INLINE void potential_energy_lane(
     const real c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k68 * c6 + k73 * c5;
+    const real t15 = k62 * c6 + k67 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t16 = s2 * (k79 * c3 + c4 * t15);
-    const real t17 = c1 * (c2 * (k68 * s6 + k73 * s5) - t16);
-    const real t18 = t17 + s1 * (k79 * s3 + s4 * t15);
-    const real t19 = gravity * (t18 + k78 * z);
+    const real t16 = s2 * (k73 * c3 + c4 * t15);
+    const real t17 = c1 * (c2 * (k62 * s6 + k67 * s5) - t16);
+    const real t18 = t17 + s1 * (k73 * s3 + s4 * t15);
+    const real t19 = gravity * (t18 + k72 * z);
     energy[0 * stride] = t19;
 }
 
 #ifndef EACH
-void
-hexarotor_3link_potential_energy(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_potential_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT energy)
 {
     real angle[6], sine[6], cosine[6];
@@ -4801,9 +3968,7 @@ hexarotor_3link_potential_energy(
 }
 #endif
 
-static WIDE void potential_energy_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void potential_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT energy)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -4814,49 +3979,33 @@ static WIDE void potential_energy_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, energy + lane, LANES);
+        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, energy + lane, LANES);
     }
 }
 
-void
-BATCH(potential_energy)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT energy)
+void BATCH(potential_energy)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT energy)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        potential_energy_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        potential_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        potential_energy_block(
-            last_constants,
-            last_q,
-            energy + whole * (1 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        potential_energy_block(last_constants, last_q, energy + whole * (1 * LANES));
     }
 }
 
 /* ---- gravity_forces ---- */
 
-static INLINE void gravity_forces_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void gravity_forces_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -4877,22 +4026,18 @@ static INLINE void gravity_forces_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void gravity_forces_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real k68 = CONSTANT(k68);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k73 = CONSTANT(k73);
     const real k79 = CONSTANT(k79);
-    const real k85 = CONSTANT(k85);
+    const real k105 = CONSTANT(k105);
     const real k111 = CONSTANT(k111);
-    const real k118 = CONSTANT(k118);
-    const real k119 = CONSTANT(k119);
+    const real k112 = CONSTANT(k112);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -4907,10 +4052,10 @@ static INLINE void gravity_forces_lane(
     const real c6 = cosine[5 * stride];
     force[6 * stride] = R(0.0);
     force[7 * stride] = R(0.0);
-    force[8 * stride] = -k85;
+    force[8 * stride] = -k79;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k68 * c6 + k73 * c5;
+    const real t15 = k62 * c6 + k67 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t16 = c4 * t15;
@@ -4920,7 +4065,7 @@ static INLINE void gravity_forces_lane(
     const real t18 = c1 * c2;
 
     /* centre of mass from the origin */
-    const real t19 = k111 * (k68 * s6 + k73 * s5);
+    const real t19 = k105 * (k62 * s6 + k67 * s5);
 
     /* axes of the base */
     const real t20 = c1 * s2;
@@ -4929,33 +4074,30 @@ static INLINE void gravity_forces_lane(
     const real t21 = s1 * s4 - c4 * t20;
 
     /* centre of mass from the origin */
-    const real t22 = k111 * (k79 * c3 + t16);
+    const real t22 = k105 * (k73 * c3 + t16);
 
     /* columns of the base */
     const real t23 = s2 * t19 + c2 * t22;
-    const real t24 = c1 * k111 * (k79 * s3 + t17);
+    const real t24 = c1 * k105 * (k73 * s3 + t17);
     const real t25 = s1 * (c2 * t19 - s2 * t22) - t24;
 
     /* weight at the centre of mass */
-    const real t26 = k85 * t25;
+    const real t26 = k79 * t25;
     force[0 * stride] = t26;
-    const real t27 = k85 * c1 * t23;
+    const real t27 = k79 * c1 * t23;
     force[1 * stride] = t27;
-    const real t28 = k85 * (s2 * t25 - s1 * c2 * t23);
+    const real t28 = k79 * (s2 * t25 - s1 * c2 * t23);
     force[2 * stride] = t28;
-    const real t29 = k118 * (s1 * t16 + t17 * t20);
+    const real t29 = k111 * (s1 * t16 + t17 * t20);
     force[3 * stride] = -t29;
-    const real t30 = k85 * (t19 * t21 - t18 * k111 * t15);
+    const real t30 = k79 * (t19 * t21 - t18 * k105 * t15);
     force[4 * stride] = t30;
-    const real t31 = k119 * (s6 * t21 - c6 * t18);
+    const real t31 = k112 * (s6 * t21 - c6 * t18);
     force[5 * stride] = t31;
 }
 
 #ifndef EACH
-void
-hexarotor_3link_gravity_forces(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_gravity_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT force)
 {
     real angle[6], sine[6], cosine[6];
@@ -4966,9 +4108,7 @@ hexarotor_3link_gravity_forces(
 }
 #endif
 
-static WIDE void gravity_forces_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void gravity_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT force)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -4984,45 +4124,28 @@ static WIDE void gravity_forces_block(
     }
 }
 
-void
-BATCH(gravity_forces)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT force)
+void BATCH(gravity_forces)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        gravity_forces_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        gravity_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             force + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        gravity_forces_block(
-            last_constants,
-            last_q,
-            force + whole * (9 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        gravity_forces_block(last_constants, last_q, force + whole * (9 * LANES));
     }
 }
 
 /* ---- wrench_forces ---- */
 
-static INLINE void wrench_forces_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void wrench_forces_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)W;
@@ -5044,14 +4167,9 @@ static INLINE void wrench_forces_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void wrench_forces_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -5171,12 +4289,8 @@ static INLINE void wrench_forces_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_wrench_forces(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+void hexarotor_3link_wrench_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force)
 {
     real angle[6], sine[6], cosine[6];
     wrench_forces_angles(constants, q, W, angle, 1);
@@ -5186,11 +4300,8 @@ hexarotor_3link_wrench_forces(
 }
 #endif
 
-static WIDE void wrench_forces_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+static WIDE void wrench_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -5201,61 +4312,36 @@ static WIDE void wrench_forces_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, W
-            + lane, force + lane, LANES);
+        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            W + lane, force + lane, LANES);
     }
 }
 
-void
-BATCH(wrench_forces)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT W, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        wrench_forces_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            W + block * (12 * LANES),
-            force + block * (9 * LANES));
+        wrench_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            W + block * (12 * LANES), force + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_W[12 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            12,
-            rest,
-            W + whole * (12 * LANES),
-            last_W);
-        wrench_forces_block(
-            last_constants,
-            last_q,
-            last_W,
-            force + whole * (9 * LANES));
+        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
+        wrench_forces_block(last_constants, last_q, last_W, force + whole * (9 * LANES));
     }
 }
 
 /* ---- forward_dynamics_with_wrenches ---- */
 
-static INLINE void forward_dynamics_with_wrenches_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void forward_dynamics_with_wrenches_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -5279,42 +4365,36 @@ static INLINE void forward_dynamics_with_wrenches_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void forward_dynamics_with_wrenches_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
-    real *RESTRICT acceleration,
-    const int stride)
+static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
+    real *RESTRICT acceleration, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
+    const real k32 = CONSTANT(k32);
     const real link3_length = CONSTANT(link3_length);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
+    const real k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k68 = CONSTANT(k68);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
+    const real k69 = CONSTANT(k69);
+    const real k72 = CONSTANT(k72);
     const real k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76);
     const real k78 = CONSTANT(k78);
+    const real k80 = CONSTANT(k80);
     const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k84 = CONSTANT(k84);
-    const real k86 = CONSTANT(k86);
-    const real k87 = CONSTANT(k87);
-    const real k106 = CONSTANT(k106);
-    const real k108 = CONSTANT(k108);
-    const real k109 = CONSTANT(k109);
+    const real k100 = CONSTANT(k100);
+    const real k102 = CONSTANT(k102);
+    const real k103 = CONSTANT(k103);
+    const real k104 = CONSTANT(k104);
     const real k110 = CONSTANT(k110);
-    const real k117 = CONSTANT(k117);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -5403,12 +4483,12 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t54 = k68 * c6;
-    const real t55 = k68 * s6;
-    const real t56 = k81 * s6;
+    const real t54 = k62 * c6;
+    const real t55 = k62 * s6;
+    const real t56 = k75 * s6;
     const real t57 = s6 * t56;
-    const real t58 = k46 - t57;
-    const real t59 = k52 + t57;
+    const real t58 = k44 - t57;
+    const real t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
@@ -5419,20 +4499,20 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t65 = t60 * (t50 - t52);
     const real t66 = t32 * t58;
     const real t67 = t35 * t59;
-    const real t68 = k68 * (s6 * t35 - c6 * t50);
-    const real t69 = k68 * (c6 * t32 + s6 * t52);
+    const real t68 = k62 * (s6 * t35 - c6 * t50);
+    const real t69 = k62 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
     const real t70 = link2_length * c5;
     const real t71 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t72 = k73 * c5;
-    const real t73 = k73 * s5;
-    const real t74 = k82 * s5;
+    const real t72 = k67 * c5;
+    const real t73 = k67 * s5;
+    const real t74 = k76 * s5;
     const real t75 = s5 * t74;
-    const real t76 = k74 + t75;
-    const real t77 = k33 - t75;
+    const real t76 = k68 + t75;
+    const real t77 = k32 - t75;
     const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
@@ -5443,11 +4523,11 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t83 = t32 * t76;
     const real t84 = t35 * t77;
     const real t85 = t78 * (t38 - t41);
-    const real t86 = k73 * t45;
+    const real t86 = k67 * t45;
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t87 = k75 * t34;
-    const real t88 = k75 * t33;
+    const real t87 = k69 * t34;
+    const real t88 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
     const real t89 = t54 + t72;
@@ -5487,23 +4567,23 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t111 = t102 + t107 * t109;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t112 = R(1.0) / (k75 + t58 + t76 + R(2.0) * t54 * t70);
+    const real t112 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70);
     const real t113 = t89 * t112;
     const real t114 = t90 * t112;
     const real t115 = t55 + t73 - t90 * t113;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t116 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t117 = k63 * (t19 - R(2.0) * t21 * t16);
-    const real t118 = k108 * t18;
+    const real t116 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t117 = k60 * (t19 - R(2.0) * t21 * t16);
+    const real t118 = k102 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t119 = R(1.0) / (t59 + t77 + t105 + k117 - t90 * t114);
+    const real t119 = R(1.0) / (t59 + t77 + t105 + k110 - t90 * t114);
     const real t120 = t115 * t119;
-    const real t121 = R(1.0) / (k78 - t89 * t113 - t115 * t120);
-    const real t122 = R(1.0) / (k78 - t101 - t107 * t110);
+    const real t121 = R(1.0) / (k72 - t89 * t113 - t115 * t120);
+    const real t122 = R(1.0) / (k72 - t101 - t107 * t110);
     const real t123 = t111 * t122;
-    const real t124 = R(1.0) / (k78 - t100 - t106 * t109 - t111 * t123);
+    const real t124 = R(1.0) / (k72 - t100 - t106 * t109 - t111 * t123);
 
     /* accelerations of the attitude angles */
     const real t125 = R(1.0) / c2;
@@ -5568,14 +4648,14 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t170 = F_2 + F_6;
     const real t171 = R(0.5) * t170;
     const real t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171;
-    const real t173 = k87 * (F_3 - F_5);
+    const real t173 = k81 * (F_3 - F_5);
     const real t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173;
     const real t175 = F_3 + F_5;
-    const real t176 = k86 * t175;
+    const real t176 = k80 * t175;
     const real t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t178 = t156 + k68 * (c6 * t51 - s6 * t53);
+    const real t178 = t156 + k62 * (c6 * t51 - s6 * t53);
 
     /* equation of joint 9, its acceleration eliminated */
     const real t179 = link2_length * (t44 * t55 + t45 * t54);
@@ -5605,8 +4685,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t196 = c3 * t169 - s3 * t172;
     const real t197 = s3 * t169 + c3 * t172;
-    const real t198 = k84 * t17 + t116 + c3 * t174 - s3 * t177;
-    const real t199 = k64 * t19 + t117 - c3 * t177 - s3 * t174;
+    const real t198 = k78 * t17 + t116 + c3 * t174 - s3 * t177;
+    const real t199 = k61 * t19 + t117 - c3 * t177 - s3 * t174;
     const real t200 = c4 * t196;
     const real t201 = s4 * t197;
     const real t202 = c4 * t197;
@@ -5615,20 +4695,20 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t205 = s4 * t199;
     const real t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
     const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
-    const real t208 = k106 * t170;
+    const real t208 = k100 * t170;
     const real t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
 
     /* acceleration of the base, by LDL^T */
     const real t210 = t120 * t207;
-    const real t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210;
+    const real t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210;
     const real t212 = t123 * t206;
-    const real t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201;
+    const real t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201;
     const real t214 = t124 * t213;
     const real t215 = t123 * t214 + t122 * t206;
     const real t216 = t121 * t211;
     const real t217 = t119 * t207 - t120 * t216;
-    const real t218 = k110 * (tau_8 - s4 * t198 - c4 * t199);
-    const real t219 = k109 * t209;
+    const real t218 = k104 * (tau_8 - s4 * t198 - c4 * t199);
+    const real t219 = k103 * t209;
 
     /* acceleration of joint 7 */
     const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
@@ -5678,13 +4758,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_forward_dynamics_with_wrenches(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+void hexarotor_3link_forward_dynamics_with_wrenches(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     real angle[6], sine[6], cosine[6];
@@ -5696,12 +4771,8 @@ hexarotor_3link_forward_dynamics_with_wrenches(
 }
 #endif
 
-static WIDE void forward_dynamics_with_wrenches_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+static WIDE void forward_dynamics_with_wrenches_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -5713,609 +4784,43 @@ static WIDE void forward_dynamics_with_wrenches_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine +
-            lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane, LANES);
+        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane,
+            cosine + lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane,
+            LANES);
     }
 }
 
-void
-BATCH(forward_dynamics_with_wrenches)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_with_wrenches_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            u + block * (9 * LANES),
-            W + block * (12 * LANES),
-            acceleration + block * (9 * LANES));
+        forward_dynamics_with_wrenches_block(OF_BLOCK(constants, block),
+            q + block * (9 * LANES), v + block * (9 * LANES), u + block * (9 * LANES),
+            W + block * (12 * LANES), acceleration + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         real last_u[9 * LANES];
+        fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
         real last_W[12 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            u + whole * (9 * LANES),
-            last_u);
-        fill_lanes(
-            12,
-            rest,
-            W + whole * (12 * LANES),
-            last_W);
-        forward_dynamics_with_wrenches_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_u,
-            last_W,
+        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
+        forward_dynamics_with_wrenches_block(last_constants, last_q, last_v, last_u, last_W,
             acceleration + whole * (9 * LANES));
-    }
-}
-
-/* ---- joint_wrenches ---- */
-
-static INLINE void joint_wrenches_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    (void)a;
-    (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void joint_wrenches_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches,
-    const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real k20 = CONSTANT(k20);
-    const real link2_length = CONSTANT(link2_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k58 = CONSTANT(k58);
-    const real k65 = CONSTANT(k65);
-    const real k66 = CONSTANT(k66);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k81 = CONSTANT(k81);
-    const real k92 = CONSTANT(k92);
-    const real k93 = CONSTANT(k93);
-    const real k94 = CONSTANT(k94);
-    const real k97 = CONSTANT(k97);
-    const real k98 = CONSTANT(k98);
-    const real k99 = CONSTANT(k99);
-    const real k116 = CONSTANT(k116);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_7 = a[3 * stride];
-    const real a_theta_8 = a[4 * stride];
-    const real a_theta_9 = a[5 * stride];
-    const real a_x = a[6 * stride];
-    const real a_y = a[7 * stride];
-    const real a_z = a[8 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real F_5 = u[4 * stride];
-    const real F_6 = u[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-
-    /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = v_theta_1 + t15;
-    const real t19 = t18 * t18;
-
-    /* motion of link 1 */
-    const real t20 = v_theta_7 + t18;
-    const real t21 = t20 * t20;
-    const real t22 = c4 * t16 + v_theta_0 * s4;
-    const real t23 = v_theta_0 * c4 - s4 * t16;
-    const real t24 = t22 * t22;
-    const real t25 = t20 * t22;
-
-    /* motion of link 2 */
-    const real t26 = v_theta_8 - t23;
-    const real t27 = t26 * t26;
-    const real t28 = t21 + t27;
-    const real t29 = R(2.0) * t22;
-    const real t30 = t24 + t27;
-    const real t31 = R(2.0) * t20;
-
-    /* motion of link 3 */
-    const real t32 = v_theta_9 + t26;
-    const real t33 = t32 * t32;
-    const real t34 = t21 + t33;
-    const real t35 = t24 + t33;
-
-    /* inertia of link 3, turned by the joints */
-    const real t36 = k68 * c6;
-    const real t37 = k68 * s6;
-    const real t38 = k81 * s6;
-    const real t39 = s6 * t38;
-    const real t40 = k46 - t39;
-    const real t41 = k52 + t39;
-    const real t42 = c6 * t38;
-
-    /* inertia forces of link 3, about joint 9 */
-    const real t43 = t42 * (t34 - t35);
-
-    /* step from link 2 to link 3 */
-    const real t44 = link2_length * c5;
-    const real t45 = link2_length * s5;
-
-    /* motion of the base */
-    const real t46 = c3 * t16 + v_theta_0 * s3;
-    const real t47 = v_theta_0 * c3 - s3 * t16;
-    const real t48 = t46 * t47;
-    const real t49 = t18 * t46;
-    const real t50 = t18 * t47;
-    const real t51 = t19 + t47 * t47;
-    const real t52 = t19 + t46 * t46;
-
-    /* inertia forces of base arm 2, about joint 2 */
-    const real t53 = k93 * t51;
-    const real t54 = k94 * t52;
-    const real t55 = k99 * (t51 - t52);
-
-    /* wrench through joint 4 */
-    const real t56 = base_arm_length * F_4;
-
-    /* motion of the base */
-    const real t57 = a_z + gravity;
-    const real t58 = a_y * c1 + s1 * t57;
-    const real t59 = c1 * t57 - a_y * s1;
-    const real t60 = a_x * s2 + c2 * t59;
-    const real t61 = a_x * c2 - s2 * t59;
-    const real t62 = a_theta_0 + t15 * t16;
-    const real t63 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
-    const real t64 = a_theta_1 + t17 + a_theta_m1 * s2;
-    const real t65 = v_theta_0 * t18 - t63;
-    const real t66 = t16 * t18 - t62;
-
-    /* motion of link 1 */
-    const real t67 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t17 - t64);
-    const real t68 = s3 * (t16 * t16 + t19) - c3 * (t17 + t64);
-    const real t69 = s3 * (R(2.0) * t18 * v_theta_0 - t63);
-    const real t70 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t62) + t69);
-    const real t71 = t61 - base_arm_length * t67;
-    const real t72 = t58 - base_arm_length * t68;
-    const real t73 = t60 + t70;
-    const real t74 = v_theta_0 * t20 - t63;
-    const real t75 = t16 * t20 - t62;
-    const real t76 = c4 * t71 + s4 * t72;
-    const real t77 = c4 * t72 - s4 * t71;
-    const real t78 = a_theta_7 + t64 - t22 * t23;
-    const real t79 = t20 * t23 + c4 * t74 - s4 * t75;
-
-    /* motion of link 2 */
-    const real t80 = a_theta_8 + c4 * t75 + s4 * t74;
-    const real t81 = t25 + t80;
-    const real t82 = t26 * t29 - t78;
-    const real t83 = t25 - t80;
-    const real t84 = t26 * t31 + t79;
-
-    /* motion of link 3 */
-    const real t85 = t76 - link2_length * (c5 * t28 - s5 * t83);
-    const real t86 = t73 - link2_length * (s5 * t30 - c5 * t81);
-    const real t87 = t77 - link2_length * (c5 * t82 + s5 * t84);
-    const real t88 = a_theta_9 + t80;
-    const real t89 = t25 + t88;
-    const real t90 = t29 * t32 - t78;
-    const real t91 = t25 - t88;
-    const real t92 = t31 * t32 + t79;
-
-    /* inertia forces of link 3, about joint 9 */
-    const real t93 = t37 * t87;
-    const real t94 = t42 * t92;
-    const real t95 = t37 * t85;
-    const real t96 = t41 * t91;
-    const real t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96;
-    wrenches[47 * stride] = t97;
-
-    /* motion of the base */
-    const real t98 = s3 * t66 - c3 * t65;
-    const real t99 = c3 * t66 + s3 * t65;
-    const real t100 = t48 + t64;
-    const real t101 = t49 + t99;
-    const real t102 = t64 - t48;
-    const real t103 = t50 - t98;
-
-    /* motion of base arm 2 */
-    const real t104 = s3 * t58 + c3 * t61 - base_arm_length * t51;
-    const real t105 = c3 * t58 + base_arm_length * t100 - s3 * t61;
-    const real t106 = t60 + base_arm_length * t101;
-
-    /* inertia forces of base arm 2, about joint 2 */
-    const real t107 = k65 * t104;
-    const real t108 = k94 * t102;
-    const real t109 = t53 + t107;
-    const real t110 = t108 + t109;
-    const real t111 = k65 * t105;
-    const real t112 = k93 * t100;
-    const real t113 = t54 + t111;
-    const real t114 = t112 - t113;
-    const real t115 = k65 * t106;
-    const real t116 = k93 * t101;
-    const real t117 = k94 * t103;
-    const real t118 = t115 - t116;
-    const real t119 = t118 - t117;
-    wrenches[2 * stride] = t119;
-    const real t120 = k99 * t101;
-    const real t121 = k20 * (t50 + t98);
-    const real t122 = k94 * t106;
-    const real t123 = k98 * t103 - t121;
-    const real t124 = t120 - t122;
-    const real t125 = t123 + t124;
-    const real t126 = k20 * (t49 - t99);
-    const real t127 = k93 * t106;
-    const real t128 = k99 * t103;
-    const real t129 = t126 - k97 * t101;
-    const real t130 = t128 - t127;
-    const real t131 = t130 - t129;
-    const real t132 = k93 * t105;
-    const real t133 = k94 * t104;
-
-    /* wrench through joint 2 */
-    const real t134 = t55 - t132;
-    const real t135 = k97 * t100 + k98 * t102;
-    const real t136 = t133 + t135;
-    const real t137 = t136 + t134 - base_arm_length * F_2;
-    wrenches[5 * stride] = t137;
-
-    /* inertia forces of base arm 3, about joint 3 */
-    const real t138 = t107 - t53;
-    const real t139 = t108 + t138;
-    const real t140 = t112 + t113;
-    const real t141 = t120 + t122;
-    const real t142 = t123 - t141;
-    const real t143 = t129 + t130;
-    const real t144 = t136 - t134;
-    wrenches[11 * stride] = t144;
-
-    /* inertia forces of base arm 4, about joint 4 */
-    const real t145 = t107 - k92 * t51;
-    wrenches[12 * stride] = t145;
-    const real t146 = t115 + k92 * t101;
-    wrenches[14 * stride] = t146;
-    const real t147 = k14 * t103 - t121;
-    wrenches[15 * stride] = t147;
-    const real t148 = t126 - k8 * t101 - k92 * t106;
-    wrenches[16 * stride] = t148;
-
-    /* wrench through joint 4 */
-    const real t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56;
-    wrenches[17 * stride] = t149;
-
-    /* inertia forces of base arm 5, about joint 5 */
-    const real t150 = t138 - t108;
-    const real t151 = t54 - t111;
-    const real t152 = t112 - t151;
-    const real t153 = t123 + t141;
-    const real t154 = t127 + t128;
-    const real t155 = t129 - t154;
-    const real t156 = t55 + t132;
-    const real t157 = t135 - t133;
-    const real t158 = t157 + t156;
-    wrenches[23 * stride] = t158;
-
-    /* inertia forces of base arm 6, about joint 6 */
-    const real t159 = t108 - t109;
-    const real t160 = t112 + t151;
-    const real t161 = t117 + t118;
-    wrenches[26 * stride] = t161;
-    const real t162 = t124 - t123;
-    const real t163 = t129 + t154;
-
-    /* wrench through joint 6 */
-    const real t164 = t157 - base_arm_length * F_6 - t156;
-    wrenches[29 * stride] = t164;
-
-    /* wrench through joint 2 */
-    const real t165 = R(0.8660254037844386) * t114 - R(0.5) * t110;
-    wrenches[0 * stride] = t165;
-    const real t166 = R(0.8660254037844386) * t131 - R(0.5) * t125;
-    wrenches[3 * stride] = t166;
-    const real t167 = R(0.5) * t131 + R(0.8660254037844386) * t125;
-    wrenches[4 * stride] = t167;
-    const real t168 = R(0.5) * t114 + R(0.8660254037844386) * t110 - F_2;
-    wrenches[1 * stride] = t168;
-
-    /* wrench through joint 3 */
-    const real t169 = R(0.5) * t139 - R(0.8660254037844386) * t140;
-    wrenches[6 * stride] = t169;
-    const real t170 = R(0.5) * t140 + R(0.8660254037844386) * t139;
-    wrenches[7 * stride] = t170;
-    const real t171 = R(0.5) * t142 - R(0.8660254037844386) * t143;
-    wrenches[9 * stride] = t171;
-    const real t172 = t115 + t116;
-    const real t173 = t172 - F_3 - t117;
-    wrenches[8 * stride] = t173;
-    const real t174 = base_arm_length * F_3 + R(0.5) * t143 + R(0.8660254037844386) * t142;
-    wrenches[10 * stride] = t174;
-
-    /* wrench through joint 4 */
-    const real t175 = t111 + k92 * t100 - F_4;
-    wrenches[13 * stride] = t175;
-
-    /* wrench through joint 5 */
-    const real t176 = R(0.5) * t150 + R(0.8660254037844386) * t152;
-    wrenches[18 * stride] = t176;
-    const real t177 = R(0.5) * t152 - R(0.8660254037844386) * t150;
-    wrenches[19 * stride] = t177;
-    const real t178 = R(0.5) * t153 + R(0.8660254037844386) * t155;
-    wrenches[21 * stride] = t178;
-    const real t179 = t117 + t172 - F_5;
-    wrenches[20 * stride] = t179;
-    const real t180 = base_arm_length * F_5 + R(0.5) * t155 - R(0.8660254037844386) * t153;
-    wrenches[22 * stride] = t180;
-
-    /* wrench through joint 6 */
-    const real t181 = R(0.5) * t159 - R(0.8660254037844386) * t160;
-    wrenches[24 * stride] = t181;
-    const real t182 = R(0.5) * t162 + R(0.8660254037844386) * t163;
-    wrenches[27 * stride] = t182;
-    const real t183 = R(0.8660254037844386) * t162 - R(0.5) * t163;
-    wrenches[28 * stride] = t183;
-    const real t184 = R(0.5) * t160 + R(0.8660254037844386) * t159 - F_6;
-    wrenches[25 * stride] = t184;
-
-    /* inertia forces of link 3, about joint 9 */
-    const real t185 = t37 * t91 + k69 * t85 - t34 * t36;
-    const real t186 = t36 * t89 + k69 * t86 - t35 * t37;
-    const real t187 = t36 * t90 + t37 * t92 - k69 * t87;
-    wrenches[44 * stride] = t187;
-    const real t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93;
-    const real t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94;
-
-    /* inertia forces of links 2 and 3, about joint 8 */
-    const real t190 = t44 * t187;
-    const real t191 = t44 * t186;
-    const real t192 = t45 * t185;
-
-    /* inertia of link 2, turned by the joints */
-    const real t193 = k66 * c5;
-    const real t194 = k66 * s5;
-    const real t195 = k116 * s5;
-    const real t196 = s5 * t195;
-    const real t197 = k27 - t196;
-    const real t198 = k33 + t196;
-    const real t199 = c5 * t195;
-
-    /* inertia forces of links 2 and 3, about joint 8 */
-    const real t200 = k39 * t79;
-    const real t201 = t199 * t82;
-    const real t202 = t198 * t84;
-    const real t203 = t194 * t77;
-    const real t204 = k39 * t78;
-    const real t205 = t197 * t82;
-    const real t206 = t199 * t84;
-    const real t207 = t193 * t73;
-    const real t208 = t197 * t81;
-    const real t209 = (t28 - t30) * t199;
-    const real t210 = t194 * t76;
-    const real t211 = t198 * t83;
-    const real t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193;
-    wrenches[30 * stride] = t212;
-    const real t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194;
-    wrenches[32 * stride] = t213;
-    const real t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77;
-    wrenches[31 * stride] = -t214;
-    wrenches[38 * stride] = t214;
-    const real t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203;
-    wrenches[33 * stride] = t215;
-    const real t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206;
-    wrenches[35 * stride] = t216;
-    const real t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211;
-    wrenches[34 * stride] = -t217;
-    wrenches[41 * stride] = t217;
-
-    /* wrench through joint 8, in its frame */
-    const real t218 = c5 * t212 + s5 * t213;
-    wrenches[36 * stride] = t218;
-    const real t219 = c5 * t213 - s5 * t212;
-    wrenches[37 * stride] = t219;
-    const real t220 = c5 * t215 + s5 * t216;
-    wrenches[39 * stride] = t220;
-    const real t221 = c5 * t216 - s5 * t215;
-    wrenches[40 * stride] = t221;
-
-    /* wrench through joint 9, in its frame */
-    const real t222 = c6 * t185 + s6 * t186;
-    wrenches[42 * stride] = t222;
-    const real t223 = c6 * t186 - s6 * t185;
-    wrenches[43 * stride] = t223;
-    const real t224 = c6 * t188 + s6 * t189;
-    wrenches[45 * stride] = t224;
-    const real t225 = c6 * t189 - s6 * t188;
-    wrenches[46 * stride] = t225;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_joint_wrenches(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    real angle[6], sine[6], cosine[6];
-    joint_wrenches_angles(constants, q, v, a, u, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
-}
-#endif
-
-static WIDE void joint_wrenches_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u +
-            lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            v + lane, a + lane, u + lane, wrenches + lane, LANES);
-    }
-}
-
-void
-BATCH(joint_wrenches)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        joint_wrenches_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            a + block * (9 * LANES),
-            u + block * (9 * LANES),
-            wrenches + block * (48 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        real last_v[9 * LANES];
-        real last_a[9 * LANES];
-        real last_u[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        fill_lanes(
-            9,
-            rest,
-            a + whole * (9 * LANES),
-            last_a);
-        fill_lanes(
-            9,
-            rest,
-            u + whole * (9 * LANES),
-            last_u);
-        joint_wrenches_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            last_u,
-            wrenches + whole * (48 * LANES));
     }
 }
 
 /* ---- positions ---- */
 
-static INLINE void positions_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void positions_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -6336,21 +4841,16 @@ static INLINE void positions_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void positions_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT position,
-    const int stride)
+static INLINE void positions_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
 {
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real k77 = CONSTANT(k77);
-    const real k87 = CONSTANT(k87);
-    const real k88 = CONSTANT(k88);
-    const real k91 = CONSTANT(k91);
+    const real k71 = CONSTANT(k71);
+    const real k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82);
+    const real k85 = CONSTANT(k85);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -6388,9 +4888,9 @@ static INLINE void positions_lane(
     const real t24 = s1 * s4 - c4 * t18;
 
     /* base centre and rotors */
-    const real t25 = k87 * c2 * s3;
-    const real t26 = k87 * (c1 * c3 - s3 * t17);
-    const real t27 = k87 * (s1 * c3 + s3 * t18);
+    const real t25 = k81 * c2 * s3;
+    const real t26 = k81 * (c1 * c3 - s3 * t17);
+    const real t27 = k81 * (s1 * c3 + s3 * t18);
 
     /* positions in the world */
     const real t28 = x + base_arm_length * t19;
@@ -6405,29 +4905,29 @@ static INLINE void positions_lane(
     position[5 * stride] = t30;
     position[26 * stride] = t30;
     position[29 * stride] = t30;
-    const real t31 = x + k88 * t19;
+    const real t31 = x + k82 * t19;
     const real t32 = t25 + t31;
     position[9 * stride] = t32;
-    const real t33 = y + k88 * t20;
+    const real t33 = y + k82 * t20;
     const real t34 = t33 - t26;
     position[10 * stride] = t34;
-    const real t35 = z + k88 * t21;
+    const real t35 = z + k82 * t21;
     const real t36 = t35 - t27;
     position[11 * stride] = t36;
-    const real t37 = x + k91 * t19;
+    const real t37 = x + k85 * t19;
     const real t38 = t25 + t37;
     position[12 * stride] = t38;
-    const real t39 = y + k91 * t20;
+    const real t39 = y + k85 * t20;
     const real t40 = t39 - t26;
     position[13 * stride] = t40;
-    const real t41 = z + k91 * t21;
+    const real t41 = z + k85 * t21;
     const real t42 = t41 - t27;
     position[14 * stride] = t42;
-    const real t43 = x + k77 * t19;
+    const real t43 = x + k71 * t19;
     position[15 * stride] = t43;
-    const real t44 = y + k77 * t20;
+    const real t44 = y + k71 * t20;
     position[16 * stride] = t44;
-    const real t45 = z + k77 * t21;
+    const real t45 = z + k71 * t21;
     position[17 * stride] = t45;
     const real t46 = t37 - t25;
     position[18 * stride] = t46;
@@ -6456,10 +4956,7 @@ static INLINE void positions_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_positions(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_positions(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[6], sine[6], cosine[6];
@@ -6470,9 +4967,7 @@ hexarotor_3link_positions(
 }
 #endif
 
-static WIDE void positions_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void positions_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -6488,662 +4983,28 @@ static WIDE void positions_block(
     }
 }
 
-void
-BATCH(positions)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT position)
+void BATCH(positions)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT position)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        positions_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        positions_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             position + block * (36 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        positions_block(
-            last_constants,
-            last_q,
-            position + whole * (36 * LANES));
-    }
-}
-
-/* ---- tip_pose ---- */
-
-static INLINE void tip_pose_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void tip_pose_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT pose,
-    const int stride)
-{
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real x = q[6 * stride];
-    const real y = q[7 * stride];
-    const real z = q[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    pose[12 * stride] = R(0.0);
-    pose[13 * stride] = R(0.0);
-    pose[14 * stride] = R(0.0);
-    pose[15 * stride] = R(1.0);
-
-    /* axes of the base */
-    const real t15 = s1 * c2;
-    const real t16 = c1 * c2;
-    const real t17 = s1 * s2;
-    const real t18 = c1 * s2;
-
-    /* joint 7 and the axes of link 1 */
-    const real t19 = c2 * c4;
-    const real t20 = c1 * s4 + c4 * t17;
-    const real t21 = s1 * s4 - c4 * t18;
-    const real t22 = c2 * s4;
-    pose[2 * stride] = t22;
-    const real t23 = s4 * t17 - c1 * c4;
-    pose[6 * stride] = t23;
-    const real t24 = s1 * c4 + s4 * t18;
-    pose[10 * stride] = -t24;
-
-    /* joint 9 and the axes of link 3 */
-    const real t25 = link2_length * (c5 * t19 + s2 * s5);
-    const real t26 = link2_length * (c5 * t20 - s5 * t15);
-    const real t27 = link2_length * (c5 * t21 + s5 * t16);
-    const real t28 = base_arm_length * (c1 * s3 + c3 * t17) + t26;
-    const real t29 = base_arm_length * (s1 * s3 - c3 * t18) + t27;
-    const real t30 = c6 * t19 + s2 * s6;
-    pose[0 * stride] = t30;
-    const real t31 = c6 * t20 - s6 * t15;
-    pose[4 * stride] = t31;
-    const real t32 = c6 * t21 + s6 * t16;
-    pose[8 * stride] = t32;
-    const real t33 = s2 * c6 - s6 * t19;
-    pose[1 * stride] = t33;
-    const real t34 = s6 * t20 + c6 * t15;
-    pose[5 * stride] = -t34;
-    const real t35 = c6 * t16 - s6 * t21;
-    pose[9 * stride] = t35;
-
-    /* position of tip */
-    const real t36 = x + base_arm_length * c2 * c3 + t25 + link3_length * t30;
-    pose[3 * stride] = t36;
-    const real t37 = y + t28 + link3_length * t31;
-    pose[7 * stride] = t37;
-    const real t38 = z + t29 + link3_length * t32;
-    pose[11 * stride] = t38;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_tip_pose(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    real angle[6], sine[6], cosine[6];
-    tip_pose_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    tip_pose_lane(constants, sine, cosine, q, pose, 1);
-}
-#endif
-
-static WIDE void tip_pose_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, pose +
-            lane, LANES);
-    }
-}
-
-void
-BATCH(tip_pose)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_pose_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            pose + block * (16 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        tip_pose_block(
-            last_constants,
-            last_q,
-            pose + whole * (16 * LANES));
-    }
-}
-
-/* ---- tip_jacobian ---- */
-
-static INLINE void tip_jacobian_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void tip_jacobian_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    jacobian[0 * stride] = R(0.0);
-    jacobian[6 * stride] = R(1.0);
-    jacobian[7 * stride] = R(0.0);
-    jacobian[8 * stride] = R(0.0);
-    jacobian[15 * stride] = R(0.0);
-    jacobian[16 * stride] = R(1.0);
-    jacobian[17 * stride] = R(0.0);
-    jacobian[24 * stride] = R(0.0);
-    jacobian[25 * stride] = R(0.0);
-    jacobian[26 * stride] = R(1.0);
-    jacobian[27 * stride] = R(1.0);
-    jacobian[28 * stride] = R(0.0);
-    jacobian[29 * stride] = s2;
-    jacobian[30 * stride] = s2;
-    jacobian[33 * stride] = R(0.0);
-    jacobian[34 * stride] = R(0.0);
-    jacobian[35 * stride] = R(0.0);
-    jacobian[36 * stride] = R(0.0);
-    jacobian[37 * stride] = c1;
-    jacobian[42 * stride] = R(0.0);
-    jacobian[43 * stride] = R(0.0);
-    jacobian[44 * stride] = R(0.0);
-    jacobian[45 * stride] = R(0.0);
-    jacobian[46 * stride] = s1;
-    jacobian[51 * stride] = R(0.0);
-    jacobian[52 * stride] = R(0.0);
-    jacobian[53 * stride] = R(0.0);
-
-    /* axes of the base */
-    const real t15 = s1 * c2;
-    jacobian[38 * stride] = -t15;
-    jacobian[39 * stride] = -t15;
-    const real t16 = c1 * c2;
-    jacobian[47 * stride] = t16;
-    jacobian[48 * stride] = t16;
-    const real t17 = s1 * s2;
-    const real t18 = c1 * s2;
-
-    /* joint 7 and the axes of link 1 */
-    const real t19 = base_arm_length * c2 * c3;
-    const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
-    const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
-    const real t22 = c2 * c4;
-    const real t23 = c1 * s4 + c4 * t17;
-    const real t24 = s1 * s4 - c4 * t18;
-    const real t25 = c2 * s4;
-    jacobian[31 * stride] = t25;
-    jacobian[32 * stride] = t25;
-    const real t26 = s4 * t17 - c1 * c4;
-    jacobian[40 * stride] = t26;
-    jacobian[41 * stride] = t26;
-    const real t27 = s1 * c4 + s4 * t18;
-    jacobian[49 * stride] = -t27;
-    jacobian[50 * stride] = -t27;
-
-    /* joint 9 and the axes of link 3 */
-    const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
-    const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
-    const real t30 = t21 - link2_length * (c5 * t24 + s5 * t16);
-
-    /* position of tip */
-    const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
-    const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
-    jacobian[18 * stride] = t32;
-    const real t33 = t30 - link3_length * (c6 * t24 + s6 * t16);
-    jacobian[9 * stride] = t33;
-
-    /* columns of the base */
-    const real t34 = c1 * t33 + s1 * t32;
-    jacobian[1 * stride] = -t34;
-    const real t35 = s1 * t31;
-    jacobian[10 * stride] = t35;
-    const real t36 = c1 * t31;
-    jacobian[19 * stride] = -t36;
-    const real t37 = t15 * t33 - t16 * t32;
-    jacobian[2 * stride] = t37;
-    const real t38 = t16 * t31 + s2 * t33;
-    jacobian[11 * stride] = t38;
-    const real t39 = t15 * t31 + s2 * t32;
-    jacobian[20 * stride] = t39;
-
-    /* column of joint 7 */
-    const real t40 = t31 - t19;
-    const real t41 = t32 - t20;
-    const real t42 = t33 - t21;
-    const real t43 = t15 * t42 - t16 * t41;
-    jacobian[3 * stride] = t43;
-    const real t44 = s2 * t42 + t16 * t40;
-    jacobian[12 * stride] = t44;
-    const real t45 = t15 * t40 + s2 * t41;
-    jacobian[21 * stride] = t45;
-
-    /* column of joint 8 */
-    const real t46 = t27 * t41 - t26 * t42;
-    jacobian[4 * stride] = t46;
-    const real t47 = t25 * t42 - t27 * t40;
-    jacobian[13 * stride] = t47;
-    const real t48 = t25 * t41 - t26 * t40;
-    jacobian[22 * stride] = t48;
-
-    /* column of joint 9 */
-    const real t49 = t28 - t31;
-    const real t50 = t32 - t29;
-    const real t51 = t33 - t30;
-    const real t52 = t27 * t50 - t26 * t51;
-    jacobian[5 * stride] = t52;
-    const real t53 = t25 * t51 + t27 * t49;
-    jacobian[14 * stride] = t53;
-    const real t54 = t25 * t50 + t26 * t49;
-    jacobian[23 * stride] = t54;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_tip_jacobian(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    real angle[6], sine[6], cosine[6];
-    tip_jacobian_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    tip_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
-}
-#endif
-
-static WIDE void tip_jacobian_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            jacobian + lane, LANES);
-    }
-}
-
-void
-BATCH(tip_jacobian)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_jacobian_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            jacobian + block * (54 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        tip_jacobian_block(
-            last_constants,
-            last_q,
-            jacobian + whole * (54 * LANES));
-    }
-}
-
-/* ---- tip_bias_acceleration ---- */
-
-static INLINE void tip_bias_acceleration_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void tip_bias_acceleration_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-
-    /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = t15 * t16;
-    const real t19 = R(2.0) * v_theta_0 * t15;
-    const real t20 = v_theta_1 + t15;
-    const real t21 = t20 * t20;
-
-    /* motion of link 1 */
-    const real t22 = v_theta_7 + t20;
-    const real t23 = t19 - v_theta_0 * t22;
-    const real t24 = t18 - t16 * t22;
-    const real t25 = t22 * t22;
-    const real t26 = c4 * t16 + v_theta_0 * s4;
-    const real t27 = v_theta_0 * c4 - s4 * t16;
-    const real t28 = s4 * t23 + c4 * t24;
-    const real t29 = t26 * t26;
-    const real t30 = t22 * t26;
-    const real t31 = t17 - t26 * t27;
-    const real t32 = s4 * t24 + t22 * t27 - c4 * t23;
-
-    /* motion of link 2 */
-    const real t33 = v_theta_8 - t27;
-    const real t34 = t33 * t33;
-    const real t35 = R(2.0) * t26;
-    const real t36 = R(2.0) * t22;
-
-    /* motion of link 3 */
-    const real t37 = v_theta_9 + t33;
-    const real t38 = t22 * t37 + t32;
-    const real t39 = t31 - t26 * t37;
-    const real t40 = t37 * t37;
-
-    /* acceleration of tip that link 2 adds */
-    const real t41 = link2_length * c5;
-    const real t42 = link2_length * s5;
-
-    /* acceleration of tip that the base adds */
-    const real t43 = base_arm_length * c3;
-    const real t44 = base_arm_length * s3;
-
-    /* acceleration of tip that link 3 adds */
-    const real t45 = link3_length * c6;
-    const real t46 = link3_length * s6;
-    const real t47 = t46 * (t36 * t37 + t32);
-
-    /* acceleration of tip that link 2 adds */
-    const real t48 = (t28 + t30) * (t42 + t46);
-    const real t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48;
-    const real t50 = (t29 + t34) * t42;
-    const real t51 = (t31 - t33 * t35) * t41;
-    const real t52 = t42 * (t33 * t36 + t32);
-    const real t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52;
-
-    /* acceleration of tip that link 1 adds */
-    const real t54 = s4 * t28 - c4 * t38;
-    const real t55 = c4 * t28 + s4 * t38;
-
-    /* acceleration of tip that the base adds */
-    const real t56 = (v_theta_0 * v_theta_0 + t21) * t43;
-    const real t57 = t56 + c4 * t49 + s4 * t53;
-    const real t58 = R(2.0) * t17 * t43;
-    const real t59 = (t16 * t16 + t21) * t44;
-    const real t60 = t58 + c4 * t53 - t59 - s4 * t49;
-    const real t61 = (R(2.0) * t20 * t16 - t18) * t43;
-    const real t62 = (t19 - R(2.0) * t20 * v_theta_0) * t44;
-    const real t63 = (t28 - t30) * (t41 + t45);
-    const real t64 = t61 - (t29 + t40) * t46 - t50 - t62 - t63;
-
-    /* acceleration of tip in world axes */
-    const real t65 = s2 * t57 + c2 * t64;
-    const real t66 = s2 * t64 - c2 * t57;
-    bias_acceleration[0 * stride] = t66;
-    const real t67 = c1 * t60 - s1 * t65;
-    bias_acceleration[1 * stride] = t67;
-    const real t68 = c1 * t65 + s1 * t60;
-    bias_acceleration[2 * stride] = t68;
-    const real t69 = c2 * t39 + s2 * t54;
-    const real t70 = s2 * t39 - c2 * t54;
-    bias_acceleration[3 * stride] = t70;
-    const real t71 = c1 * t55 - s1 * t69;
-    bias_acceleration[4 * stride] = t71;
-    const real t72 = c1 * t69 + s1 * t55;
-    bias_acceleration[5 * stride] = t72;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_tip_bias_acceleration(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    real angle[6], sine[6], cosine[6];
-    tip_bias_acceleration_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
-}
-#endif
-
-static WIDE void tip_bias_acceleration_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
-            lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, bias_acceleration + lane, LANES);
-    }
-}
-
-void
-BATCH(tip_bias_acceleration)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_bias_acceleration_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            bias_acceleration + block * (6 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        tip_bias_acceleration_block(
-            last_constants,
-            last_q,
-            last_v,
-            bias_acceleration + whole * (6 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        positions_block(last_constants, last_q, position + whole * (36 * LANES));
     }
 }
 
 /* ---- frame_poses ---- */
 
-static INLINE void frame_poses_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_poses_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -7164,13 +5025,8 @@ static INLINE void frame_poses_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void frame_poses_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT poses,
-    const int stride)
+static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT poses, const int stride)
 {
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
@@ -7266,10 +5122,7 @@ static INLINE void frame_poses_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_frame_poses(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_frame_poses(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT poses)
 {
     real angle[6], sine[6], cosine[6];
@@ -7280,9 +5133,7 @@ hexarotor_3link_frame_poses(
 }
 #endif
 
-static WIDE void frame_poses_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void frame_poses_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT poses)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -7298,44 +5149,28 @@ static WIDE void frame_poses_block(
     }
 }
 
-void
-BATCH(frame_poses)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT poses)
+void BATCH(frame_poses)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT poses)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_poses_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        frame_poses_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             poses + block * (32 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        frame_poses_block(
-            last_constants,
-            last_q,
-            poses + whole * (32 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        frame_poses_block(last_constants, last_q, poses + whole * (32 * LANES));
     }
 }
 
 /* ---- frame_jacobians ---- */
 
-static INLINE void frame_jacobians_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_jacobians_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -7356,13 +5191,9 @@ static INLINE void frame_jacobians_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void frame_jacobians_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobians,
-    const int stride)
+static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT jacobians, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -7440,69 +5271,64 @@ static INLINE void frame_jacobians_lane(
     jacobians[63 * stride] = t33;
 
     /* columns of the base */
-    const real t34 = c1 * t33 + s1 * t32;
-    jacobians[55 * stride] = -t34;
-    const real t35 = s1 * t31;
-    jacobians[64 * stride] = t35;
-    const real t36 = c1 * t31;
-    jacobians[73 * stride] = -t36;
-    const real t37 = t15 * t33 - t16 * t32;
-    jacobians[56 * stride] = t37;
-    const real t38 = t16 * t31 + s2 * t33;
-    jacobians[65 * stride] = t38;
-    const real t39 = t15 * t31 + s2 * t32;
-    jacobians[74 * stride] = t39;
+    const real t34 = -c1 * t21 - s1 * t20;
+    jacobians[1 * stride] = t34;
+    const real t35 = s1 * t19;
+    jacobians[10 * stride] = t35;
+    const real t36 = c1 * t19;
+    jacobians[19 * stride] = -t36;
+    const real t37 = t15 * t21 - t16 * t20;
+    jacobians[2 * stride] = t37;
+    const real t38 = t16 * t19 + s2 * t21;
+    jacobians[11 * stride] = t38;
+    const real t39 = t15 * t19 + s2 * t20;
+    jacobians[20 * stride] = t39;
+    const real t40 = c1 * t33 + s1 * t32;
+    jacobians[55 * stride] = -t40;
+    const real t41 = s1 * t31;
+    jacobians[64 * stride] = t41;
+    const real t42 = c1 * t31;
+    jacobians[73 * stride] = -t42;
+    const real t43 = t15 * t33 - t16 * t32;
+    jacobians[56 * stride] = t43;
+    const real t44 = t16 * t31 + s2 * t33;
+    jacobians[65 * stride] = t44;
+    const real t45 = t15 * t31 + s2 * t32;
+    jacobians[74 * stride] = t45;
 
     /* column of joint 7 */
-    const real t40 = t31 - t19;
-    const real t41 = t32 - t20;
-    const real t42 = t33 - t21;
-    const real t43 = t15 * t42 - t16 * t41;
-    jacobians[57 * stride] = t43;
-    const real t44 = s2 * t42 + t16 * t40;
-    jacobians[66 * stride] = t44;
-    const real t45 = t15 * t40 + s2 * t41;
-    jacobians[75 * stride] = t45;
+    const real t46 = t31 - t19;
+    const real t47 = t32 - t20;
+    const real t48 = t33 - t21;
+    const real t49 = t15 * t48 - t16 * t47;
+    jacobians[57 * stride] = t49;
+    const real t50 = s2 * t48 + t16 * t46;
+    jacobians[66 * stride] = t50;
+    const real t51 = t15 * t46 + s2 * t47;
+    jacobians[75 * stride] = t51;
 
     /* column of joint 8 */
-    const real t46 = t27 * t41 - t26 * t42;
-    jacobians[58 * stride] = t46;
-    const real t47 = t25 * t42 - t27 * t40;
-    jacobians[67 * stride] = t47;
-    const real t48 = t25 * t41 - t26 * t40;
-    jacobians[76 * stride] = t48;
+    const real t52 = t27 * t47 - t26 * t48;
+    jacobians[58 * stride] = t52;
+    const real t53 = t25 * t48 - t27 * t46;
+    jacobians[67 * stride] = t53;
+    const real t54 = t25 * t47 - t26 * t46;
+    jacobians[76 * stride] = t54;
 
     /* column of joint 9 */
-    const real t49 = t28 - t31;
-    const real t50 = t32 - t29;
-    const real t51 = t33 - t30;
-    const real t52 = t27 * t50 - t26 * t51;
-    jacobians[59 * stride] = t52;
-    const real t53 = t25 * t51 + t27 * t49;
-    jacobians[68 * stride] = t53;
-    const real t54 = t25 * t50 + t26 * t49;
-    jacobians[77 * stride] = t54;
-
-    /* columns of the base */
-    const real t55 = c1 * t21 + s1 * t20;
-    jacobians[1 * stride] = -t55;
-    const real t56 = s1 * t19;
-    jacobians[10 * stride] = t56;
-    const real t57 = c1 * t19;
-    jacobians[19 * stride] = -t57;
-    const real t58 = t15 * t21 - t16 * t20;
-    jacobians[2 * stride] = t58;
-    const real t59 = t16 * t19 + s2 * t21;
-    jacobians[11 * stride] = t59;
-    const real t60 = t15 * t19 + s2 * t20;
-    jacobians[20 * stride] = t60;
+    const real t55 = t28 - t31;
+    const real t56 = t32 - t29;
+    const real t57 = t33 - t30;
+    const real t58 = t27 * t56 - t26 * t57;
+    jacobians[59 * stride] = t58;
+    const real t59 = t25 * t57 + t27 * t55;
+    jacobians[68 * stride] = t59;
+    const real t60 = t25 * t56 + t26 * t55;
+    jacobians[77 * stride] = t60;
 }
 
 #ifndef EACH
-void
-hexarotor_3link_frame_jacobians(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_frame_jacobians(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT jacobians)
 {
     real angle[6], sine[6], cosine[6];
@@ -7516,9 +5342,7 @@ hexarotor_3link_frame_jacobians(
 }
 #endif
 
-static WIDE void frame_jacobians_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void frame_jacobians_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT jacobians)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -7537,45 +5361,28 @@ static WIDE void frame_jacobians_block(
     }
 }
 
-void
-BATCH(frame_jacobians)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobians)
+void BATCH(frame_jacobians)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT jacobians)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_jacobians_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        frame_jacobians_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             jacobians + block * (108 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        frame_jacobians_block(
-            last_constants,
-            last_q,
-            jacobians + whole * (108 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        frame_jacobians_block(last_constants, last_q, jacobians + whole * (108 * LANES));
     }
 }
 
 /* ---- frame_velocities ---- */
 
-static INLINE void frame_velocities_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_velocities_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -7597,14 +5404,9 @@ static INLINE void frame_velocities_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void frame_velocities_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities,
-    const int stride)
+static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -7674,35 +5476,33 @@ static INLINE void frame_velocities_lane(
     const real t35 = c1 * c4 - s4 * t29;
     const real t36 = s1 * c4 + s4 * t30;
 
-    /* motion of tip in world axes */
-    const real t37 = link3_length * c6;
-    const real t38 = link3_length * s6;
-
     /* motion of link 3 */
-    const real t39 = link2_length * s5 * t19 + c4 * t25 - s4 * t26;
-    const real t40 = t28 - s4 * t25 - c4 * t26;
+    const real t37 = link2_length * s5 * t19 + c4 * t25 - s4 * t26;
+    const real t38 = t28 - s4 * t25 - c4 * t26;
 
     /* motion of base in world axes */
-    const real t41 = t16 * t22;
-    const real t42 = t16 * t21;
-    const real t43 = v_theta_0 * t21 - t15 * t22;
-    const real t44 = v_x - c2 * t41 - s2 * t43;
-    velocities[0 * stride] = t44;
-    const real t45 = v_y + c1 * t42 + t23 * t43 - t29 * t41;
-    velocities[1 * stride] = t45;
-    const real t46 = v_z + t30 * t41 + s1 * t42 - t24 * t43;
-    velocities[2 * stride] = t46;
-    const real t47 = c2 * t15 + s2 * t16;
-    velocities[3 * stride] = t47;
-    const real t48 = t15 * t29 + v_theta_0 * c1 - t16 * t23;
-    velocities[4 * stride] = t48;
-    const real t49 = v_theta_0 * s1 + t16 * t24 - t15 * t30;
-    velocities[5 * stride] = t49;
+    const real t39 = t16 * t22;
+    const real t40 = t16 * t21;
+    const real t41 = v_theta_0 * t21 - t15 * t22;
+    const real t42 = v_x - c2 * t39 - s2 * t41;
+    velocities[0 * stride] = t42;
+    const real t43 = v_y + c1 * t40 + t23 * t41 - t29 * t39;
+    velocities[1 * stride] = t43;
+    const real t44 = v_z + t30 * t39 + s1 * t40 - t24 * t41;
+    velocities[2 * stride] = t44;
+    const real t45 = c2 * t15 + s2 * t16;
+    velocities[3 * stride] = t45;
+    const real t46 = t15 * t29 + v_theta_0 * c1 - t16 * t23;
+    velocities[4 * stride] = t46;
+    const real t47 = v_theta_0 * s1 + t16 * t24 - t15 * t30;
+    velocities[5 * stride] = t47;
 
     /* motion of tip in world axes */
-    const real t50 = t39 + t20 * t38;
-    const real t51 = t27 - link2_length * c5 * t19 - t20 * t37;
-    const real t52 = t40 + t18 * t38 - t17 * t37;
+    const real t48 = link3_length * c6;
+    const real t49 = link3_length * s6;
+    const real t50 = t37 + t20 * t49;
+    const real t51 = t27 - link2_length * c5 * t19 - t20 * t48;
+    const real t52 = t38 + t18 * t49 - t17 * t48;
     const real t53 = v_x + t34 * t52 - t31 * t50 - s2 * t51;
     velocities[6 * stride] = t53;
     const real t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52;
@@ -7718,12 +5518,8 @@ static INLINE void frame_velocities_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_frame_velocities(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+void hexarotor_3link_frame_velocities(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities)
 {
     real angle[6], sine[6], cosine[6];
     frame_velocities_angles(constants, q, v, angle, 1);
@@ -7733,11 +5529,8 @@ hexarotor_3link_frame_velocities(
 }
 #endif
 
-static WIDE void frame_velocities_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+static WIDE void frame_velocities_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -7748,59 +5541,36 @@ static WIDE void frame_velocities_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, velocities + lane, LANES);
+        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, velocities + lane, LANES);
     }
 }
 
-void
-BATCH(frame_velocities)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT velocities)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_velocities_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            velocities + block * (12 * LANES));
+        frame_velocities_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), velocities + block * (12 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        frame_velocities_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        frame_velocities_block(last_constants, last_q, last_v,
             velocities + whole * (12 * LANES));
     }
 }
 
 /* ---- frame_bias_accelerations ---- */
 
-static INLINE void frame_bias_accelerations_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_bias_accelerations_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -7822,14 +5592,9 @@ static INLINE void frame_bias_accelerations_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void frame_bias_accelerations_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations,
-    const int stride)
+static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT bias_accelerations, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -7921,44 +5686,44 @@ static INLINE void frame_bias_accelerations_lane(
     const real t66 = c1 * c4 - s4 * t60;
     const real t67 = s1 * c4 + s4 * t61;
 
-    /* motion of link 3 */
-    const real t68 = t49 + s4 * t30 - c4 * t29;
-    const real t69 = base_arm_length * (s3 * t28 - c3 * t26) + t50;
-    const real t70 = t51 - s4 * t29 - c4 * t30;
-
     /* motion of tip in world axes */
-    const real t71 = link3_length * c6;
-    const real t72 = link3_length * s6;
-    const real t73 = (t41 - t46 * t52) * t71;
+    const real t68 = link3_length * c6;
+    const real t69 = link3_length * s6;
+
+    /* motion of link 3 */
+    const real t70 = t49 + s4 * t30 - c4 * t29;
+    const real t71 = base_arm_length * (s3 * t28 - c3 * t26) + t50;
+    const real t72 = t51 - s4 * t29 - c4 * t30;
 
     /* motion of base in world axes */
-    const real t74 = t25 * t56;
-    const real t75 = t19 * t56 - t27 * t57;
-    const real t76 = t26 * t56 - t28 * t57;
-    const real t77 = s2 * t76 - c2 * t74;
-    bias_accelerations[0 * stride] = t77;
-    const real t78 = c1 * t75 - t60 * t74 - t58 * t76;
-    bias_accelerations[1 * stride] = t78;
-    const real t79 = t61 * t74 + s1 * t75 + t59 * t76;
-    bias_accelerations[2 * stride] = t79;
-    const real t80 = s2 * t17 - c2 * t22;
-    bias_accelerations[3 * stride] = t80;
-    const real t81 = c1 * t23 - t22 * t60 - t17 * t58;
-    bias_accelerations[4 * stride] = t81;
-    const real t82 = t22 * t61 + s1 * t23 + t17 * t59;
-    bias_accelerations[5 * stride] = t82;
+    const real t73 = t25 * t56;
+    const real t74 = t19 * t56 - t27 * t57;
+    const real t75 = t26 * t56 - t28 * t57;
+    const real t76 = s2 * t75 - c2 * t73;
+    bias_accelerations[0 * stride] = t76;
+    const real t77 = c1 * t74 - t60 * t73 - t58 * t75;
+    bias_accelerations[1 * stride] = t77;
+    const real t78 = t61 * t73 + s1 * t74 + t59 * t75;
+    bias_accelerations[2 * stride] = t78;
+    const real t79 = s2 * t17 - c2 * t22;
+    bias_accelerations[3 * stride] = t79;
+    const real t80 = c1 * t23 - t22 * t60 - t17 * t58;
+    bias_accelerations[4 * stride] = t80;
+    const real t81 = t22 * t61 + s1 * t23 + t17 * t59;
+    bias_accelerations[5 * stride] = t81;
 
     /* motion of tip in world axes */
-    const real t83 = t68 + t43 * t72 - (t34 + t55) * t71;
-    const real t84 = t69 + t40 * t71 + (t38 + t55) * t72;
-    const real t85 = t70 + (t42 + t47 * t52) * t72 - t73;
-    const real t86 = t62 * t83 + t65 * t85 - s2 * t84;
+    const real t82 = t70 + t43 * t69 - (t34 + t55) * t68;
+    const real t83 = t71 + t40 * t68 + (t38 + t55) * t69;
+    const real t84 = (t41 - t46 * t52) * t68;
+    const real t85 = t72 + (t42 + t47 * t52) * t69 - t84;
+    const real t86 = t62 * t82 + t65 * t85 - s2 * t83;
     bias_accelerations[6 * stride] = t86;
-    const real t87 = t63 * t83 + t58 * t84 - t66 * t85;
+    const real t87 = t63 * t82 + t58 * t83 - t66 * t85;
     bias_accelerations[7 * stride] = t87;
-    const real t88 = t64 * t83 - t59 * t84 - t67 * t85;
+    const real t88 = t64 * t82 - t59 * t83 - t67 * t85;
     bias_accelerations[8 * stride] = t88;
-    const real t89 = s2 * t54 + t53 * t62 - t37 * t65;
+    const real t89 = t53 * t62 + s2 * t54 - t37 * t65;
     bias_accelerations[9 * stride] = t89;
     const real t90 = t53 * t63 + t37 * t66 - t54 * t58;
     bias_accelerations[10 * stride] = t90;
@@ -7967,12 +5732,8 @@ static INLINE void frame_bias_accelerations_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_frame_bias_accelerations(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+void hexarotor_3link_frame_bias_accelerations(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     real angle[6], sine[6], cosine[6];
     frame_bias_accelerations_angles(constants, q, v, angle, 1);
@@ -7982,17 +5743,14 @@ hexarotor_3link_frame_bias_accelerations(
 }
 #endif
 
-static WIDE void frame_bias_accelerations_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+static WIDE void frame_bias_accelerations_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
-            + lane, LANES);
+        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
@@ -8002,53 +5760,31 @@ static WIDE void frame_bias_accelerations_block(
     }
 }
 
-void
-BATCH(frame_bias_accelerations)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_bias_accelerations_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            bias_accelerations + block * (12 * LANES));
+        frame_bias_accelerations_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), bias_accelerations + block * (12 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        frame_bias_accelerations_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        frame_bias_accelerations_block(last_constants, last_q, last_v,
             bias_accelerations + whole * (12 * LANES));
     }
 }
 
 /* ---- centre_of_mass ---- */
 
-static INLINE void centre_of_mass_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void centre_of_mass_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -8069,18 +5805,14 @@ static INLINE void centre_of_mass_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void centre_of_mass_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT position,
-    const int stride)
+static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT position, const int stride)
 {
-    const real k68 = CONSTANT(k68);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k73 = CONSTANT(k73);
-    const real k79 = CONSTANT(k79);
-    const real k111 = CONSTANT(k111);
+    const real k105 = CONSTANT(k105);
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -8098,12 +5830,12 @@ static INLINE void centre_of_mass_lane(
     const real c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k68 * c6 + k73 * c5;
+    const real t15 = k62 * c6 + k67 * c5;
 
     /* centre of mass from the origin */
-    const real t16 = k111 * (k68 * s6 + k73 * s5);
-    const real t17 = k111 * (k79 * c3 + c4 * t15);
-    const real t18 = k111 * (k79 * s3 + s4 * t15);
+    const real t16 = k105 * (k62 * s6 + k67 * s5);
+    const real t17 = k105 * (k73 * c3 + c4 * t15);
+    const real t18 = k105 * (k73 * s3 + s4 * t15);
 
     /* centre of mass in the world */
     const real t19 = c2 * t16 - s2 * t17;
@@ -8116,10 +5848,7 @@ static INLINE void centre_of_mass_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_centre_of_mass(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void hexarotor_3link_centre_of_mass(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[6], sine[6], cosine[6];
@@ -8130,9 +5859,7 @@ hexarotor_3link_centre_of_mass(
 }
 #endif
 
-static WIDE void centre_of_mass_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void centre_of_mass_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
@@ -8148,44 +5875,28 @@ static WIDE void centre_of_mass_block(
     }
 }
 
-void
-BATCH(centre_of_mass)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT position)
+void BATCH(centre_of_mass)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT position)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        centre_of_mass_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             position + block * (3 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        centre_of_mass_block(
-            last_constants,
-            last_q,
-            position + whole * (3 * LANES));
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        centre_of_mass_block(last_constants, last_q, position + whole * (3 * LANES));
     }
 }
 
 /* ---- centre_of_mass_jacobian ---- */
 
-static INLINE void centre_of_mass_jacobian_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void centre_of_mass_jacobian_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -8206,20 +5917,16 @@ static INLINE void centre_of_mass_jacobian_angles(
     angle[5 * stride] = t12;
 }
 
-static INLINE void centre_of_mass_jacobian_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian,
-    const int stride)
+static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT jacobian, const int stride)
 {
     (void)q;
-    const real k68 = CONSTANT(k68);
+    const real k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67);
     const real k73 = CONSTANT(k73);
-    const real k79 = CONSTANT(k79);
-    const real k111 = CONSTANT(k111);
-    const real k112 = CONSTANT(k112);
+    const real k105 = CONSTANT(k105);
+    const real k106 = CONSTANT(k106);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -8248,7 +5955,7 @@ static INLINE void centre_of_mass_jacobian_lane(
     const real t3 = -c2;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k68 * c6 + k73 * c5;
+    const real t15 = k62 * c6 + k67 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t16 = c4 * t15;
@@ -8259,17 +5966,17 @@ static INLINE void centre_of_mass_jacobian_lane(
     const real t19 = c1 * t3;
 
     /* column of joint 7 */
-    const real t20 = k111 * t16;
-    const real t21 = k111 * t17;
+    const real t20 = k105 * t16;
+    const real t21 = k105 * t17;
 
     /* centre of mass from the origin */
-    const real t22 = k111 * (k68 * s6 + k73 * s5);
+    const real t22 = k105 * (k62 * s6 + k67 * s5);
 
     /* column of joint 8 */
-    const real t23 = k111 * t15;
+    const real t23 = k105 * t15;
 
     /* column of joint 9 */
-    const real t24 = k112 * c6;
+    const real t24 = k106 * c6;
 
     /* axes of the base */
     const real t25 = t2 * s2;
@@ -8281,8 +5988,8 @@ static INLINE void centre_of_mass_jacobian_lane(
     const real t29 = t2 * s4 + c4 * t26;
 
     /* centre of mass from the origin */
-    const real t30 = k111 * (k79 * c3 + t16);
-    const real t31 = k111 * (k79 * s3 + t17);
+    const real t30 = k105 * (k73 * c3 + t16);
+    const real t31 = k105 * (k73 * s3 + t17);
 
     /* columns of the base */
     const real t32 = t3 * t22 + s2 * t30;
@@ -8321,7 +6028,7 @@ static INLINE void centre_of_mass_jacobian_lane(
     jacobian[22 * stride] = t47;
 
     /* column of joint 9 */
-    const real t48 = k112 * s6;
+    const real t48 = k106 * s6;
     const real t49 = t27 * t48 + s2 * t24;
     jacobian[5 * stride] = t49;
     const real t50 = t28 * t48 - t18 * t24;
@@ -8331,11 +6038,8 @@ static INLINE void centre_of_mass_jacobian_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_centre_of_mass_jacobian(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+void hexarotor_3link_centre_of_mass_jacobian(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     real angle[6], sine[6], cosine[6];
     centre_of_mass_jacobian_angles(constants, q, angle, 1);
@@ -8345,10 +6049,8 @@ hexarotor_3link_centre_of_mass_jacobian(
 }
 #endif
 
-static WIDE void centre_of_mass_jacobian_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+static WIDE void centre_of_mass_jacobian_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
     VECTORISE
@@ -8359,361 +6061,34 @@ static WIDE void centre_of_mass_jacobian_block(
     sine_cosine_many(6 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q
-            + lane, jacobian + lane, LANES);
+        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, jacobian + lane, LANES);
     }
 }
 
-void
-BATCH(centre_of_mass_jacobian)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+void BATCH(centre_of_mass_jacobian)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_jacobian_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
+        centre_of_mass_jacobian_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
             jacobian + block * (27 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        centre_of_mass_jacobian_block(
-            last_constants,
-            last_q,
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
+        centre_of_mass_jacobian_block(last_constants, last_q,
             jacobian + whole * (27 * LANES));
-    }
-}
-
-/* ---- centroidal_momentum ---- */
-
-static INLINE void centroidal_momentum_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
-}
-
-static INLINE void centroidal_momentum_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k33 = CONSTANT(k33);
-    const real k46 = CONSTANT(k46);
-    const real k52 = CONSTANT(k52);
-    const real k63 = CONSTANT(k63);
-    const real k64 = CONSTANT(k64);
-    const real k68 = CONSTANT(k68);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k83 = CONSTANT(k83);
-    const real k111 = CONSTANT(k111);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride];
-    const real v_y = v[7 * stride];
-    const real v_z = v[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-
-    /* motion of the base */
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_1 + v_theta_m1 * s2;
-
-    /* motion of link 1 */
-    const real t17 = v_theta_7 + t16;
-    const real t18 = c4 * t15 + v_theta_0 * s4;
-
-    /* motion of link 2 */
-    const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
-
-    /* motion of link 3 */
-    const real t20 = v_theta_9 + t19;
-
-    /* inertia of link 3, turned by the joints */
-    const real t21 = k68 * c6;
-    const real t22 = k68 * s6;
-    const real t23 = k81 * s6;
-    const real t24 = s6 * t23;
-    const real t25 = k46 - t24;
-    const real t26 = k52 + t24;
-
-    /* step from link 2 to link 3 */
-    const real t27 = link2_length * c5;
-    const real t28 = link2_length * s5;
-
-    /* inertia of link 2, turned by the joints */
-    const real t29 = k73 * c5;
-    const real t30 = k73 * s5;
-    const real t31 = k82 * s5;
-    const real t32 = s5 * t31;
-    const real t33 = k74 + t32;
-    const real t34 = k33 - t32;
-
-    /* step from the base to link 1 */
-    const real t35 = base_arm_length * c3;
-    const real t36 = base_arm_length * s3;
-
-    /* inertia of the base, turned by the joints */
-    const real t37 = k83 * s3;
-    const real t38 = s3 * t37;
-    const real t39 = k80 + t38;
-    const real t40 = k63 - t38;
-    const real t41 = c3 * t37;
-
-    /* composite inertia of links 2 and 3, about joint 8 */
-    const real t42 = t21 + t29;
-
-    /* motion of link 1 */
-    const real t43 = v_theta_0 * c3 - s3 * t15;
-
-    /* centre of mass from the origin */
-    const real t44 = k111 * (t22 + t30);
-
-    /* inertia forces of the base and links 1 to 3 */
-    const real t45 = t15 * t41;
-    const real t46 = v_theta_0 * t41;
-
-    /* motion of link 1 */
-    const real t47 = s3 * t16;
-    const real t48 = c3 * t16;
-    const real t49 = base_arm_length * t47;
-    const real t50 = base_arm_length * t48;
-    const real t51 = base_arm_length * t43;
-
-    /* motion of link 3 */
-    const real t52 = s5 * t19;
-    const real t53 = c5 * t19;
-    const real t54 = s5 * t18 - c5 * t17;
-
-    /* centre of mass from the origin */
-    const real t55 = k111 * (k79 * c3 + c4 * t42);
-    const real t56 = k111 * (k79 * s3 + s4 * t42);
-
-    /* motion of link 1 */
-    const real t57 = s4 * t50 - c4 * t49;
-    const real t58 = s4 * t49 + c4 * t50;
-
-    /* motion of link 3 */
-    const real t59 = link2_length * t54 - t58;
-
-    /* inertia forces of link 3, about joint 9 */
-    const real t60 = t21 * t59;
-    const real t61 = t22 * (t57 - link2_length * t52);
-    const real t62 = t21 * (t51 - link2_length * t53);
-    const real t63 = k68 * s6 * t20;
-    const real t64 = k68 * c6 * t20;
-    const real t65 = k68 * (s6 * t18 - c6 * t17);
-
-    /* inertia forces of links 2 and 3, about joint 8 */
-    const real t66 = t27 * t65;
-    const real t67 = t27 * t64;
-    const real t68 = t28 * t63;
-    const real t69 = t30 * t58;
-    const real t70 = t29 * t58;
-    const real t71 = t29 * t51;
-    const real t72 = t30 * t57;
-    const real t73 = t63 + k73 * t52;
-    const real t74 = t64 + k73 * t53;
-    const real t75 = t65 + k73 * t54;
-    const real t76 = (t33 + t34) * t19;
-    const real t77 = (t25 + t26) * t20;
-    const real t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68;
-
-    /* inertia forces of links 1 to 3, about joint 7 */
-    const real t79 = t18 * (k75 + t26 + t34);
-    const real t80 = c6 * t23 - c5 * t31;
-    const real t81 = t17 * t80;
-    const real t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81;
-    const real t83 = s4 * t75 - c4 * t73;
-    const real t84 = c4 * t75 + s4 * t73;
-    const real t85 = s4 * t78;
-    const real t86 = c4 * t82;
-    const real t87 = s4 * t82;
-    const real t88 = c4 * t78;
-
-    /* inertia forces of the base and links 1 to 3 */
-    const real t89 = t36 * t74;
-    const real t90 = t35 * t74;
-    const real t91 = t36 * t83;
-    const real t92 = t35 * t84;
-    const real t93 = k79 * t47 - t83;
-    const real t94 = k79 * t48 - t84;
-    const real t95 = k79 * t43 - t74;
-
-    /* momentum in world axes */
-    const real t96 = t44 * t94;
-    const real t97 = t56 * t95;
-    const real t98 = t15 * (k64 + t40);
-    const real t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85;
-    const real t100 = t55 * t95;
-    const real t101 = t44 * t93;
-    const real t102 = v_theta_0 * (k64 + t39);
-    const real t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100;
-    const real t104 = t55 * t94;
-    const real t105 = t56 * t93;
-    const real t106 = t17 * (k75 + t25 + t33);
-    const real t107 = t18 * t80;
-    const real t108 = t16 * (t39 + t40);
-    const real t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106;
-    const real t110 = c2 * t95 - s2 * t93;
-    const real t111 = k78 * v_x - c2 * t93 - s2 * t95;
-    momentum[0 * stride] = t111;
-    const real t112 = k78 * v_y + c1 * t94 + s1 * t110;
-    momentum[1 * stride] = t112;
-    const real t113 = k78 * v_z + s1 * t94 - c1 * t110;
-    momentum[2 * stride] = t113;
-    const real t114 = c2 * t109 + s2 * t99;
-    const real t115 = c2 * t99 - s2 * t109;
-    momentum[3 * stride] = t115;
-    const real t116 = c1 * t103 + s1 * t114;
-    momentum[4 * stride] = t116;
-    const real t117 = s1 * t103 - c1 * t114;
-    momentum[5 * stride] = t117;
-}
-
-#ifndef EACH
-void
-hexarotor_3link_centroidal_momentum(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    real angle[6], sine[6], cosine[6];
-    centroidal_momentum_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
-    centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
-}
-#endif
-
-static WIDE void centroidal_momentum_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
-            lane, LANES);
-    }
-    sine_cosine_many(6 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, momentum + lane, LANES);
-    }
-}
-
-void
-BATCH(centroidal_momentum)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        centroidal_momentum_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            momentum + block * (6 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
-        real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        centroidal_momentum_block(
-            last_constants,
-            last_q,
-            last_v,
-            momentum + whole * (6 * LANES));
     }
 }
 
 /* ---- coordinate_rates ---- */
 
-static INLINE void coordinate_rates_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate,
-    const int stride)
+static INLINE void coordinate_rates_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate, const int stride)
 {
     (void)constants;
     (void)q;
@@ -8738,22 +6113,15 @@ static INLINE void coordinate_rates_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_coordinate_rates(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+void hexarotor_3link_coordinate_rates(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT rate)
 {
     coordinate_rates_lane(constants, q, v, rate, 1);
 }
 #endif
 
-static WIDE void coordinate_rates_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+static WIDE void coordinate_rates_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT rate)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -8762,54 +6130,30 @@ static WIDE void coordinate_rates_block(
     }
 }
 
-void
-BATCH(coordinate_rates)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        coordinate_rates_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            rate + block * (9 * LANES));
+        coordinate_rates_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), rate + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        coordinate_rates_block(
-            last_constants,
-            last_q,
-            last_v,
-            rate + whole * (9 * LANES));
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        coordinate_rates_block(last_constants, last_q, last_v, rate + whole * (9 * LANES));
     }
 }
 
 /* ---- integrate ---- */
 
-static INLINE void integrate_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates,
-    const int stride)
+static INLINE void integrate_lane(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -8855,22 +6199,15 @@ static INLINE void integrate_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_integrate(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+void hexarotor_3link_integrate(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates)
 {
     integrate_lane(constants, q, v, coordinates, 1);
 }
 #endif
 
-static WIDE void integrate_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+static WIDE void integrate_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -8879,54 +6216,30 @@ static WIDE void integrate_block(
     }
 }
 
-void
-BATCH(integrate)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT coordinates)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        integrate_block(
-            OF_BLOCK(constants, block),
-            q + block * (9 * LANES),
-            v + block * (9 * LANES),
-            coordinates + block * (9 * LANES));
+        integrate_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
+            v + block * (9 * LANES), coordinates + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[9 * LANES];
+        fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
         real last_v[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q + whole * (9 * LANES),
-            last_q);
-        fill_lanes(
-            9,
-            rest,
-            v + whole * (9 * LANES),
-            last_v);
-        integrate_block(
-            last_constants,
-            last_q,
-            last_v,
-            coordinates + whole * (9 * LANES));
+        fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
+        integrate_block(last_constants, last_q, last_v, coordinates + whole * (9 * LANES));
     }
 }
 
 /* ---- difference ---- */
 
-static INLINE void difference_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement,
-    const int stride)
+static INLINE void difference_lane(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement, const int stride)
 {
     (void)constants;
     const real q0_theta_m1 = q0[0 * stride];
@@ -8972,22 +6285,15 @@ static INLINE void difference_lane(
 }
 
 #ifndef EACH
-void
-hexarotor_3link_difference(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+void hexarotor_3link_difference(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement)
 {
     difference_lane(constants, q0, q1, displacement, 1);
 }
 #endif
 
-static WIDE void difference_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+static WIDE void difference_block(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -8996,42 +6302,23 @@ static WIDE void difference_block(
     }
 }
 
-void
-BATCH(difference)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q0, const real *RESTRICT q1, real *RESTRICT displacement)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        difference_block(
-            OF_BLOCK(constants, block),
-            q0 + block * (9 * LANES),
-            q1 + block * (9 * LANES),
-            displacement + block * (9 * LANES));
+        difference_block(OF_BLOCK(constants, block), q0 + block * (9 * LANES),
+            q1 + block * (9 * LANES), displacement + block * (9 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q0[9 * LANES];
+        fill_lanes(9, rest, q0 + whole * (9 * LANES), last_q0);
         real last_q1[9 * LANES];
-        fill_lanes(
-            9,
-            rest,
-            q0 + whole * (9 * LANES),
-            last_q0);
-        fill_lanes(
-            9,
-            rest,
-            q1 + whole * (9 * LANES),
-            last_q1);
-        difference_block(
-            last_constants,
-            last_q0,
-            last_q1,
+        fill_lanes(9, rest, q1 + whole * (9 * LANES), last_q1);
+        difference_block(last_constants, last_q0, last_q1,
             displacement + whole * (9 * LANES));
     }
 }

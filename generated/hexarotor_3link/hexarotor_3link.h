@@ -91,9 +91,9 @@
  *
  *     base, tip
  *
- * Bodies, in order:
- *
- *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
+ * The module was generated without gibbs, joint_wrenches, tip_pose, tip_jacobian,
+ * tip_bias_acceleration, centroidal_momentum, which come with --functions; and derivatives, which
+ * come with --derivatives.
  *
  * Every function has a form for any number of states, with _batch at the end of its name. Its
  * arrays are rows of blocks of LANES states, 8 of them, or 16 in single precision: entry e of
@@ -135,7 +135,7 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_FRAMES 2
 #define HEXAROTOR_3LINK_BODIES 8
 #define HEXAROTOR_3LINK_PARAMETERS 16
-#define HEXAROTOR_3LINK_CONSTANTS 62
+#define HEXAROTOR_3LINK_CONSTANTS 53
 
 /** States in a block of the _batch functions: what the widest registers hold. */
 #ifdef HEXAROTOR_3LINK_FLOAT
@@ -154,95 +154,48 @@ typedef double hexarotor_3link_real;
  * link3_rest.
  */
 enum {
-    /** m/s^2 */
-    HEXAROTOR_3LINK_GRAVITY,
-    /** m */
-    HEXAROTOR_3LINK_BASE_ARM_LENGTH,
-    /** kg/m */
-    HEXAROTOR_3LINK_BASE_ARM_MASS_PER_LENGTH,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_XX,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_YY,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_ZZ,
-    /** m */
-    HEXAROTOR_3LINK_LINK2_LENGTH,
-    /** kg/m */
-    HEXAROTOR_3LINK_LINK2_MASS_PER_LENGTH,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_XX,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_YY,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_ZZ,
-    /** m */
-    HEXAROTOR_3LINK_LINK3_LENGTH,
-    /** kg/m */
-    HEXAROTOR_3LINK_LINK3_MASS_PER_LENGTH,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_XX,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_YY,
-    /** kg m^2 */
-    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_ZZ,
+    HEXAROTOR_3LINK_GRAVITY, /**< m/s^2 */
+    HEXAROTOR_3LINK_BASE_ARM_LENGTH, /**< m */
+    HEXAROTOR_3LINK_BASE_ARM_MASS_PER_LENGTH, /**< kg/m */
+    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_XX, /**< kg m^2 */
+    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_YY, /**< kg m^2 */
+    HEXAROTOR_3LINK_BASE_ARM_SECTION_INERTIA_ZZ, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK2_LENGTH, /**< m */
+    HEXAROTOR_3LINK_LINK2_MASS_PER_LENGTH, /**< kg/m */
+    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_XX, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_YY, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK2_SECTION_INERTIA_ZZ, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK3_LENGTH, /**< m */
+    HEXAROTOR_3LINK_LINK3_MASS_PER_LENGTH, /**< kg/m */
+    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_XX, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_YY, /**< kg m^2 */
+    HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_ZZ, /**< kg m^2 */
 };
 
 /** Places in q. */
 enum {
-    HEXAROTOR_3LINK_Q_THETA_M1,
-    HEXAROTOR_3LINK_Q_THETA_0,
-    HEXAROTOR_3LINK_Q_THETA_1,
-    HEXAROTOR_3LINK_Q_THETA_7,
-    HEXAROTOR_3LINK_Q_THETA_8,
-    HEXAROTOR_3LINK_Q_THETA_9,
-    HEXAROTOR_3LINK_Q_X,
-    HEXAROTOR_3LINK_Q_Y,
-    HEXAROTOR_3LINK_Q_Z,
+    HEXAROTOR_3LINK_Q_THETA_M1, HEXAROTOR_3LINK_Q_THETA_0, HEXAROTOR_3LINK_Q_THETA_1,
+    HEXAROTOR_3LINK_Q_THETA_7, HEXAROTOR_3LINK_Q_THETA_8, HEXAROTOR_3LINK_Q_THETA_9,
+    HEXAROTOR_3LINK_Q_X, HEXAROTOR_3LINK_Q_Y, HEXAROTOR_3LINK_Q_Z,
 };
 
 /** Places in v, and in a. */
 enum {
-    HEXAROTOR_3LINK_V_THETA_M1,
-    HEXAROTOR_3LINK_V_THETA_0,
-    HEXAROTOR_3LINK_V_THETA_1,
-    HEXAROTOR_3LINK_V_THETA_7,
-    HEXAROTOR_3LINK_V_THETA_8,
-    HEXAROTOR_3LINK_V_THETA_9,
-    HEXAROTOR_3LINK_V_X,
-    HEXAROTOR_3LINK_V_Y,
-    HEXAROTOR_3LINK_V_Z,
+    HEXAROTOR_3LINK_V_THETA_M1, HEXAROTOR_3LINK_V_THETA_0, HEXAROTOR_3LINK_V_THETA_1,
+    HEXAROTOR_3LINK_V_THETA_7, HEXAROTOR_3LINK_V_THETA_8, HEXAROTOR_3LINK_V_THETA_9,
+    HEXAROTOR_3LINK_V_X, HEXAROTOR_3LINK_V_Y, HEXAROTOR_3LINK_V_Z,
 };
 
 /** Places in u. */
 enum {
-    HEXAROTOR_3LINK_U_F_1,
-    HEXAROTOR_3LINK_U_F_2,
-    HEXAROTOR_3LINK_U_F_3,
-    HEXAROTOR_3LINK_U_F_4,
-    HEXAROTOR_3LINK_U_F_5,
-    HEXAROTOR_3LINK_U_F_6,
-    HEXAROTOR_3LINK_U_TAU_7,
-    HEXAROTOR_3LINK_U_TAU_8,
+    HEXAROTOR_3LINK_U_F_1, HEXAROTOR_3LINK_U_F_2, HEXAROTOR_3LINK_U_F_3, HEXAROTOR_3LINK_U_F_4,
+    HEXAROTOR_3LINK_U_F_5, HEXAROTOR_3LINK_U_F_6, HEXAROTOR_3LINK_U_TAU_7, HEXAROTOR_3LINK_U_TAU_8,
     HEXAROTOR_3LINK_U_TAU_9,
 };
 
 /** Places in frames, also of rows in W. */
 enum {
-    HEXAROTOR_3LINK_F_BASE,
-    HEXAROTOR_3LINK_F_TIP,
-};
-
-/** Places in bodies. */
-enum {
-    HEXAROTOR_3LINK_B_BASE_ARM2,
-    HEXAROTOR_3LINK_B_BASE_ARM3,
-    HEXAROTOR_3LINK_B_BASE_ARM4,
-    HEXAROTOR_3LINK_B_BASE_ARM5,
-    HEXAROTOR_3LINK_B_BASE_ARM6,
-    HEXAROTOR_3LINK_B_LINK1,
-    HEXAROTOR_3LINK_B_LINK2,
-    HEXAROTOR_3LINK_B_LINK3,
+    HEXAROTOR_3LINK_F_BASE, HEXAROTOR_3LINK_F_TIP,
 };
 
 /** What the functions need of the parameters, computed once. */
@@ -251,43 +204,40 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real base_arm_length;
     hexarotor_3link_real k8;
     hexarotor_3link_real k14;
-    hexarotor_3link_real k20;
     hexarotor_3link_real link2_length;
-    hexarotor_3link_real k27;
-    hexarotor_3link_real k33;
-    hexarotor_3link_real k39;
+    hexarotor_3link_real k32;
     hexarotor_3link_real link3_length;
-    hexarotor_3link_real k46;
-    hexarotor_3link_real k52;
-    hexarotor_3link_real k58;
-    hexarotor_3link_real k63;
-    hexarotor_3link_real k64;
+    hexarotor_3link_real k44;
+    hexarotor_3link_real k50;
+    hexarotor_3link_real k60;
+    hexarotor_3link_real k61;
+    hexarotor_3link_real k62;
     hexarotor_3link_real k65;
-    hexarotor_3link_real k66;
     hexarotor_3link_real k67;
     hexarotor_3link_real k68;
     hexarotor_3link_real k69;
     hexarotor_3link_real k71;
+    hexarotor_3link_real k72;
     hexarotor_3link_real k73;
     hexarotor_3link_real k74;
     hexarotor_3link_real k75;
+    hexarotor_3link_real k76;
     hexarotor_3link_real k77;
     hexarotor_3link_real k78;
     hexarotor_3link_real k79;
     hexarotor_3link_real k80;
     hexarotor_3link_real k81;
     hexarotor_3link_real k82;
-    hexarotor_3link_real k83;
     hexarotor_3link_real k84;
     hexarotor_3link_real k85;
     hexarotor_3link_real k86;
     hexarotor_3link_real k87;
     hexarotor_3link_real k88;
-    hexarotor_3link_real k90;
     hexarotor_3link_real k91;
     hexarotor_3link_real k92;
     hexarotor_3link_real k93;
     hexarotor_3link_real k94;
+    hexarotor_3link_real k96;
     hexarotor_3link_real k97;
     hexarotor_3link_real k98;
     hexarotor_3link_real k99;
@@ -297,18 +247,12 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k104;
     hexarotor_3link_real k105;
     hexarotor_3link_real k106;
+    hexarotor_3link_real k107;
     hexarotor_3link_real k108;
     hexarotor_3link_real k109;
     hexarotor_3link_real k110;
     hexarotor_3link_real k111;
     hexarotor_3link_real k112;
-    hexarotor_3link_real k113;
-    hexarotor_3link_real k114;
-    hexarotor_3link_real k115;
-    hexarotor_3link_real k116;
-    hexarotor_3link_real k117;
-    hexarotor_3link_real k118;
-    hexarotor_3link_real k119;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -369,7 +313,7 @@ void hexarotor_3link_unpack(
  *
  * @param[in] count number of states
  * @param[in] parameters 16 of each state, in the order of their places
- * @param[out] constants 62 of each state, for functions with _batch_each
+ * @param[out] constants 53 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
 size_t hexarotor_3link_init_constants_batch(
@@ -396,33 +340,17 @@ size_t hexarotor_3link_init_constants_batch(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-hexarotor_3link_mass_matrix_and_residual(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *mass_matrix,
+void hexarotor_3link_mass_matrix_and_residual(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *mass_matrix,
     hexarotor_3link_real *residual);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_mass_matrix_and_residual_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *mass_matrix,
-    hexarotor_3link_real *residual);
-
+void hexarotor_3link_mass_matrix_and_residual_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    hexarotor_3link_real *mass_matrix, hexarotor_3link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_mass_matrix_and_residual_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *mass_matrix,
-    hexarotor_3link_real *residual);
+void hexarotor_3link_mass_matrix_and_residual_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    hexarotor_3link_real *mass_matrix, hexarotor_3link_real *residual);
 
 /**
  * @brief Mass matrix M of M a = R + B u, symmetric, both triangles filled.
@@ -439,27 +367,14 @@ hexarotor_3link_mass_matrix_and_residual_batch_each(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-hexarotor_3link_mass_matrix(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
-
+void hexarotor_3link_mass_matrix(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_mass_matrix_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
-
+void hexarotor_3link_mass_matrix_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_mass_matrix_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
+void hexarotor_3link_mass_matrix_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 
 /**
  * @brief Residual R of M a = R + B u, with the sign of a force.
@@ -480,30 +395,14 @@ hexarotor_3link_mass_matrix_batch_each(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-hexarotor_3link_residual(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
-
+void hexarotor_3link_residual(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_residual_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
-
+void hexarotor_3link_residual_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_residual_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
+void hexarotor_3link_residual_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 
 /**
  * @brief Input matrix B of M a = R + B u.
@@ -520,27 +419,14 @@ hexarotor_3link_residual_batch_each(
  * @par Source
  * eqs. 7-13.
  */
-void
-hexarotor_3link_input_matrix(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
-
+void hexarotor_3link_input_matrix(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_input_matrix_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
-
+void hexarotor_3link_input_matrix_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_input_matrix_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
+void hexarotor_3link_input_matrix_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 
 /**
  * @brief Accelerations a of M a = R + B u.
@@ -566,33 +452,17 @@ hexarotor_3link_input_matrix_batch_each(
  * @par Source
  * eq. 19, solved for the free coordinates.
  */
-void
-hexarotor_3link_forward_dynamics(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
+void hexarotor_3link_forward_dynamics(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, const hexarotor_3link_real *u,
     hexarotor_3link_real *acceleration);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_forward_dynamics_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *acceleration);
-
+void hexarotor_3link_forward_dynamics_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u, hexarotor_3link_real *acceleration);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_forward_dynamics_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *acceleration);
+void hexarotor_3link_forward_dynamics_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u, hexarotor_3link_real *acceleration);
 
 /**
  * @brief Generalised forces M a - R that the motion needs; B u supplies them.
@@ -615,33 +485,17 @@ hexarotor_3link_forward_dynamics_batch_each(
  * @par Source
  * eqs. 4-6.
  */
-void
-hexarotor_3link_inverse_dynamics(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
+void hexarotor_3link_inverse_dynamics(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, const hexarotor_3link_real *a,
     hexarotor_3link_real *force);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_inverse_dynamics_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    hexarotor_3link_real *force);
-
+void hexarotor_3link_inverse_dynamics_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a, hexarotor_3link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_inverse_dynamics_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    hexarotor_3link_real *force);
+void hexarotor_3link_inverse_dynamics_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a, hexarotor_3link_real *force);
 
 /**
  * @brief Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -660,27 +514,14 @@ hexarotor_3link_inverse_dynamics_batch_each(
  * @par Source
  * eqs. 15, 18 and 19.
  */
-void
-hexarotor_3link_hybrid_mass_matrix(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
-
+void hexarotor_3link_hybrid_mass_matrix(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_hybrid_mass_matrix_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
-
+void hexarotor_3link_hybrid_mass_matrix_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_hybrid_mass_matrix_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *mass_matrix);
+void hexarotor_3link_hybrid_mass_matrix_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 
 /**
  * @brief Residual R_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -702,30 +543,14 @@ hexarotor_3link_hybrid_mass_matrix_batch_each(
  * @par Source
  * eqs. 15, 18 and 19.
  */
-void
-hexarotor_3link_hybrid_residual(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
-
+void hexarotor_3link_hybrid_residual(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_hybrid_residual_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
-
+void hexarotor_3link_hybrid_residual_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_hybrid_residual_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *residual);
+void hexarotor_3link_hybrid_residual_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 
 /**
  * @brief Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -742,27 +567,14 @@ hexarotor_3link_hybrid_residual_batch_each(
  * @par Source
  * eqs. 12, 13 and 18.
  */
-void
-hexarotor_3link_hybrid_input_matrix(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
-
+void hexarotor_3link_hybrid_input_matrix(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_hybrid_input_matrix_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
-
+void hexarotor_3link_hybrid_input_matrix_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_hybrid_input_matrix_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *input_matrix);
+void hexarotor_3link_hybrid_input_matrix_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 
 /**
  * @brief Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
@@ -787,84 +599,17 @@ hexarotor_3link_hybrid_input_matrix_batch_each(
  * @par Source
  * eqs. 14 and 15.
  */
-void
-hexarotor_3link_constraint_torques(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *torque);
-
+void hexarotor_3link_constraint_torques(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, const hexarotor_3link_real *a,
+    const hexarotor_3link_real *u, hexarotor_3link_real *torque);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_constraint_torques_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *torque);
-
+void hexarotor_3link_constraint_torques_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a, const hexarotor_3link_real *u, hexarotor_3link_real *torque);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_constraint_torques_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *torque);
-
-/**
- * @brief Gibbs function S up to terms free of accelerations, in W/s.
- *
- * Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
- *     [m/s^2], a_z [m/s^2]
- * @param[out] value 1: [W/s]
- * @note 362 operations, 6 sine-cosine pairs; about 1760 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eqs. 2 and 3.
- */
-void
-hexarotor_3link_gibbs(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    hexarotor_3link_real *value);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_gibbs_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    hexarotor_3link_real *value);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_gibbs_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    hexarotor_3link_real *value);
+void hexarotor_3link_constraint_torques_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a, const hexarotor_3link_real *u, hexarotor_3link_real *torque);
 
 /**
  * @brief Kinetic energy in J.
@@ -881,30 +626,14 @@ hexarotor_3link_gibbs_batch_each(
  * @par Source
  * eq. 2 with rates for accelerations.
  */
-void
-hexarotor_3link_kinetic_energy(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *energy);
-
+void hexarotor_3link_kinetic_energy(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *energy);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_kinetic_energy_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *energy);
-
+void hexarotor_3link_kinetic_energy_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *energy);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_kinetic_energy_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *energy);
+void hexarotor_3link_kinetic_energy_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *energy);
 
 /**
  * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
@@ -919,27 +648,14 @@ hexarotor_3link_kinetic_energy_batch_each(
  * @par Source
  * gravity times the first moment of mass.
  */
-void
-hexarotor_3link_potential_energy(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *energy);
-
+void hexarotor_3link_potential_energy(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *energy);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_potential_energy_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *energy);
-
+void hexarotor_3link_potential_energy_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *energy);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_potential_energy_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *energy);
+void hexarotor_3link_potential_energy_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *energy);
 
 /**
  * @brief Generalised forces of gravity: gravity's part of R.
@@ -957,27 +673,14 @@ hexarotor_3link_potential_energy_batch_each(
  * @par Source
  * eqs. 5 and 6 at rest.
  */
-void
-hexarotor_3link_gravity_forces(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *force);
-
+void hexarotor_3link_gravity_forces(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *force);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_gravity_forces_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *force);
-
+void hexarotor_3link_gravity_forces_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_gravity_forces_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *force);
+void hexarotor_3link_gravity_forces_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *force);
 
 /**
  * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
@@ -997,30 +700,14 @@ hexarotor_3link_gravity_forces_batch_each(
  * @par Source
  * eq. 7.
  */
-void
-hexarotor_3link_wrench_forces(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *W,
-    hexarotor_3link_real *force);
-
+void hexarotor_3link_wrench_forces(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *W, hexarotor_3link_real *force);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_wrench_forces_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *W,
-    hexarotor_3link_real *force);
-
+void hexarotor_3link_wrench_forces_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *W, hexarotor_3link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_wrench_forces_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *W,
-    hexarotor_3link_real *force);
+void hexarotor_3link_wrench_forces_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *W, hexarotor_3link_real *force);
 
 /**
  * @brief Accelerations a of M a = R + B u + the sum of J^T W.
@@ -1045,93 +732,19 @@ hexarotor_3link_wrench_forces_batch_each(
  * @par Source
  * eq. 19, solved for the free coordinates.
  */
-void
-hexarotor_3link_forward_dynamics_with_wrenches(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
-    const hexarotor_3link_real *W,
-    hexarotor_3link_real *acceleration);
-
+void hexarotor_3link_forward_dynamics_with_wrenches(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, const hexarotor_3link_real *u,
+    const hexarotor_3link_real *W, hexarotor_3link_real *acceleration);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_forward_dynamics_with_wrenches_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
-    const hexarotor_3link_real *W,
+void hexarotor_3link_forward_dynamics_with_wrenches_batch(
+    const hexarotor_3link_constants *constants, size_t count, const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v, const hexarotor_3link_real *u, const hexarotor_3link_real *W,
     hexarotor_3link_real *acceleration);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *u,
-    const hexarotor_3link_real *W,
+void hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
+    const hexarotor_3link_real *constants, size_t count, const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v, const hexarotor_3link_real *u, const hexarotor_3link_real *W,
     hexarotor_3link_real *acceleration);
-
-/**
- * @brief The whole wrench through every joint: what the parent does to the body, at the joint.
- *
- * It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia and
- * thrusts of all that the joint carries balance it, at the given accelerations, which need not fit
- * the inputs. Where they do, its component along a joint that moves is the joint's input less
- * armature, damper and spring.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
- *     [m/s^2], a_z [m/s^2]
- * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
- *     m], tau_8 [N m], tau_9 [N m]
- * @param[out] wrenches 8 x 6: [N] in the first three, [N m] in the others, a row for each of
- *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
- * @note 445 operations, 6 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eqs. 6 and 14, all six components.
- */
-void
-hexarotor_3link_joint_wrenches(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *wrenches);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_joint_wrenches_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *wrenches);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_joint_wrenches_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    const hexarotor_3link_real *a,
-    const hexarotor_3link_real *u,
-    hexarotor_3link_real *wrenches);
 
 /**
  * @brief World positions of POINTS in m, one row each.
@@ -1147,145 +760,14 @@ hexarotor_3link_joint_wrenches_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-hexarotor_3link_positions(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
-
+void hexarotor_3link_positions(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_positions_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
-
+void hexarotor_3link_positions_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_positions_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
-
-/**
- * @brief Homogeneous transform from the tip's frame to the world.
- *
- * It is the frame of that name of the robot file. If the file has none, it is at the end of the
- * last link with that link's axes; without links, at the base centre with the base's.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] pose 4 x 4: axes [1] and position [m]
- * @note 74 operations, 6 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-hexarotor_3link_tip_pose(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *pose);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_tip_pose_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *pose);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_tip_pose_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *pose);
-
-/**
- * @brief Jacobian of the tip: linear rows, then angular rows, in world axes.
- *
- * It takes v to the velocity of the tip in m/s and rad/s.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] jacobian 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
- * @note 111 operations, 6 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-hexarotor_3link_tip_jacobian(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_tip_jacobian_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_tip_jacobian_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
-/**
- * @brief Acceleration of the tip where a is zero, gravity left out, in world axes.
- *
- * It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
- * entries first, then angular.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
- * @note 140 operations, 6 sine-cosine pairs; about 992 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-hexarotor_3link_tip_bias_acceleration(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *bias_acceleration);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_tip_bias_acceleration_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *bias_acceleration);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_tip_bias_acceleration_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *bias_acceleration);
+void hexarotor_3link_positions_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 
 /**
  * @brief Homogeneous transforms from the frames to the world.
@@ -1300,27 +782,14 @@ hexarotor_3link_tip_bias_acceleration_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-hexarotor_3link_frame_poses(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *poses);
-
+void hexarotor_3link_frame_poses(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *poses);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_frame_poses_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *poses);
-
+void hexarotor_3link_frame_poses_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *poses);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_frame_poses_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *poses);
+void hexarotor_3link_frame_poses_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *poses);
 
 /**
  * @brief Jacobians of the frames: linear rows, then angular rows, in world axes.
@@ -1333,32 +802,19 @@ hexarotor_3link_frame_poses_batch_each(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] jacobians 2 x 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
  *     a block for each of base, tip
- * @note 127 operations, 6 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
+ * @note 127 operations, 6 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * forward kinematics.
  */
-void
-hexarotor_3link_frame_jacobians(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobians);
-
+void hexarotor_3link_frame_jacobians(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *jacobians);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_frame_jacobians_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobians);
-
+void hexarotor_3link_frame_jacobians_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *jacobians);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_frame_jacobians_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobians);
+void hexarotor_3link_frame_jacobians_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *jacobians);
 
 /**
  * @brief Velocities of the frames' origins, then angular velocities, in world axes.
@@ -1376,29 +832,15 @@ hexarotor_3link_frame_jacobians_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-hexarotor_3link_frame_velocities(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *velocities);
-
+void hexarotor_3link_frame_velocities(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *velocities);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_frame_velocities_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_frame_velocities_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *velocities);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_frame_velocities_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_frame_velocities_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *velocities);
 
 /**
@@ -1420,29 +862,16 @@ hexarotor_3link_frame_velocities_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-hexarotor_3link_frame_bias_accelerations(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_frame_bias_accelerations(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_frame_bias_accelerations_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_frame_bias_accelerations_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_frame_bias_accelerations_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_frame_bias_accelerations_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
 
 /**
@@ -1458,27 +887,14 @@ hexarotor_3link_frame_bias_accelerations_batch_each(
  * @par Source
  * the first moment of mass.
  */
-void
-hexarotor_3link_centre_of_mass(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
-
+void hexarotor_3link_centre_of_mass(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_centre_of_mass_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
-
+void hexarotor_3link_centre_of_mass_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_centre_of_mass_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *position);
+void hexarotor_3link_centre_of_mass_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, hexarotor_3link_real *position);
 
 /**
  * @brief Jacobian of the centre of mass, in world axes.
@@ -1495,69 +911,14 @@ hexarotor_3link_centre_of_mass_batch_each(
  * @par Source
  * the first moment of mass.
  */
-void
-hexarotor_3link_centre_of_mass_jacobian(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
+void hexarotor_3link_centre_of_mass_jacobian(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, hexarotor_3link_real *jacobian);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_centre_of_mass_jacobian_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
+void hexarotor_3link_centre_of_mass_jacobian_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *jacobian);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_centre_of_mass_jacobian_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    hexarotor_3link_real *jacobian);
-
-/**
- * @brief Linear momentum, then angular momentum about the centre of mass, in world axes.
- *
- * The same as Pinocchio's computeCentroidalMomentum.
- *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
- *     &hexarotor_3link_default_constants
- * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
- *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
- * @note 208 operations, 6 sine-cosine pairs; about 1408 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eq. 6 with rates for accelerations.
- */
-void
-hexarotor_3link_centroidal_momentum(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *momentum);
-
-/** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_centroidal_momentum_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *momentum);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_centroidal_momentum_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *momentum);
+void hexarotor_3link_centre_of_mass_jacobian_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *jacobian);
 
 /**
  * @brief Rates of the coordinates q.
@@ -1577,29 +938,15 @@ hexarotor_3link_centroidal_momentum_batch_each(
  * @par Source
  * kinematics of the base.
  */
-void
-hexarotor_3link_coordinate_rates(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
-    hexarotor_3link_real *rate);
-
+void hexarotor_3link_coordinate_rates(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *rate);
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_coordinate_rates_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_coordinate_rates_batch(const hexarotor_3link_constants *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *rate);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_coordinate_rates_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_coordinate_rates_batch_each(const hexarotor_3link_real *constants,
+    size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *rate);
 
 /**
@@ -1620,29 +967,16 @@ hexarotor_3link_coordinate_rates_batch_each(
  * @par Source
  * sums, or the exponential map of SE(3) for a quaternion with its position.
  */
-void
-hexarotor_3link_integrate(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_integrate(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *coordinates);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_integrate_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_integrate_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *coordinates);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_integrate_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q,
-    const hexarotor_3link_real *v,
+void hexarotor_3link_integrate_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *coordinates);
 
 /**
@@ -1664,29 +998,16 @@ hexarotor_3link_integrate_batch_each(
  * @par Source
  * differences, or the logarithm of SE(3) for a quaternion with its position.
  */
-void
-hexarotor_3link_difference(
-    const hexarotor_3link_constants *constants,
-    const hexarotor_3link_real *q0,
-    const hexarotor_3link_real *q1,
+void hexarotor_3link_difference(const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q0, const hexarotor_3link_real *q1,
     hexarotor_3link_real *displacement);
-
 /** @brief The same for `count` states in blocks. */
-void
-hexarotor_3link_difference_batch(
-    const hexarotor_3link_constants *constants,
-    size_t count,
-    const hexarotor_3link_real *q0,
-    const hexarotor_3link_real *q1,
+void hexarotor_3link_difference_batch(const hexarotor_3link_constants *constants, size_t count,
+    const hexarotor_3link_real *q0, const hexarotor_3link_real *q1,
     hexarotor_3link_real *displacement);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-hexarotor_3link_difference_batch_each(
-    const hexarotor_3link_real *constants,
-    size_t count,
-    const hexarotor_3link_real *q0,
-    const hexarotor_3link_real *q1,
+void hexarotor_3link_difference_batch_each(const hexarotor_3link_real *constants, size_t count,
+    const hexarotor_3link_real *q0, const hexarotor_3link_real *q1,
     hexarotor_3link_real *displacement);
 
 #ifdef __cplusplus

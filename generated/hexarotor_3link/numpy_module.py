@@ -89,9 +89,44 @@ BODIES = (
 )
 DERIVATIVES = (
 )
+FUNCTIONS = (
+    "mass_matrix_and_residual", "mass_matrix", "residual", "input_matrix", "forward_dynamics",
+    "inverse_dynamics", "hybrid_mass_matrix", "hybrid_residual", "hybrid_input_matrix",
+    "constraint_torques", "kinetic_energy", "potential_energy", "gravity_forces", "wrench_forces",
+    "forward_dynamics_with_wrenches", "positions", "frame_poses", "frame_jacobians",
+    "frame_velocities", "frame_bias_accelerations", "centre_of_mass", "centre_of_mass_jacobian",
+    "coordinate_rates", "integrate", "difference",
+)
+INPUT_UNITS = (
+    "N", "N", "N", "N", "N", "N", "N m", "N m", "N m",
+)
 CARRIERS = (
     "O2", "O2", "O2", "O2", "O2", "O2", "O2", "O2", "O2", "joint7", "joint8", "joint9",
 )
+PARENTS = (
+    "base", "base", "base", "base", "base", "base", "link1", "link2",
+)
+POSTURE = (
+    0.0, 0.0, 0.0, -0.6981317007977318, -0.6981317007977318, -0.6981317007977318, 0.0, 0.0, 0.0,
+)
+# Places in q and in v. Limits, least and greatest, by the names of entries; None is no limit. Lags
+# of rotors in s, and their angular momenta about their thrusts by the square root of these, in
+# kg m^2/s/N^0.5.
+COORDINATE_PLACES: dict[str, slice] = {
+    "attitude": slice(0, 3),
+    "joints": slice(3, 6),
+    "position": slice(6, 9),
+}
+VELOCITY_PLACES: dict[str, slice] = {
+    "attitude": slice(0, 3),
+    "joints": slice(3, 6),
+    "position": slice(6, 9),
+}
+COORDINATE_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+VELOCITY_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+INPUT_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+TIME_CONSTANTS: dict[str, float] = {}
+SPINS: dict[str, float] = {}
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
@@ -173,129 +208,122 @@ def _constants(values):
     k17 = base_arm_section_inertia_xx - k16
     k18 = base_arm_section_inertia_yy + k15
     k19 = k17 + k18
-    k20 = 0.5 * k19
 
     # second moments of link2
-    k21 = link2_section_inertia_xx - link2_section_inertia_yy
-    k22 = link2_section_inertia_xx - k21
-    k23 = link2_section_inertia_yy - k22
-    k24 = link2_section_inertia_zz - k21
-    k25 = k23 + k24
-    k26 = link2_length * link2_length
-    k27 = 0.5 * k25 + 0.3333333333333333 * link2_mass_per_length * link2_length * k26
-    k28 = link2_section_inertia_yy - link2_section_inertia_zz
-    k29 = link2_section_inertia_yy - k28
-    k30 = link2_section_inertia_zz - k29
-    k31 = link2_section_inertia_xx - k28
-    k32 = k30 + k31
-    k33 = 0.5 * k32
-    k34 = link2_section_inertia_xx - link2_section_inertia_zz
-    k35 = link2_section_inertia_zz + k34
-    k36 = link2_section_inertia_xx - k35
-    k37 = link2_section_inertia_yy + k34
-    k38 = k36 + k37
-    k39 = 0.5 * k38
+    k20 = link2_section_inertia_xx - link2_section_inertia_yy
+    k21 = link2_section_inertia_xx - k20
+    k22 = link2_section_inertia_yy - k21
+    k23 = link2_section_inertia_zz - k20
+    k24 = k22 + k23
+    k25 = link2_length * link2_length
+    k26 = 0.5 * k24 + 0.3333333333333333 * link2_mass_per_length * link2_length * k25
+    k27 = link2_section_inertia_yy - link2_section_inertia_zz
+    k28 = link2_section_inertia_yy - k27
+    k29 = link2_section_inertia_zz - k28
+    k30 = link2_section_inertia_xx - k27
+    k31 = k29 + k30
+    k32 = 0.5 * k31
+    k33 = link2_section_inertia_xx - link2_section_inertia_zz
+    k34 = link2_section_inertia_zz + k33
+    k35 = link2_section_inertia_xx - k34
+    k36 = link2_section_inertia_yy + k33
+    k37 = k35 + k36
 
     # second moments of link3
-    k40 = link3_section_inertia_xx - link3_section_inertia_yy
-    k41 = link3_section_inertia_xx - k40
-    k42 = link3_section_inertia_yy - k41
-    k43 = link3_section_inertia_zz - k40
-    k44 = k42 + k43
-    k45 = link3_length * link3_length
-    k46 = 0.5 * k44 + 0.3333333333333333 * link3_mass_per_length * link3_length * k45
-    k47 = link3_section_inertia_yy - link3_section_inertia_zz
-    k48 = link3_section_inertia_yy - k47
-    k49 = link3_section_inertia_zz - k48
-    k50 = link3_section_inertia_xx - k47
-    k51 = k49 + k50
-    k52 = 0.5 * k51
-    k53 = link3_section_inertia_xx - link3_section_inertia_zz
-    k54 = link3_section_inertia_zz + k53
-    k55 = link3_section_inertia_xx - k54
-    k56 = link3_section_inertia_yy + k53
-    k57 = k55 + k56
-    k58 = 0.5 * k57
+    k38 = link3_section_inertia_xx - link3_section_inertia_yy
+    k39 = link3_section_inertia_xx - k38
+    k40 = link3_section_inertia_yy - k39
+    k41 = link3_section_inertia_zz - k38
+    k42 = k40 + k41
+    k43 = link3_length * link3_length
+    k44 = 0.5 * k42 + 0.3333333333333333 * link3_mass_per_length * link3_length * k43
+    k45 = link3_section_inertia_yy - link3_section_inertia_zz
+    k46 = link3_section_inertia_yy - k45
+    k47 = link3_section_inertia_zz - k46
+    k48 = link3_section_inertia_xx - k45
+    k49 = k47 + k48
+    k50 = 0.5 * k49
+    k51 = link3_section_inertia_xx - link3_section_inertia_zz
+    k52 = link3_section_inertia_zz + k51
+    k53 = link3_section_inertia_xx - k52
+    k54 = link3_section_inertia_yy + k51
+    k55 = k53 + k54
 
     # inertia of the base, about the origin
-    k59 = base_arm_mass_per_length * k6
-    k60 = 3.0 * k8
-    k61 = 1.5 * k13
-    k62 = k60 + k61 + 6.0 * k7
-    k63 = k60 + k61
-    k64 = 3.0 * k19
-    k65 = base_arm_length * base_arm_mass_per_length
+    k56 = base_arm_mass_per_length * k6
+    k57 = 3.0 * k8
+    k58 = 1.5 * k13
+    k59 = k57 + k58 + 6.0 * k7
+    k60 = k57 + k58
+    k61 = 3.0 * k19
 
     # inertias of the links
-    k66 = 0.5 * link2_mass_per_length * k26
-    k67 = link2_length * link2_mass_per_length
-    k68 = 0.5 * link3_mass_per_length * k45
-    k69 = link3_length * link3_mass_per_length
+    k62 = 0.5 * link3_mass_per_length * k43
+    k63 = link3_length * link3_mass_per_length
 
     # inertia of link 2, with that of link 3 which joint 9 does not move
-    k70 = link2_length * k69
-    k71 = 2.0 * link2_length
-    k72 = k67 + k69
-    k73 = k66 + k70
-    k74 = k27 + link2_length * k70
-    k75 = k39 + k58
+    k64 = link2_length * k63
+    k65 = 2.0 * link2_length
+    k66 = link2_length * link2_mass_per_length + k63
+    k67 = 0.5 * link2_mass_per_length * k25 + k64
+    k68 = k26 + link2_length * k64
+    k69 = 0.5 * k37 + 0.5 * k55
 
     # inertia of the base, with that of link 1 which joint 7 does not move
-    k76 = base_arm_length * k72
-    k77 = 2.0 * base_arm_length
-    k78 = 6.0 * k65 + k72
-    k79 = 6.0 * k59 + k76
-    k80 = k62 + base_arm_length * k76
+    k70 = base_arm_length * k66
+    k71 = 2.0 * base_arm_length
+    k72 = 6.0 * base_arm_length * base_arm_mass_per_length + k66
+    k73 = 6.0 * k56 + k70
+    k74 = k59 + base_arm_length * k70
 
     # constant terms and factors of the functions
-    k81 = k46 - k52
-    k82 = k33 - k74
-    k83 = k63 - k80
-    k84 = 6.0 * k19
-    k85 = gravity * k78
-    k86 = 0.5 * base_arm_length
-    k87 = 0.8660254037844386 * base_arm_length
-    k88 = base_arm_length - k86
-    k89 = 0.7499999999999999 * base_arm_length
-    k90 = 0.5 * k88 - k89
-    k91 = base_arm_length + k86
+    k75 = k44 - k50
+    k76 = k32 - k68
+    k77 = k60 - k74
+    k78 = 6.0 * k19
+    k79 = gravity * k72
+    k80 = 0.5 * base_arm_length
+    k81 = 0.8660254037844386 * base_arm_length
+    k82 = base_arm_length - k80
+    k83 = 0.7499999999999999 * base_arm_length
+    k84 = 0.5 * k82 - k83
+    k85 = base_arm_length + k80
 
     # inertia of the base, about the origin
-    k92 = 0.5 * k59
+    k86 = 0.5 * k56
 
     # constant terms and factors of the functions
-    k93 = 0.25 * k59
-    k94 = 0.4330127018922193 * k59
-    k95 = k8 - k14
-    k96 = 0.7499999999999999 * k95
-    k97 = k8 - k96
-    k98 = k14 + k96
-    k99 = 0.4330127018922193 * k95
-    k100 = k97 + k98
-    k101 = base_arm_length * k93
-    k102 = k100 - k101
-    k103 = k100 + k101
-    k104 = k8 + k14
-    k105 = k104 + base_arm_length * k92
-    k106 = k89 + 0.25 * base_arm_length
-    k107 = k63 + k64
-    k108 = 2.0 * k63
-    k109 = 1.0 / k108
-    k110 = 1.0 / k107
-    k111 = 1.0 / k78
-    k112 = k68 * k111
-    k113 = 1.5 * k19
-    k114 = 0.5 * k78
-    k115 = 0.5 * k75
-    k116 = k27 - k33
-    k117 = k75 + k107
-    k118 = k85 * k111
-    k119 = k85 * k112
-    return k78, (
-        gravity, base_arm_length, k8, k14, k20, link2_length, k27, k33, k39, link3_length, k46, k52,
-        k58, k63, k64, k65, k66, k67, k68, k69, k71, k73, k74, k75, k77, k78, k79, k80, k81, k82,
-        k83, k84, k85, k86, k87, k88, k90, k91, k92, k93, k94, k97, k98, k99, k100, k102, k103,
-        k104, k105, k106, k108, k109, k110, k111, k112, k113, k114, k115, k116, k117, k118, k119,
+    k87 = 0.25 * k56
+    k88 = 0.4330127018922193 * k56
+    k89 = k8 - k14
+    k90 = 0.7499999999999999 * k89
+    k91 = k8 - k90
+    k92 = k14 + k90
+    k93 = 0.4330127018922193 * k89
+    k94 = k91 + k92
+    k95 = base_arm_length * k87
+    k96 = k94 - k95
+    k97 = k94 + k95
+    k98 = k8 + k14
+    k99 = k98 + base_arm_length * k86
+    k100 = k83 + 0.25 * base_arm_length
+    k101 = k60 + k61
+    k102 = 2.0 * k60
+    k103 = 1.0 / k102
+    k104 = 1.0 / k101
+    k105 = 1.0 / k72
+    k106 = k62 * k105
+    k107 = 1.5 * k19
+    k108 = 0.5 * k72
+    k109 = 0.5 * k69
+    k110 = k69 + k101
+    k111 = k79 * k105
+    k112 = k79 * k106
+    return k72, (
+        gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44, k50, k60, k61, k62,
+        k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80, k81, k82, k84, k85,
+        k86, k87, k88, k91, k92, k93, k94, k96, k97, k98, k99, k100, k102, k103, k104, k105, k106,
+        k107, k108, k109, k110, k111, k112,
     )
 
 
@@ -803,9 +831,7 @@ _evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, FRAMES, prepare(PAR
 
 
 def mass_matrix_and_residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
@@ -825,49 +851,25 @@ def mass_matrix_and_residual(
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 433 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _mass_matrix_and_residual,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _mass_matrix_and_residual, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries[0:81], (9, 9), batch), shaped(entries[81:90], (9,), batch)
 
 
 def _mass_matrix_and_residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k71 = k[20]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k77 = k[24]
-    k78 = k[25]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k84 = k[31]
-    k85 = k[32]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
+    (
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69,
+        k71, k72, k73, k74, k75, k76, k77, k78, k79,
+    ) = (
+        k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16],
+        k[17], k[18], k[19], k[20], k[21], k[22], k[23], k[24],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
 
     # attitude
     t1 = cos(theta_m1)
@@ -952,12 +954,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t70 = t51 + t59 * t65
 
     # inertia of link 3, turned by the joints
-    t71 = k68 * t13
-    t72 = k68 * t14
-    t73 = k81 * t14
+    t71 = k62 * t13
+    t72 = k62 * t14
+    t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k46 - t74
-    t76 = k52 + t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
@@ -967,21 +969,21 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t81 = t77 * (t67 - t69)
     t82 = (t45 + link2_length * t61) * t72
     t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
-    t84 = k68 * (t14 * t52 - t13 * t67)
-    t85 = k68 * (t13 * t49 + t14 * t69)
-    t86 = k68 * (t14 * t70 - t13 * t68)
+    t84 = k62 * (t14 * t52 - t13 * t67)
+    t85 = k62 * (t13 * t49 + t14 * t69)
+    t86 = k62 * (t14 * t70 - t13 * t68)
 
     # step from link 2 to link 3
     t87 = link2_length * t10
     t88 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t89 = k73 * t10
-    t90 = k73 * t11
-    t91 = k82 * t11
+    t89 = k67 * t10
+    t90 = k67 * t11
+    t91 = k76 * t11
     t92 = t11 * t91
-    t93 = k74 + t92
-    t94 = k33 - t92
+    t93 = k68 + t92
+    t94 = k32 - t92
     t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
@@ -991,14 +993,14 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t99 = t52 * t94
     t100 = t95 * (t55 - t58)
     t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100
-    t102 = t84 + k73 * t61
-    t103 = t85 + k73 * t62
-    t104 = t86 + k73 * t63
+    t102 = t84 + k67 * t61
+    t103 = t85 + k67 * t62
+    t104 = t86 + k67 * t63
     t105 = t83 + t84 * t88 + t85 * t87 - t101
 
     # inertia forces of links 1 to 3, about joint 7
-    t106 = t78 + t86 * t88 + t96 + k75 * t51
-    t107 = t86 * t87 - t79 - t97 - k75 * t50
+    t106 = t78 + t86 * t88 + t96 + k69 * t51
+    t107 = t86 * t87 - t79 - t97 - k69 * t50
     t108 = t8 * t102 + t9 * t104
     t109 = t8 * t104 - t9 * t102
 
@@ -1007,24 +1009,24 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t111 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t112 = k79 * t5
-    t113 = k79 * t6
-    t114 = k83 * t6
+    t112 = k73 * t5
+    t113 = k73 * t6
+    t114 = k77 * t6
     t115 = t6 * t114
-    t116 = k80 + t115
-    t117 = k63 - t115
+    t116 = k74 + t115
+    t117 = k60 - t115
     t118 = t5 * t114
 
     # inertia forces of the base and links 1 to 3
     t119 = t31 * t117
-    t120 = t21 * t113 + t29 * t118 - k84 * t19 - t119
+    t120 = t21 * t113 + t29 * t118 - k78 * t19 - t119
     t121 = t29 * t116
-    t122 = t21 * t112 + t31 * t118 - k64 * t23 - t121
+    t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121
     t123 = t118 * (t28 - t30)
     t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123
-    t125 = k79 * t32 - t108
-    t126 = t109 - k79 * t33
-    t127 = t103 + k79 * t34
+    t125 = k73 * t32 - t108
+    t126 = t109 - k73 * t33
+    t127 = t103 + k73 * t34
     t128 = t8 * t106 + t120 - t9 * t105 - t103 * t111
     t129 = t122 - t8 * t105 - t9 * t106 - t103 * t110
     t130 = t107 + t109 * t110 + t108 * t111 - t124
@@ -1034,13 +1036,13 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t132 = t3 * t125 + t4 * t127
     t133 = t4 * t130 - t3 * t128
     t134 = t1 * t126 + t2 * t131
-    t135 = t2 * t126 - t1 * t131 - k85
+    t135 = t2 * t126 - t1 * t131 - k79
 
     # composite inertia of links 2 and 3, about joint 8
     t136 = t71 + t89
     t137 = t72 + t90
-    t138 = t93 + t75 + t71 * k71 * t10
-    t139 = t94 + t76 + t72 * k71 * t11
+    t138 = t93 + t75 + t71 * k65 * t10
+    t139 = t94 + t76 + t72 * k65 * t11
     t140 = t95 - t77 - t71 * t88 - t72 * t87
 
     # composite inertia of links 1 to 3, about joint 7
@@ -1048,19 +1050,19 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t142 = t9 * t136
     t143 = t8 * t140
     t144 = t9 * t140
-    t145 = t9 * (k75 - t138)
+    t145 = t9 * (k69 - t138)
     t146 = t9 * t145
     t147 = t138 + t146
-    t148 = k75 - t146
+    t148 = k69 - t146
 
     # composite inertia of the base and links 1 to 3
     t149 = t143 - t110 * t137
     t150 = t144 - t111 * t137
     t151 = t112 + t141
     t152 = t113 + t142
-    t153 = t116 + t147 + t141 * k77 * t5
-    t154 = t117 + t148 + t142 * k77 * t6
-    t155 = k64 + t139
+    t153 = t116 + t147 + t141 * k71 * t5
+    t154 = t117 + t148 + t142 * k71 * t6
+    t155 = k61 + t139
     t156 = t118 + t8 * t145 - t110 * t142 - t111 * t141
 
     # mass matrix, columns of the joints carried in to the base
@@ -1117,15 +1119,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
         t178, t181, -t182, t173, t150, t170, t158, t162, t168, -t172, t174, t175, t188, t144, t158,
         t157, 0.0, 0.0, -t187, t189, t190, t193, -t163, t162, 0.0, t159, t165, t192, -t194, t195,
         t198, -t169, t168, 0.0, t165, t164, t197, -t199, t200, 0.0, t178, -t172, -t187, t192, t197,
-        k78, 0.0, 0.0, -t185, t181, t174, t189, -t194, -t199, 0.0, k78, 0.0, t184, -t182, t175,
-        t190, t195, t200, 0.0, 0.0, k78, t133, t129, t130, t107, t105, t83, t132, t134, t135,
+        k72, 0.0, 0.0, -t185, t181, t174, t189, -t194, -t199, 0.0, k72, 0.0, t184, -t182, t175,
+        t190, t195, t200, 0.0, 0.0, k72, t133, t129, t130, t107, t105, t83, t132, t134, t135,
     )
 
 
-def mass_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def mass_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Mass matrix M of M a = R + B u, symmetric, both triangles filled.
 
     The same matrix as Pinocchio's crba gives for these coordinates.
@@ -1139,40 +1138,19 @@ def mass_matrix(
         both
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 190 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _mass_matrix,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_mass_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (9, 9), batch)
 
 
 def _mass_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k71 = k[20]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k77 = k[24]
-    k78 = k[25]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
+    (
+        base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
+        k73, k74, k75, k76, k77,
+    ) = (
+        k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
+        k[18], k[19], k[20], k[21], k[22],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
     t1 = -cos(theta_m1)
@@ -1193,19 +1171,19 @@ def _mass_matrix(k, sin, cos, q):
     t14 = sin(t12)
 
     # inertia of link 3, turned by the joints
-    t15 = k68 * t13
-    t16 = k68 * t14
-    t17 = k81 * t14
+    t15 = k62 * t13
+    t16 = k62 * t14
+    t17 = k75 * t14
     t18 = t14 * t17
-    t19 = k46 - t18
-    t20 = k52 + t18
+    t19 = k44 - t18
+    t20 = k50 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t23 = k82 * t11
+    t23 = k76 * t11
     t24 = t11 * t23
 
     # step from the base to link 1
@@ -1213,15 +1191,15 @@ def _mass_matrix(k, sin, cos, q):
     t26 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t27 = k83 * t6
+    t27 = k77 * t6
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
     t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + k73 * t10
-    t31 = t16 + k73 * t11
-    t32 = k74 + t24 + t19 + t15 * k71 * t10
-    t33 = k33 + t20 + t16 * k71 * t11 - t24
+    t30 = t15 + k67 * t10
+    t31 = t16 + k67 * t11
+    t32 = k68 + t24 + t19 + t15 * k65 * t10
+    t33 = k32 + t20 + t16 * k65 * t11 - t24
     t34 = t29 - t10 * t23
 
     # composite inertia of links 1 to 3, about joint 7
@@ -1229,20 +1207,20 @@ def _mass_matrix(k, sin, cos, q):
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k75 - t32)
+    t39 = t9 * (k69 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k75 - t40
+    t42 = k69 - t40
 
     # composite inertia of the base and links 1 to 3
     t43 = t25 * t36 - t8 * t39 - t26 * t35
     t44 = t37 + t25 * t31
     t45 = t38 - t26 * t31
-    t46 = k79 * t5 + t35
-    t47 = t36 - k79 * t6
-    t48 = k80 + t28 + t41 + t35 * k77 * t5
-    t49 = k63 + t42 - t28 - t36 * k77 * t6
-    t50 = k64 + t33
+    t46 = k73 * t5 + t35
+    t47 = t36 - k73 * t6
+    t48 = k74 + t28 + t41 + t35 * k71 * t5
+    t49 = k60 + t42 - t28 - t36 * k71 * t6
+    t50 = k61 + t33
 
     # mass matrix, columns of the joints carried in to the base
     t51 = t41 + t42
@@ -1297,15 +1275,13 @@ def _mass_matrix(k, sin, cos, q):
         t77, t71, t67, t82, t87, t92, 0.0, t79, t78, t71, t70, t45, t38, -t57, -t63, t72, t75, t76,
         t67, t45, t64, t52, t56, t62, t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, t81, t83, t84,
         t87, -t57, t56, 0.0, t53, t59, t86, -t88, t89, t92, -t63, t62, 0.0, t59, t58, t91, -t93,
-        t94, 0.0, t72, t66, t81, t86, t91, k78, 0.0, 0.0, t79, t75, t68, t83, -t88, -t93, 0.0, k78,
-        0.0, t78, t76, t69, t84, t89, t94, 0.0, 0.0, k78,
+        t94, 0.0, t72, t66, t81, t86, t91, k72, 0.0, 0.0, t79, t75, t68, t83, -t88, -t93, 0.0, k72,
+        0.0, t78, t76, t69, t84, t89, t94, 0.0, 0.0, k72,
     )
 
 
 def residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Residual R of M a = R + B u, with the sign of a force.
 
@@ -1323,47 +1299,24 @@ def residual(
         [N m], theta_9 [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 268 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _residual,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
-    )
+    entries, batch = _evaluate(_residual, constants, state_array("q", q, 9), state_array("v", v, 9))
     return shaped(entries, (9,), batch)
 
 
 def _residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k84 = k[31]
-    k85 = k[32]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
+    (
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k73,
+        k74, k75, k76, k77, k78, k79,
+    ) = (
+        k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[18], k[19],
+        k[20], k[21], k[22], k[23], k[24],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
 
     # attitude
     t1 = cos(theta_m1)
@@ -1448,12 +1401,12 @@ def _residual(k, sin, cos, q, v):
     t70 = t51 + t59 * t65
 
     # inertia of link 3, turned by the joints
-    t71 = k68 * t13
-    t72 = k68 * t14
-    t73 = k81 * t14
+    t71 = k62 * t13
+    t72 = k62 * t14
+    t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k46 - t74
-    t76 = k52 + t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
@@ -1463,21 +1416,21 @@ def _residual(k, sin, cos, q, v):
     t81 = t77 * (t67 - t69)
     t82 = (t45 + link2_length * t61) * t72
     t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
-    t84 = k68 * (t14 * t52 - t13 * t67)
-    t85 = k68 * (t13 * t49 + t14 * t69)
-    t86 = k68 * (t14 * t70 - t13 * t68)
+    t84 = k62 * (t14 * t52 - t13 * t67)
+    t85 = k62 * (t13 * t49 + t14 * t69)
+    t86 = k62 * (t14 * t70 - t13 * t68)
 
     # step from link 2 to link 3
     t87 = link2_length * t10
     t88 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t89 = k73 * t10
-    t90 = k73 * t11
-    t91 = k82 * t11
+    t89 = k67 * t10
+    t90 = k67 * t11
+    t91 = k76 * t11
     t92 = t11 * t91
-    t93 = k74 + t92
-    t94 = k33 - t92
+    t93 = k68 + t92
+    t94 = k32 - t92
     t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
@@ -1487,14 +1440,14 @@ def _residual(k, sin, cos, q, v):
     t99 = t52 * t94
     t100 = t95 * (t55 - t58)
     t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100
-    t102 = t84 + k73 * t61
-    t103 = t85 + k73 * t62
-    t104 = t86 + k73 * t63
+    t102 = t84 + k67 * t61
+    t103 = t85 + k67 * t62
+    t104 = t86 + k67 * t63
     t105 = t83 + t84 * t88 + t85 * t87 - t101
 
     # inertia forces of links 1 to 3, about joint 7
-    t106 = t78 + t86 * t88 + t96 + k75 * t51
-    t107 = t86 * t87 - t79 - t97 - k75 * t50
+    t106 = t78 + t86 * t88 + t96 + k69 * t51
+    t107 = t86 * t87 - t79 - t97 - k69 * t50
     t108 = t8 * t102 + t9 * t104
     t109 = t8 * t104 - t9 * t102
 
@@ -1503,23 +1456,23 @@ def _residual(k, sin, cos, q, v):
     t111 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t112 = k79 * t5
-    t113 = k79 * t6
-    t114 = k83 * t6
+    t112 = k73 * t5
+    t113 = k73 * t6
+    t114 = k77 * t6
     t115 = t6 * t114
-    t116 = k80 + t115
+    t116 = k74 + t115
     t117 = t5 * t114
 
     # inertia forces of the base and links 1 to 3
-    t118 = t31 * (k63 - t115)
-    t119 = t21 * t113 + t29 * t117 - k84 * t19 - t118
+    t118 = t31 * (k60 - t115)
+    t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118
     t120 = t29 * t116
-    t121 = t21 * t112 + t31 * t117 - k64 * t23 - t120
+    t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120
     t122 = t117 * (t28 - t30)
     t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122
-    t124 = k79 * t32 - t108
-    t125 = t109 - k79 * t33
-    t126 = t103 + k79 * t34
+    t124 = k73 * t32 - t108
+    t125 = t109 - k73 * t33
+    t126 = t103 + k73 * t34
     t127 = t8 * t106 + t119 - t9 * t105 - t103 * t111
     t128 = t121 - t8 * t105 - t9 * t106 - t103 * t110
     t129 = t107 + t109 * t110 + t108 * t111 - t123
@@ -1529,16 +1482,13 @@ def _residual(k, sin, cos, q, v):
     t131 = t3 * t124 + t4 * t126
     t132 = t4 * t129 - t3 * t127
     t133 = t1 * t125 + t2 * t130
-    t134 = t2 * t125 - t1 * t130 - k85
+    t134 = t2 * t125 - t1 * t130 - k79
     return (
         t132, t128, t129, t107, t105, t83, t131, t133, t134,
     )
 
 
-def input_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def input_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Input matrix B of M a = R + B u.
 
     Column k holds the generalised forces of a unit of input k.
@@ -1551,22 +1501,13 @@ def input_matrix(
     input_matrix: array (..., 9, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 7-13. 52 operations, 3 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _input_matrix,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_input_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (9, 9), batch)
 
 
 def _input_matrix(k, sin, cos, q):
-    k77 = k[24]
-    k87 = k[34]
-    k90 = k[36]
-    k91 = k[37]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
+    k71, k81, k84, k85 = k[16], k[26], k[28], k[29]
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
     t1 = cos(theta_m1)
@@ -1589,22 +1530,22 @@ def _input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k90 * t4
+    t17 = k84 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k91 * t6
-    t21 = k87 * t5
-    t22 = k87 * t6
-    t23 = k91 * t5
+    t20 = k85 * t6
+    t21 = k81 * t5
+    t22 = k81 * t6
+    t23 = k85 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
     # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = k77 * t4
+    t28 = k71 * t4
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
 
@@ -1621,7 +1562,7 @@ def _input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k90, 0.0, k77, 0.0, -k90, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        0.0, -k84, 0.0, k71, 0.0, -k84, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         t4, t16, t4, -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8,
         t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
@@ -1629,10 +1570,7 @@ def _input_matrix(k, sin, cos, q):
 
 
 def forward_dynamics(
-    q: ArrayLike,
-    v: ArrayLike,
-    u: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, u: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
@@ -1666,50 +1604,20 @@ def forward_dynamics(
 
 
 def _forward_dynamics(k, sin, cos, q, v, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k78 = k[25]
-    k81 = k[28]
-    k82 = k[29]
-    k84 = k[31]
-    k86 = k[33]
-    k87 = k[34]
-    k106 = k[49]
-    k108 = k[50]
-    k109 = k[51]
-    k110 = k[52]
-    k117 = k[59]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    F_1 = u[0]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-    F_5 = u[4]
-    F_6 = u[5]
-    tau_7 = u[6]
-    tau_8 = u[7]
-    tau_9 = u[8]
+    (
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
+        k75, k76, k78, k80, k81, k100, k102, k103, k104, k110,
+    ) = (
+        k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[20],
+        k[21], k[23], k[25], k[26], k[41], k[42], k[43], k[44], k[50],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
+    F_1, F_2, F_3, F_4, F_5, F_6, tau_7, tau_8, tau_9 = u
 
     # attitude
     t1 = cos(theta_m1)
@@ -1777,12 +1685,12 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t54 = k68 * t13
-    t55 = k68 * t14
-    t56 = k81 * t14
+    t54 = k62 * t13
+    t55 = k62 * t14
+    t56 = k75 * t14
     t57 = t14 * t56
-    t58 = k46 - t57
-    t59 = k52 + t57
+    t58 = k44 - t57
+    t59 = k50 + t57
     t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
@@ -1791,7 +1699,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t63 = t51 * t58
     t64 = t60 * t53
     t65 = t60 * (t50 - t52)
-    t66 = k68 * (t13 * t51 - t14 * t53)
+    t66 = k62 * (t13 * t51 - t14 * t53)
 
     # step from link 2 to link 3
     t67 = link2_length * t10
@@ -1802,12 +1710,12 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t70 = t67 * t66
 
     # inertia of link 2, turned by the joints
-    t71 = k73 * t10
-    t72 = k73 * t11
-    t73 = k82 * t11
+    t71 = k67 * t10
+    t72 = k67 * t11
+    t73 = k76 * t11
     t74 = t11 * t73
-    t75 = k74 + t74
-    t76 = k33 - t74
+    t75 = k68 + t74
+    t76 = k32 - t74
     t77 = t10 * t73
 
     # articulated inertia and load of links 2 and 3, about joint 8
@@ -1820,17 +1728,17 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t84 = t77 * (t38 - t41)
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t85 = k75 * t34
-    t86 = k75 * t33
+    t85 = k69 * t34
+    t86 = k69 * t33
 
     # articulated inertia and load of links 2 and 3, about joint 8
     t87 = t54 + t71
     t88 = t60 + t54 * t68 + t55 * t67 - t77
 
     # force and moment of all thrusts
-    t89 = k87 * (F_3 - F_5)
+    t89 = k81 * (F_3 - F_5)
     t90 = F_3 + F_5
-    t91 = base_arm_length * F_1 - k86 * t90
+    t91 = base_arm_length * F_1 - k80 * t90
     t92 = 0.8660254037844386 * (F_2 - F_6)
     t93 = F_2 + F_6
     t94 = F_4 - 0.5 * t93
@@ -1846,8 +1754,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t100 = t97 * t99
     t101 = t55 * t97
     t102 = t54 * t97
-    t103 = k68 * (t14 * t35 - t13 * t50) - t55 * t100
-    t104 = k68 * (t13 * t32 + t14 * t52) - t54 * t100
+    t103 = k62 * (t14 * t35 - t13 * t50) - t55 * t100
+    t104 = k62 * (t13 * t32 + t14 * t52) - t54 * t100
     t105 = t55 * t101
     t106 = t54 * t102
     t107 = t54 * t101
@@ -1871,7 +1779,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t121 = t107 + t114 * t118
 
     # equation of joint 7, its acceleration eliminated
-    t122 = 1.0 / (k75 + t58 + t75 + 2.0 * t54 * t67)
+    t122 = 1.0 / (k69 + t58 + t75 + 2.0 * t54 * t67)
     t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96
     t124 = t122 * t123
     t125 = t87 * t122
@@ -1883,37 +1791,37 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     # articulated inertia and load of the base and links 1 to 3
     t130 = t5 * t92 - t6 * t94
     t131 = t5 * t94 + t6 * t92
-    t132 = k63 * (t20 - 2.0 * t21 * v_theta_0)
-    t133 = k63 * (t19 - 2.0 * t21 * t16)
-    t134 = k84 * t17 + t132 - t5 * t89 - t6 * t91
-    t135 = k64 * t19 + t133 + t6 * t89 - t5 * t91
+    t132 = k60 * (t20 - 2.0 * t21 * v_theta_0)
+    t133 = k60 * (t19 - 2.0 * t21 * t16)
+    t134 = k78 * t17 + t132 - t5 * t89 - t6 * t91
+    t135 = k61 * t19 + t133 + t6 * t89 - t5 * t91
     t136 = t8 * t130
     t137 = t9 * t131
     t138 = t8 * t131
     t139 = t9 * t130
     t140 = t9 * t135
     t141 = t8 * t134
-    t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117
+    t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117
     t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
-    t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18
+    t144 = base_arm_length * F_4 + k100 * t93 - tau_7 - k102 * t18
 
     # acceleration of the base, by LDL^T
-    t145 = 1.0 / (t59 + t76 + t110 + k117 - t88 * t126)
+    t145 = 1.0 / (t59 + t76 + t110 + k110 - t88 * t126)
     t146 = t129 * t145
     t147 = t143 * t146
-    t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147
-    t149 = 1.0 / (k78 - t87 * t125 - t129 * t146)
-    t150 = 1.0 / (k78 - t106 - t114 * t119)
+    t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147
+    t149 = 1.0 / (k72 - t87 * t125 - t129 * t146)
+    t150 = 1.0 / (k72 - t106 - t114 * t119)
     t151 = t121 * t150
     t152 = t151 * t142
-    t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137
-    t154 = 1.0 / (k78 - t105 - t113 * t118 - t121 * t151)
+    t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137
+    t154 = 1.0 / (k72 - t105 - t113 * t118 - t121 * t151)
     t155 = t154 * t153
     t156 = t151 * t155 + t150 * t142
     t157 = t148 * t149
     t158 = t143 * t145 - t146 * t157
-    t159 = k110 * (tau_8 - t9 * t134 - t8 * t135)
-    t160 = k109 * t144
+    t159 = k104 * (tau_8 - t9 * t134 - t8 * t135)
+    t160 = k103 * t144
 
     # acceleration of joint 7
     t161 = t124 + t125 * t157 + t126 * t158 - t160
@@ -1958,10 +1866,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
 
 
 def inverse_dynamics(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, a: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces M a - R that the motion needs; B u supplies them.
 
@@ -1992,45 +1897,20 @@ def inverse_dynamics(
 
 
 def _inverse_dynamics(k, sin, cos, q, v, a):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k78 = k[25]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_7 = a[3]
-    a_theta_8 = a[4]
-    a_theta_9 = a[5]
-    a_x = a[6]
-    a_y = a[7]
-    a_z = a[8]
+    (
+        gravity, base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k67, k68, k69, k72,
+        k73, k74, k75, k76, k77,
+    ) = (
+        k[0], k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17], k[18],
+        k[19], k[20], k[21], k[22],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
+    a_theta_m1, a_theta_0, a_theta_1, a_theta_7, a_theta_8, a_theta_9, a_x, a_y, a_z = a
 
     # attitude
     t1 = cos(theta_m1)
@@ -2083,12 +1963,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t38 = t27 + t36
 
     # inertia of link 3, turned by the joints
-    t39 = k68 * t13
-    t40 = k68 * t14
-    t41 = k81 * t14
+    t39 = k62 * t13
+    t40 = k62 * t14
+    t41 = k75 * t14
     t42 = t14 * t41
-    t43 = k46 - t42
-    t44 = k52 + t42
+    t43 = k44 - t42
+    t44 = k50 + t42
     t45 = t13 * t41
 
     # inertia forces of link 3, about joint 9
@@ -2099,12 +1979,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t48 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t49 = k73 * t10
-    t50 = k73 * t11
-    t51 = k82 * t11
+    t49 = k67 * t10
+    t50 = k67 * t11
+    t51 = k76 * t11
     t52 = t11 * t51
-    t53 = k74 + t52
-    t54 = k33 - t52
+    t53 = k68 + t52
+    t54 = k32 - t52
     t55 = t10 * t51
 
     # inertia forces of links 2 and 3, about joint 8
@@ -2115,12 +1995,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t58 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t59 = k79 * t5
-    t60 = k79 * t6
-    t61 = k83 * t6
+    t59 = k73 * t5
+    t60 = k73 * t6
+    t61 = k77 * t6
     t62 = t6 * t61
-    t63 = k80 + t62
-    t64 = k63 - t62
+    t63 = k74 + t62
+    t64 = k60 - t62
     t65 = t5 * t61
 
     # inertia forces of the base and links 1 to 3
@@ -2178,9 +2058,9 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t107 = t39 * (t84 - link2_length * t97)
     t108 = t40 * (t87 - link2_length * t96)
     t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103
-    t110 = k68 * (t13 * t37 - t14 * t103)
-    t111 = k68 * (t14 * t38 - t13 * t101)
-    t112 = k68 * (t13 * t102 + t14 * t104)
+    t110 = k62 * (t13 * t37 - t14 * t103)
+    t111 = k62 * (t14 * t38 - t13 * t101)
+    t112 = k62 * (t13 * t102 + t14 * t104)
 
     # inertia forces of links 2 and 3, about joint 8
     t113 = t54 * t95 - t50 * t88 - t55 * t93
@@ -2188,28 +2068,28 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t115 = t49 * t84
     t116 = t53 * t92
     t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116
-    t118 = t110 + k73 * t96
-    t119 = t111 + k73 * t97
-    t120 = t112 + k73 * t98
+    t118 = t110 + k67 * t96
+    t119 = t111 + k67 * t97
+    t120 = t112 + k67 * t98
     t121 = t109 + t48 * t110 - t47 * t111 - t117
 
     # inertia forces of links 1 to 3, about joint 7
-    t122 = t105 + t48 * t112 + t113 + k75 * t90
-    t123 = t106 + t114 - t47 * t112 - k75 * t89
+    t122 = t105 + t48 * t112 + t113 + k69 * t90
+    t123 = t106 + t114 - t47 * t112 - k69 * t89
     t124 = t9 * t120 - t8 * t118
     t125 = t9 * t118 + t8 * t120
 
     # inertia forces of the base and links 1 to 3
     t126 = t65 * t76
-    t127 = t60 * t70 + t64 * t78 - k64 * t73 - t126
+    t127 = t60 * t70 + t64 * t78 - k61 * t73 - t126
     t128 = t63 * t76
-    t129 = k64 * t72 + t65 * t78 - t59 * t70 - t128
+    t129 = k61 * t72 + t65 * t78 - t59 * t70 - t128
     t130 = t59 * t68
     t131 = t63 * t75
     t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131
-    t133 = t124 - k79 * t79
-    t134 = t125 + k79 * t80
-    t135 = t119 - k79 * t81
+    t133 = t124 - k73 * t79
+    t134 = t125 + k73 * t80
+    t135 = t119 - k73 * t81
     t136 = t9 * t121 + t8 * t122 + t127 - t58 * t119
     t137 = t9 * t122 + t57 * t119 + t129 - t8 * t121
     t138 = t123 - t58 * t124 - t57 * t125 - t132
@@ -2217,17 +2097,16 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     # inertia forces on attitude and position
     t139 = t4 * t133 + t3 * t135
     t140 = t3 * t136 + t4 * t138
-    t141 = t3 * t133 + k78 * a_x - t4 * t135
-    t142 = t2 * t139 + k78 * a_y - t1 * t134
-    t143 = k78 * t67 - t1 * t139 - t2 * t134
+    t141 = t3 * t133 + k72 * a_x - t4 * t135
+    t142 = t2 * t139 + k72 * a_y - t1 * t134
+    t143 = k72 * t67 - t1 * t139 - t2 * t134
     return (
         t140, t137, t138, t123, t121, t109, t141, t142, t143,
     )
 
 
 def hybrid_mass_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2243,48 +2122,19 @@ def hybrid_mass_matrix(
         both
     Source: eqs. 15, 18 and 19. 232 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _hybrid_mass_matrix,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_hybrid_mass_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (19, 19), batch)
 
 
 def _hybrid_mass_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k71 = k[20]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k77 = k[24]
-    k78 = k[25]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k92 = k[38]
-    k93 = k[39]
-    k94 = k[40]
-    k100 = k[44]
-    k102 = k[45]
-    k103 = k[46]
-    k104 = k[47]
-    k105 = k[48]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
+    (
+        base_arm_length, link2_length, k32, k44, k50, k60, k61, k62, k65, k67, k68, k69, k71, k72,
+        k73, k74, k75, k76, k77, k86, k87, k88, k94, k96, k97, k98, k99,
+    ) = (
+        k[1], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
+        k[18], k[19], k[20], k[21], k[22], k[30], k[31], k[32], k[36], k[37], k[38], k[39], k[40],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2305,19 +2155,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t14 = sin(t12)
 
     # inertia of link 3, turned by the joints
-    t15 = k68 * t13
-    t16 = k68 * t14
-    t17 = k81 * t14
+    t15 = k62 * t13
+    t16 = k62 * t14
+    t17 = k75 * t14
     t18 = t14 * t17
-    t19 = k46 - t18
-    t20 = k52 + t18
+    t19 = k44 - t18
+    t20 = k50 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t23 = k82 * t11
+    t23 = k76 * t11
     t24 = t11 * t23
 
     # step from the base to link 1
@@ -2325,15 +2175,15 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t26 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t27 = k83 * t6
+    t27 = k77 * t6
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
     t29 = t16 * t21
-    t30 = t15 + k73 * t10
-    t31 = t16 + k73 * t11
-    t32 = k74 + t19 + t24 + t15 * k71 * t10
-    t33 = k33 + t20 + t16 * k71 * t11 - t24
+    t30 = t15 + k67 * t10
+    t31 = t16 + k67 * t11
+    t32 = k68 + t19 + t24 + t15 * k65 * t10
+    t33 = k32 + t20 + t16 * k65 * t11 - t24
     t34 = t10 * t23 - t13 * t17 - t15 * t22 - t29
 
     # composite inertia of links 1 to 3, about joint 7
@@ -2341,20 +2191,20 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k75 - t32)
+    t39 = t9 * (k69 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k75 - t40
+    t42 = k69 - t40
 
     # composite inertia of the base and links 1 to 3
     t43 = t26 * t35
     t44 = t25 * t31 - t37
     t45 = t38 - t26 * t31
-    t46 = k79 * t5 + t35
-    t47 = k79 * t6 + t36
-    t48 = k80 + t28 + t35 * k77 * t5 + t41
-    t49 = k63 + t36 * k77 * t6 + t42 - t28
-    t50 = k64 + t33
+    t46 = k73 * t5 + t35
+    t47 = k73 * t6 + t36
+    t48 = k74 + t28 + t35 * k71 * t5 + t41
+    t49 = k60 + t36 * k71 * t6 + t42 - t28
+    t50 = k61 + t33
     t51 = t5 * t27 + t8 * t39 - t25 * t36 - t43
 
     # mass matrix, columns of the joints carried in to the base
@@ -2408,19 +2258,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t95 = t1 * t91 + t2 * t62
 
     # composite inertia of the base and base arm 2
-    t96 = k94 * t6
-    t97 = k94 * t5
+    t96 = k88 * t6
+    t97 = k88 * t5
 
     # mass matrix, columns of the joints carried in to the base
-    t98 = k93 * t6
+    t98 = k87 * t6
     t99 = t97 + t98
-    t100 = k93 * t5
+    t100 = k87 * t5
     t101 = t96 - t100
 
     # mass matrix, column of joint 2
     t102 = t4 * t99
     t103 = t3 * t99
-    t104 = k102 * t4
+    t104 = k96 * t4
     t105 = t1 * t101 - t2 * t102
     t106 = t2 * t101 + t1 * t102
 
@@ -2431,49 +2281,47 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 3
     t109 = t4 * t107
     t110 = t3 * t107
-    t111 = k103 * t4
+    t111 = k97 * t4
     t112 = t1 * t108 - t2 * t109
     t113 = t2 * t108 + t1 * t109
 
     # mass matrix, columns of the joints carried in to the base
-    t114 = k92 * t6
-    t115 = k92 * t5
+    t114 = k86 * t6
+    t115 = k86 * t5
 
     # mass matrix, column of joint 4
     t116 = t4 * t114
     t117 = t3 * t114
-    t118 = k105 * t4
+    t118 = k99 * t4
     t119 = t1 * t115 + t2 * t116
     t120 = t1 * t116 - t2 * t115
     return (
         t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
         0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t58, -t64, t73, t76, t77, 0.0, 0.0,
-        0.0, 0.0, 0.0, t68, t45, t65, k102, k103, k105, k103, k102, t53, t57, t63, t67, t69, t70,
-        0.0, 0.0, 0.0, 0.0, 0.0, t104, 0.0, k102, k100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103,
-        t105, -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k103, 0.0, k100, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k105, 0.0, 0.0, k104, 0.0,
-        0.0, 0.0, 0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k103, 0.0, 0.0,
-        0.0, k100, 0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k102,
-        0.0, 0.0, 0.0, 0.0, k100, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83,
-        t38, t53, 0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0,
-        t88, -t58, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0,
-        0.0, t93, -t64, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, t73, t67, -t103, -t110, t117, t103, t110, t82, t87, t92, k78, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, t80, t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94, 0.0, k78,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t79, t77, t70, -t106, -t113, t120, t106, t113, t85, t90, t95,
-        0.0, 0.0, k78, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, t68, t45, t65, k96, k97, k99, k97, k96, t53, t57, t63, t67, t69, t70, 0.0,
+        0.0, 0.0, 0.0, 0.0, t104, 0.0, k96, k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103, t105,
+        -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k97, 0.0, k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k99, 0.0, 0.0, k98, 0.0, 0.0, 0.0,
+        0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k97, 0.0, 0.0, 0.0, k94,
+        0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k96, 0.0, 0.0,
+        0.0, 0.0, k94, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83, t38, t53,
+        0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0, t88, -t58,
+        t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0, 0.0, t93,
+        -t64, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t73, t67, -t103, -t110, t117, t103, t110, t82, t87, t92, k72, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, t80, t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94, 0.0, k72, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, t79, t77, t70, -t106, -t113, t120, t106, t113, t85, t90, t95, 0.0, 0.0,
+        k72, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
 def hybrid_residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Residual R_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2493,54 +2341,25 @@ def hybrid_residual(
     Source: eqs. 15, 18 and 19. 311 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _hybrid_residual,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _hybrid_residual, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (19,), batch)
 
 
 def _hybrid_residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k84 = k[31]
-    k85 = k[32]
-    k92 = k[38]
-    k93 = k[39]
-    k94 = k[40]
-    k97 = k[41]
-    k98 = k[42]
-    k99 = k[43]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
+    (
+        gravity, base_arm_length, k8, k14, link2_length, k32, k44, k50, k60, k61, k62, k67, k68,
+        k69, k73, k74, k75, k76, k77, k78, k79, k86, k87, k88, k91, k92, k93,
+    ) = (
+        k[0], k[1], k[2], k[3], k[4], k[5], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15],
+        k[18], k[19], k[20], k[21], k[22], k[23], k[24], k[30], k[31], k[32], k[33], k[34], k[35],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
 
     # attitude
     t1 = cos(theta_m1)
@@ -2625,12 +2444,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t70 = t59 * t65 + t51
 
     # inertia of link 3, turned by the joints
-    t71 = k68 * t13
-    t72 = k68 * t14
-    t73 = k81 * t14
+    t71 = k62 * t13
+    t72 = k62 * t14
+    t73 = k75 * t14
     t74 = t14 * t73
-    t75 = k46 - t74
-    t76 = k52 + t74
+    t75 = k44 - t74
+    t76 = k50 + t74
     t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
@@ -2644,9 +2463,9 @@ def _hybrid_residual(k, sin, cos, q, v):
     t85 = t77 * (t67 - t69)
     t86 = (t45 + link2_length * t61) * t72
     t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85
-    t88 = k68 * (t14 * t52 - t13 * t67)
-    t89 = k68 * (t13 * t49 + t14 * t69)
-    t90 = k68 * (t13 * t68 - t14 * t70)
+    t88 = k62 * (t14 * t52 - t13 * t67)
+    t89 = k62 * (t13 * t49 + t14 * t69)
+    t90 = k62 * (t13 * t68 - t14 * t70)
 
     # step from link 2 to link 3
     t91 = link2_length * t10
@@ -2659,12 +2478,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t96 = t89 * t91
 
     # inertia of link 2, turned by the joints
-    t97 = k73 * t10
-    t98 = k73 * t11
-    t99 = k82 * t11
+    t97 = k67 * t10
+    t98 = k67 * t11
+    t99 = k76 * t11
     t100 = t11 * t99
-    t101 = k74 + t100
-    t102 = k33 - t100
+    t101 = k68 + t100
+    t102 = k32 - t100
     t103 = t10 * t99
 
     # inertia forces of links 2 and 3, about joint 8
@@ -2679,14 +2498,14 @@ def _hybrid_residual(k, sin, cos, q, v):
     t112 = t49 * t101
     t113 = t52 * t102
     t114 = t103 * (t55 - t58)
-    t115 = t88 + k73 * t61
-    t116 = t89 + k73 * t62
-    t117 = t90 + k73 * t63
+    t115 = t88 + k67 * t61
+    t116 = t89 + k67 * t62
+    t117 = t90 + k67 * t63
     t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110
 
     # inertia forces of links 1 to 3, about joint 7
-    t119 = k75 * t51
-    t120 = k75 * t50
+    t119 = k69 * t51
+    t120 = k69 * t50
     t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119
     t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109
     t123 = t8 * t115 - t9 * t117
@@ -2707,19 +2526,19 @@ def _hybrid_residual(k, sin, cos, q, v):
     t134 = t130 * t123
 
     # inertia of the base, turned by the joints
-    t135 = k79 * t5
-    t136 = k79 * t6
-    t137 = k83 * t6
+    t135 = k73 * t5
+    t136 = k73 * t6
+    t137 = k77 * t6
     t138 = t6 * t137
-    t139 = k80 + t138
+    t139 = k74 + t138
     t140 = t5 * t137
 
     # inertia forces of the base and links 1 to 3
     t141 = t21 * t136
     t142 = t29 * t140
-    t143 = k84 * t19
-    t144 = t31 * (k63 - t138)
-    t145 = k64 * t23
+    t143 = k78 * t19
+    t144 = t31 * (k60 - t138)
+    t145 = k61 * t23
     t146 = t29 * t139
     t147 = t21 * t135
     t148 = t31 * t140
@@ -2727,9 +2546,9 @@ def _hybrid_residual(k, sin, cos, q, v):
     t150 = t24 * t139
     t151 = t15 * t135
     t152 = t140 * (t28 - t30)
-    t153 = k79 * t32 - t123
-    t154 = k79 * t33 - t124
-    t155 = t116 + k79 * t34
+    t153 = k73 * t32 - t123
+    t154 = k73 * t33 - t124
+    t155 = t116 + k73 * t34
     t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142
     t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127
     t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133
@@ -2739,7 +2558,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t160 = t4 * t155 + t3 * t153
     t161 = t4 * t158 + t3 * t156
     t162 = t1 * t154 - t2 * t159
-    t163 = t2 * t154 + t1 * t159 - k85
+    t163 = t2 * t154 + t1 * t159 - k79
 
     # motion of the base
     t164 = t5 * t18 + v_theta_0 * t6
@@ -2753,11 +2572,11 @@ def _hybrid_residual(k, sin, cos, q, v):
     t170 = t6 * t22 + t5 * t15 - base_arm_length * t168
 
     # inertia forces of base arm 2, about joint 2
-    t171 = k94 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
-    t172 = k99 * (t27 + t164 * t164 - t167)
-    t173 = k93 * t170
+    t171 = k88 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
+    t172 = k93 * (t27 + t164 * t164 - t167)
+    t173 = k87 * t170
     t174 = t171 - t172
-    t175 = k97 * t168 - k98 * t169
+    t175 = k91 * t168 - k92 * t169
     t176 = t173 + t175
     t177 = t176 - t174
 
@@ -2767,7 +2586,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t181 = k8 * t168 - k14 * t169 - k92 * t170
+    t181 = k8 * t168 - k14 * t169 - k86 * t170
 
     # inertia forces of base arm 5, about joint 5
     t182 = t178 + t179
@@ -2781,8 +2600,7 @@ def _hybrid_residual(k, sin, cos, q, v):
 
 
 def hybrid_input_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2796,23 +2614,13 @@ def hybrid_input_matrix(
     input_matrix: array (..., 19, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 12, 13 and 18. 52 operations, 3 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _hybrid_input_matrix,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_hybrid_input_matrix, constants, state_array("q", q, 9))
     return shaped(entries, (19, 9), batch)
 
 
 def _hybrid_input_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    k77 = k[24]
-    k87 = k[34]
-    k90 = k[36]
-    k91 = k[37]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
+    base_arm_length, k71, k81, k84, k85 = k[1], k[16], k[26], k[28], k[29]
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2835,22 +2643,22 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = k90 * t4
+    t17 = k84 * t4
     t18 = t2 * t15 + t1 * t14
     t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = k91 * t6
-    t21 = k87 * t5
-    t22 = k87 * t6
-    t23 = k91 * t5
+    t20 = k85 * t6
+    t21 = k81 * t5
+    t22 = k81 * t6
+    t23 = k85 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
     # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = k77 * t4
+    t28 = k71 * t4
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
 
@@ -2867,7 +2675,7 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k90, 0.0, k77, 0.0, -k90, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
+        0.0, -k84, 0.0, k71, 0.0, -k84, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
@@ -2918,30 +2726,15 @@ def constraint_torques(
 
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    k92 = k[38]
-    k93 = k[39]
-    k94 = k[40]
-    k97 = k[41]
-    k98 = k[42]
-    k99 = k[43]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    a_theta_m1 = a[0]
-    a_theta_1 = a[2]
-    a_x = a[6]
-    a_y = a[7]
-    a_z = a[8]
-    F_2 = u[1]
-    F_4 = u[3]
-    F_6 = u[5]
+    (
+        gravity, base_arm_length, k8, k14, k86, k87, k88, k91, k92, k93,
+    ) = (
+        k[0], k[1], k[2], k[3], k[30], k[31], k[32], k[33], k[34], k[35],
+    )
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
+    v_theta_m1, v_theta_0, v_theta_1 = v[0], v[1], v[2]
+    a_theta_m1, a_theta_1, a_x, a_y, a_z = a[0], a[2], a[6], a[7], a[8]
+    F_2, F_4, F_6 = u[1], u[3], u[5]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2961,7 +2754,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t13 = t9 + t11 * t11
 
     # inertia forces of base arm 2, about joint 2
-    t14 = k99 * (t9 + t10 * t10 - t13)
+    t14 = k93 * (t9 + t10 * t10 - t13)
 
     # motion of the base
     t15 = a_z + gravity
@@ -2975,12 +2768,12 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
 
     # inertia forces of base arm 2, about joint 2
-    t22 = k93 * t21
-    t23 = k94 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
+    t22 = k87 * t21
+    t23 = k88 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
     t24 = t14 + t22
-    t25 = k97 * t19 - k98 * t20
+    t25 = k91 * t19 - k92 * t20
     t26 = t25 - t23
     t27 = t26 - base_arm_length * F_2 - t24
 
@@ -2991,7 +2784,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29
+    t30 = k8 * t19 + k86 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
     t31 = t14 - t22
@@ -3005,297 +2798,8 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     )
 
 
-def gibbs(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Gibbs function S up to terms free of accelerations, in W/s.
-
-    Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
-        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
-        a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
-        [m/s^2]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    value: array (...); [W/s]
-    Source: eqs. 2 and 3. 362 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _gibbs,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
-        state_array("a", a, 9),
-    )
-    return shaped(entries, (), batch)
-
-
-def _gibbs(k, sin, cos, q, v, a):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k113 = k[55]
-    k114 = k[56]
-    k115 = k[57]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_7 = a[3]
-    a_theta_8 = a[4]
-    a_theta_9 = a[5]
-    a_x = a[6]
-    a_y = a[7]
-    a_z = a[8]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # motion of the base
-    t15 = v_theta_m1 * t4
-    t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t16
-    t18 = v_theta_1 + t15
-    t19 = v_theta_0 * t18
-    t20 = t16 * t18
-    t21 = t18 * t18
-
-    # motion of link 1
-    t22 = v_theta_7 + t18
-    t23 = t8 * t16 + v_theta_0 * t9
-    t24 = v_theta_0 * t8 - t9 * t16
-    t25 = t23 * t24
-    t26 = t22 * t23
-    t27 = t22 * t24
-
-    # motion of link 2
-    t28 = v_theta_8 - t24
-    t29 = t28 * t28
-
-    # motion of link 3
-    t30 = v_theta_9 + t28
-
-    # inertia of link 3, turned by the joints
-    t31 = k68 * t13
-    t32 = k68 * t14
-    t33 = k81 * t14
-    t34 = t14 * t33
-    t35 = k46 - t34
-    t36 = k52 + t34
-    t37 = t13 * t33
-
-    # inertia of link 2, turned by the joints
-    t38 = k73 * t10
-    t39 = k73 * t11
-    t40 = k82 * t11
-    t41 = t11 * t40
-    t42 = k74 + t41
-    t43 = k33 - t41
-    t44 = t10 * t40
-
-    # inertia of the base, turned by the joints
-    t45 = k79 * t5
-    t46 = k79 * t6
-    t47 = k83 * t6
-    t48 = t6 * t47
-    t49 = k80 + t48
-    t50 = k63 - t48
-    t51 = t5 * t47
-
-    # motion of the base
-    t52 = a_z + gravity
-    t53 = a_y * t1 + t2 * t52
-    t54 = t1 * t52 - a_y * t2
-    t55 = a_x * t4 + t3 * t54
-    t56 = a_x * t3 - t4 * t54
-    t57 = a_theta_0 + t15 * t16
-    t58 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
-    t59 = a_theta_1 + t17 + a_theta_m1 * t4
-    t60 = t19 - t58
-    t61 = t20 - t57
-
-    # motion of link 1
-    t62 = t5 * (v_theta_0 * v_theta_0 + t21) - t6 * (t17 - t59)
-    t63 = t6 * (t16 * t16 + t21) - t5 * (t17 + t59)
-    t64 = t6 * (2.0 * t18 * v_theta_0 - t58)
-    t65 = base_arm_length * (t5 * (2.0 * t18 * t16 - t57) + t64)
-    t66 = t56 - base_arm_length * t62
-    t67 = t53 - base_arm_length * t63
-    t68 = t55 + t65
-    t69 = a_theta_7 + t59
-    t70 = v_theta_0 * t22 - t58
-    t71 = t16 * t22 - t57
-    t72 = t9 * t71 - t8 * t70
-    t73 = t8 * t66 + t9 * t67
-    t74 = t8 * t67 - t9 * t66
-    t75 = t25 - t69
-    t76 = t27 - t72
-
-    # motion of link 2
-    t77 = a_theta_8 + t8 * t71 + t9 * t70
-    t78 = t22 * t28 + t76
-    t79 = t23 * t28 + t75
-
-    # motion of link 3
-    t80 = t10 * (t22 * t22 + t29) - t11 * (t26 - t77)
-    t81 = t11 * (t23 * t23 + t29) - t10 * (t26 + t77)
-    t82 = t11 * (2.0 * t28 * t22 + t76)
-    t83 = link2_length * (t10 * (2.0 * t28 * t23 + t75) + t82)
-    t84 = t73 - link2_length * t80
-    t85 = t68 - link2_length * t81
-    t86 = t74 - t83
-    t87 = a_theta_9 + t77
-    t88 = t22 * t30 + t76
-    t89 = t23 * t30 + t75
-
-    # Gibbs function of the base
-    t90 = t18 * t45
-    t91 = v_theta_0 * t45
-    t92 = v_theta_0 * t51
-    t93 = v_theta_0 * t92 * t59
-    t94 = v_theta_0 * t46
-
-    # Gibbs function of link 2
-    t95 = t79 * t42 * t79
-    t96 = t78 * t43 * t78
-    t97 = t22 * t38
-    t98 = t28 * t38
-    t99 = t38 * t74 * t79
-    t100 = t22 * t44
-    t101 = t22 * t39
-
-    # Gibbs function of link 3
-    t102 = t89 * t35 * t89
-    t103 = t88 * t36 * t88
-    t104 = t22 * t37
-    t105 = t22 * t31
-    t106 = t30 * t31
-    t107 = t88 * t32 * t86
-    t108 = t22 * t32
-
-    # sum over the links
-    t109 = t97 * t68
-    t110 = t101 * t73
-    t111 = t28 * t42 * t79
-    t112 = t98 * t74
-    t113 = t108 * t84
-    t114 = t105 * t85
-    t115 = t30 * t35 * t89
-    t116 = t106 * t86
-    t117 = t61 * t18 * t49
-    t118 = t51 * t61
-    t119 = k64 * t19
-    t120 = t28 * t39 * t68
-    t121 = t100 * t79
-    t122 = t30 * t32 * t85
-    t123 = t104 * t89
-    t124 = k64 * t20
-    t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124
-    t126 = t61 * t125
-    t127 = k114 * t56
-    t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127
-    t129 = t56 * t128
-    t130 = t104 * t87
-    t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130
-    t132 = t22 * t131
-    t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59
-    t134 = t53 * t133
-    t135 = t55 * (t18 * t94 + k114 * t55)
-    t136 = k115 * (t69 * t69 + t72 * t72)
-    t137 = k75 * (t27 * t72 + t25 * t69)
-    t138 = t77 * (t38 * t68 - t39 * t73)
-    t139 = t78 * (t39 * t74 + t44 * t79)
-    t140 = t87 * (t31 * t85 - t32 * t84)
-    t141 = t89 * (t31 * t86 - t37 * t88)
-    t142 = t23 * (t39 * t68 + t32 * t85)
-    t143 = t59 * t59
-    t144 = t49 * (t61 * t61 + t143)
-    t145 = t50 * (t60 * t60 + t143)
-    t146 = t53 * (t16 * t46 - t91)
-    t147 = t16 * t51 - v_theta_0 * t50
-    t148 = t18 * t147
-    t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148
-    t150 = t60 * t149
-    t151 = t23 * t44 - t22 * t43
-    t152 = t78 * t151
-    t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152
-    t154 = t28 * t153
-    t155 = t23 * t37 + t22 * t36
-    t156 = t88 * t155
-    t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156
-    t158 = t30 * t157
-    t159 = t77 * (t22 * t42 + t151)
-    t160 = t87 * (t22 * t35 - t155)
-    t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142
-    t162 = t23 * t161
-    t163 = t59 * (v_theta_0 * t49 + t147)
-    t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146
-    t165 = t16 * t164
-    t166 = t77 * (t42 + t43) * t77
-    t167 = t87 * (t35 + t36) * t87
-    t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167
-    t169 = 0.5 * t168
-    t170 = (
-        t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 - t107 - t129 -
-        t132 - t134 - t137 - t139 - t141 - t154 - t158
-    )
-    return (
-        t170,
-    )
-
-
 def kinetic_energy(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Kinetic energy in J.
 
@@ -3310,47 +2814,21 @@ def kinetic_energy(
     Source: eq. 2 with rates for accelerations. 152 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _kinetic_energy,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _kinetic_energy, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (), batch)
 
 
 def _kinetic_energy(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k113 = k[55]
-    k114 = k[56]
-    k115 = k[57]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    v_x = v[6]
-    v_y = v[7]
-    v_z = v[8]
+    (
+        base_arm_length, link2_length, k32, k44, k50, k60, k62, k67, k68, k73, k74, k75, k76, k77,
+        k107, k108, k109,
+    ) = (
+        k[1], k[4], k[5], k[7], k[8], k[9], k[11], k[13], k[14], k[18], k[19], k[20], k[21], k[22],
+        k[47], k[48], k[49],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
 
     # attitude
     t1 = cos(theta_m1)
@@ -3385,28 +2863,28 @@ def _kinetic_energy(k, sin, cos, q, v):
     t20 = v_theta_9 + t19
 
     # inertia of link 3, turned by the joints
-    t21 = k68 * t13
-    t22 = k68 * t14
-    t23 = k81 * t14
+    t21 = k62 * t13
+    t22 = k62 * t14
+    t23 = k75 * t14
     t24 = t14 * t23
-    t25 = k46 - t24
-    t26 = k52 + t24
+    t25 = k44 - t24
+    t26 = k50 + t24
 
     # inertia of link 2, turned by the joints
-    t27 = k73 * t10
-    t28 = k73 * t11
-    t29 = k82 * t11
+    t27 = k67 * t10
+    t28 = k67 * t11
+    t29 = k76 * t11
     t30 = t11 * t29
-    t31 = k74 + t30
-    t32 = k33 - t30
+    t31 = k68 + t30
+    t32 = k32 - t30
 
     # inertia of the base, turned by the joints
-    t33 = k79 * t5
-    t34 = k79 * t6
-    t35 = k83 * t6
+    t33 = k73 * t5
+    t34 = k73 * t6
+    t35 = k77 * t6
     t36 = t6 * t35
-    t37 = k80 + t36
-    t38 = k63 - t36
+    t37 = k74 + t36
+    t38 = k60 - t36
 
     # motion of the base
     t39 = v_y * t1 + v_z * t2
@@ -3429,17 +2907,17 @@ def _kinetic_energy(k, sin, cos, q, v):
     t50 = t15 * t15 * t38
 
     # sum over the links
-    t51 = v_theta_0 * t5 * t35 + k113 * t15 + t34 * t41
+    t51 = v_theta_0 * t5 * t35 + k107 * t15 + t34 * t41
     t52 = t15 * t51
-    t53 = k114 * (t39 * t39 + t41 * t41 + t42 * t42)
-    t54 = t18 * (k115 * t18 - t28 * t47 - t22 * t48)
-    t55 = v_theta_0 * (k113 * v_theta_0 - t33 * t41)
+    t53 = k108 * (t39 * t39 + t41 * t41 + t42 * t42)
+    t54 = t18 * (k109 * t18 - t28 * t47 - t22 * t48)
+    t55 = v_theta_0 * (k107 * v_theta_0 - t33 * t41)
     t56 = t16 * (t33 * t39 - t34 * t42)
     t57 = t19 * (t27 * t45 - t28 * t46)
     t58 = t22 * (t46 - link2_length * t11 * t19)
     t59 = t20 * (t21 * (t45 + link2_length * t10 * t19) - t58)
     t60 = t18 * (t13 * t23 - t10 * t29)
-    t61 = k115 * t17 + t27 * t47 + t21 * t48 - t60
+    t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60
     t62 = t17 * t61
     t63 = t16 * t16 * (t37 + t38)
     t64 = t17 * t17 * (t25 + t31)
@@ -3455,8 +2933,7 @@ def _kinetic_energy(k, sin, cos, q, v):
 
 
 def potential_energy(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
 
@@ -3468,27 +2945,17 @@ def potential_energy(
     energy: array (...); [J]
     Source: gravity times the first moment of mass. 23 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _potential_energy,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_potential_energy, constants, state_array("q", q, 9))
     return shaped(entries, (), batch)
 
 
 def _potential_energy(k, sin, cos, q):
-    gravity = k[0]
-    k68 = k[18]
-    k73 = k[21]
-    k78 = k[25]
-    k79 = k[26]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    z = q[8]
+    gravity, k62, k67, k72, k73 = k[0], k[11], k[13], k[17], k[18]
+    (
+        theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, z,
+    ) = (
+        q[0], q[1], q[2], q[3], q[4], q[5], q[8],
+    )
 
     # attitude
     t1 = cos(theta_m1)
@@ -3509,21 +2976,20 @@ def _potential_energy(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k68 * t13 + k73 * t10
+    t15 = k62 * t13 + k67 * t10
 
     # first moment of mass above Z = 0, and its weight
-    t16 = t4 * (k79 * t5 + t8 * t15)
-    t17 = t1 * (t3 * (k68 * t14 + k73 * t11) - t16)
-    t18 = t17 + t2 * (k79 * t6 + t9 * t15)
-    t19 = gravity * (t18 + k78 * z)
+    t16 = t4 * (k73 * t5 + t8 * t15)
+    t17 = t1 * (t3 * (k62 * t14 + k67 * t11) - t16)
+    t18 = t17 + t2 * (k73 * t6 + t9 * t15)
+    t19 = gravity * (t18 + k72 * z)
     return (
         t19,
     )
 
 
 def gravity_forces(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces of gravity: gravity's part of R.
 
@@ -3538,28 +3004,13 @@ def gravity_forces(
         m], theta_9 [N m], x [N], y [N], z [N]
     Source: eqs. 5 and 6 at rest. 54 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _gravity_forces,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_gravity_forces, constants, state_array("q", q, 9))
     return shaped(entries, (9,), batch)
 
 
 def _gravity_forces(k, sin, cos, q):
-    k68 = k[18]
-    k73 = k[21]
-    k79 = k[26]
-    k85 = k[32]
-    k111 = k[53]
-    k118 = k[60]
-    k119 = k[61]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
+    k62, k67, k73, k79, k105, k111, k112 = k[11], k[13], k[18], k[24], k[45], k[51], k[52]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
     t1 = cos(theta_m1)
@@ -3580,7 +3031,7 @@ def _gravity_forces(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k68 * t13 + k73 * t10
+    t15 = k62 * t13 + k67 * t10
 
     # composite inertia of links 1 to 3, about joint 7
     t16 = t8 * t15
@@ -3590,7 +3041,7 @@ def _gravity_forces(k, sin, cos, q):
     t18 = t1 * t3
 
     # centre of mass from the origin
-    t19 = k111 * (k68 * t14 + k73 * t11)
+    t19 = k105 * (k62 * t14 + k67 * t11)
 
     # axes of the base
     t20 = t1 * t4
@@ -3599,29 +3050,27 @@ def _gravity_forces(k, sin, cos, q):
     t21 = t2 * t9 - t8 * t20
 
     # centre of mass from the origin
-    t22 = k111 * (k79 * t5 + t16)
+    t22 = k105 * (k73 * t5 + t16)
 
     # columns of the base
     t23 = t4 * t19 + t3 * t22
-    t24 = t1 * k111 * (k79 * t6 + t17)
+    t24 = t1 * k105 * (k73 * t6 + t17)
     t25 = t2 * (t3 * t19 - t4 * t22) - t24
 
     # weight at the centre of mass
-    t26 = k85 * t25
-    t27 = k85 * t1 * t23
-    t28 = k85 * (t4 * t25 - t2 * t3 * t23)
-    t29 = k118 * (t2 * t16 + t17 * t20)
-    t30 = k85 * (t19 * t21 - t18 * k111 * t15)
-    t31 = k119 * (t14 * t21 - t13 * t18)
+    t26 = k79 * t25
+    t27 = k79 * t1 * t23
+    t28 = k79 * (t4 * t25 - t2 * t3 * t23)
+    t29 = k111 * (t2 * t16 + t17 * t20)
+    t30 = k79 * (t19 * t21 - t18 * k105 * t15)
+    t31 = k112 * (t14 * t21 - t13 * t18)
     return (
-        t26, t27, t28, -t29, t30, t31, 0.0, 0.0, -k85,
+        t26, t27, t28, -t29, t30, t31, 0.0, 0.0, -k79,
     )
 
 
 def wrench_forces(
-    q: ArrayLike,
-    W: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, W: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces of wrenches on the frames: the sum of J^T W.
 
@@ -3639,36 +3088,18 @@ def wrench_forces(
     Source: eq. 7. 197 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _wrench_forces,
-        constants,
-        state_array("q", q, 9),
-        state_array("W", W, 2, 6),
+        _wrench_forces, constants, state_array("q", q, 9), state_array("W", W, 2, 6)
     )
     return shaped(entries, (9,), batch)
 
 
 def _wrench_forces(k, sin, cos, q, W):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    W_base_fx = W[0]
-    W_base_fy = W[1]
-    W_base_fz = W[2]
-    W_base_tx = W[3]
-    W_base_ty = W[4]
-    W_base_tz = W[5]
-    W_tip_fx = W[6]
-    W_tip_fy = W[7]
-    W_tip_fz = W[8]
-    W_tip_tx = W[9]
-    W_tip_ty = W[10]
-    W_tip_tz = W[11]
+    base_arm_length, link2_length, link3_length = k[1], k[4], k[6]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        W_base_fx, W_base_fy, W_base_fz, W_base_tx, W_base_ty, W_base_tz, W_tip_fx, W_tip_fy,
+        W_tip_fz, W_tip_tx, W_tip_ty, W_tip_tz,
+    ) = W
 
     # attitude
     t1 = cos(theta_m1)
@@ -3809,63 +3240,24 @@ def forward_dynamics_with_wrenches(
 
 
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    link3_length = k[9]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k78 = k[25]
-    k81 = k[28]
-    k82 = k[29]
-    k84 = k[31]
-    k86 = k[33]
-    k87 = k[34]
-    k106 = k[49]
-    k108 = k[50]
-    k109 = k[51]
-    k110 = k[52]
-    k117 = k[59]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    F_1 = u[0]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-    F_5 = u[4]
-    F_6 = u[5]
-    tau_7 = u[6]
-    tau_8 = u[7]
-    tau_9 = u[8]
-    W_base_fx = W[0]
-    W_base_fy = W[1]
-    W_base_fz = W[2]
-    W_base_tx = W[3]
-    W_base_ty = W[4]
-    W_base_tz = W[5]
-    W_tip_fx = W[6]
-    W_tip_fy = W[7]
-    W_tip_fz = W[8]
-    W_tip_tx = W[9]
-    W_tip_ty = W[10]
-    W_tip_tz = W[11]
+    (
+        gravity, base_arm_length, link2_length, k32, link3_length, k44, k50, k60, k61, k62, k67,
+        k68, k69, k72, k75, k76, k78, k80, k81, k100, k102, k103, k104, k110,
+    ) = (
+        k[0], k[1], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[17],
+        k[20], k[21], k[23], k[25], k[26], k[41], k[42], k[43], k[44], k[50],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
+    F_1, F_2, F_3, F_4, F_5, F_6, tau_7, tau_8, tau_9 = u
+    (
+        W_base_fx, W_base_fy, W_base_fz, W_base_tx, W_base_ty, W_base_tz, W_tip_fx, W_tip_fy,
+        W_tip_fz, W_tip_tx, W_tip_ty, W_tip_tz,
+    ) = W
 
     # attitude
     t1 = cos(theta_m1)
@@ -3933,12 +3325,12 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t54 = k68 * t13
-    t55 = k68 * t14
-    t56 = k81 * t14
+    t54 = k62 * t13
+    t55 = k62 * t14
+    t56 = k75 * t14
     t57 = t14 * t56
-    t58 = k46 - t57
-    t59 = k52 + t57
+    t58 = k44 - t57
+    t59 = k50 + t57
     t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
@@ -3949,20 +3341,20 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t65 = t60 * (t50 - t52)
     t66 = t32 * t58
     t67 = t35 * t59
-    t68 = k68 * (t14 * t35 - t13 * t50)
-    t69 = k68 * (t13 * t32 + t14 * t52)
+    t68 = k62 * (t14 * t35 - t13 * t50)
+    t69 = k62 * (t13 * t32 + t14 * t52)
 
     # step from link 2 to link 3
     t70 = link2_length * t10
     t71 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t72 = k73 * t10
-    t73 = k73 * t11
-    t74 = k82 * t11
+    t72 = k67 * t10
+    t73 = k67 * t11
+    t74 = k76 * t11
     t75 = t11 * t74
-    t76 = k74 + t75
-    t77 = k33 - t75
+    t76 = k68 + t75
+    t77 = k32 - t75
     t78 = t10 * t74
 
     # articulated inertia and load of links 2 and 3, about joint 8
@@ -3973,11 +3365,11 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t83 = t32 * t76
     t84 = t35 * t77
     t85 = t78 * (t38 - t41)
-    t86 = k73 * t45
+    t86 = k67 * t45
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t87 = k75 * t34
-    t88 = k75 * t33
+    t87 = k69 * t34
+    t88 = k69 * t33
 
     # articulated inertia and load of links 2 and 3, about joint 8
     t89 = t54 + t72
@@ -4017,23 +3409,23 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t111 = t102 + t107 * t109
 
     # equation of joint 7, its acceleration eliminated
-    t112 = 1.0 / (k75 + t58 + t76 + 2.0 * t54 * t70)
+    t112 = 1.0 / (k69 + t58 + t76 + 2.0 * t54 * t70)
     t113 = t89 * t112
     t114 = t90 * t112
     t115 = t55 + t73 - t90 * t113
 
     # articulated inertia and load of the base and links 1 to 3
-    t116 = k63 * (t20 - 2.0 * t21 * v_theta_0)
-    t117 = k63 * (t19 - 2.0 * t21 * t16)
-    t118 = k108 * t18
+    t116 = k60 * (t20 - 2.0 * t21 * v_theta_0)
+    t117 = k60 * (t19 - 2.0 * t21 * t16)
+    t118 = k102 * t18
 
     # acceleration of the base, by LDL^T
-    t119 = 1.0 / (t59 + t77 + t105 + k117 - t90 * t114)
+    t119 = 1.0 / (t59 + t77 + t105 + k110 - t90 * t114)
     t120 = t115 * t119
-    t121 = 1.0 / (k78 - t89 * t113 - t115 * t120)
-    t122 = 1.0 / (k78 - t101 - t107 * t110)
+    t121 = 1.0 / (k72 - t89 * t113 - t115 * t120)
+    t122 = 1.0 / (k72 - t101 - t107 * t110)
     t123 = t111 * t122
-    t124 = 1.0 / (k78 - t100 - t106 * t109 - t111 * t123)
+    t124 = 1.0 / (k72 - t100 - t106 * t109 - t111 * t123)
 
     # accelerations of the attitude angles
     t125 = 1.0 / t3
@@ -4098,14 +3490,14 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t170 = F_2 + F_6
     t171 = 0.5 * t170
     t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171
-    t173 = k87 * (F_3 - F_5)
+    t173 = k81 * (F_3 - F_5)
     t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173
     t175 = F_3 + F_5
-    t176 = k86 * t175
+    t176 = k80 * t175
     t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176
 
     # articulated inertia and load of link 3, about joint 9
-    t178 = t156 + k68 * (t13 * t51 - t14 * t53)
+    t178 = t156 + k62 * (t13 * t51 - t14 * t53)
 
     # equation of joint 9, its acceleration eliminated
     t179 = link2_length * (t44 * t55 + t45 * t54)
@@ -4135,8 +3527,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # articulated inertia and load of the base and links 1 to 3
     t196 = t5 * t169 - t6 * t172
     t197 = t6 * t169 + t5 * t172
-    t198 = k84 * t17 + t116 + t5 * t174 - t6 * t177
-    t199 = k64 * t19 + t117 - t5 * t177 - t6 * t174
+    t198 = k78 * t17 + t116 + t5 * t174 - t6 * t177
+    t199 = k61 * t19 + t117 - t5 * t177 - t6 * t174
     t200 = t8 * t196
     t201 = t9 * t197
     t202 = t8 * t197
@@ -4145,20 +3537,20 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t205 = t9 * t199
     t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191
     t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205
-    t208 = k106 * t170
+    t208 = k100 * t170
     t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153
 
     # acceleration of the base, by LDL^T
     t210 = t120 * t207
-    t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210
+    t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210
     t212 = t123 * t206
-    t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201
+    t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201
     t214 = t124 * t213
     t215 = t123 * t214 + t122 * t206
     t216 = t121 * t211
     t217 = t119 * t207 - t120 * t216
-    t218 = k110 * (tau_8 - t9 * t198 - t8 * t199)
-    t219 = k109 * t209
+    t218 = k104 * (tau_8 - t9 * t198 - t8 * t199)
+    t219 = k103 * t209
 
     # acceleration of joint 7
     t220 = t193 + t113 * t216 + t114 * t217 - t219
@@ -4201,412 +3593,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     )
 
 
-def joint_wrenches(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    u: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """The whole wrench through every joint: what the parent does to the body, at the joint.
-
-    It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia
-    and thrusts of all that the joint carries balance it, at the given accelerations, which need not
-    fit the inputs. Where they do, its component along a joint that moves is the joint's input less
-    armature, damper and spring.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
-        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
-        a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
-        [m/s^2]
-    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N m], tau_8 [N m], tau_9
-        [N m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    wrenches: array (..., 8, 6); [N] in the first three, [N m] in the others, a row for each of
-        base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
-    Source: eqs. 6 and 14, all six components. 445 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _joint_wrenches,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
-        state_array("a", a, 9),
-        state_array("u", u, 9),
-    )
-    return shaped(entries, (8, 6), batch)
-
-
-def _joint_wrenches(k, sin, cos, q, v, a, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    k20 = k[4]
-    link2_length = k[5]
-    k27 = k[6]
-    k33 = k[7]
-    k39 = k[8]
-    k46 = k[10]
-    k52 = k[11]
-    k58 = k[12]
-    k65 = k[15]
-    k66 = k[16]
-    k67 = k[17]
-    k68 = k[18]
-    k69 = k[19]
-    k81 = k[28]
-    k92 = k[38]
-    k93 = k[39]
-    k94 = k[40]
-    k97 = k[41]
-    k98 = k[42]
-    k99 = k[43]
-    k116 = k[58]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_7 = a[3]
-    a_theta_8 = a[4]
-    a_theta_9 = a[5]
-    a_x = a[6]
-    a_y = a[7]
-    a_z = a[8]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-    F_5 = u[4]
-    F_6 = u[5]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # motion of the base
-    t15 = v_theta_m1 * t4
-    t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t16
-    t18 = v_theta_1 + t15
-    t19 = t18 * t18
-
-    # motion of link 1
-    t20 = v_theta_7 + t18
-    t21 = t20 * t20
-    t22 = t8 * t16 + v_theta_0 * t9
-    t23 = v_theta_0 * t8 - t9 * t16
-    t24 = t22 * t22
-    t25 = t20 * t22
-
-    # motion of link 2
-    t26 = v_theta_8 - t23
-    t27 = t26 * t26
-    t28 = t21 + t27
-    t29 = 2.0 * t22
-    t30 = t24 + t27
-    t31 = 2.0 * t20
-
-    # motion of link 3
-    t32 = v_theta_9 + t26
-    t33 = t32 * t32
-    t34 = t21 + t33
-    t35 = t24 + t33
-
-    # inertia of link 3, turned by the joints
-    t36 = k68 * t13
-    t37 = k68 * t14
-    t38 = k81 * t14
-    t39 = t14 * t38
-    t40 = k46 - t39
-    t41 = k52 + t39
-    t42 = t13 * t38
-
-    # inertia forces of link 3, about joint 9
-    t43 = t42 * (t34 - t35)
-
-    # step from link 2 to link 3
-    t44 = link2_length * t10
-    t45 = link2_length * t11
-
-    # motion of the base
-    t46 = t5 * t16 + v_theta_0 * t6
-    t47 = v_theta_0 * t5 - t6 * t16
-    t48 = t46 * t47
-    t49 = t18 * t46
-    t50 = t18 * t47
-    t51 = t19 + t47 * t47
-    t52 = t19 + t46 * t46
-
-    # inertia forces of base arm 2, about joint 2
-    t53 = k93 * t51
-    t54 = k94 * t52
-    t55 = k99 * (t51 - t52)
-
-    # wrench through joint 4
-    t56 = base_arm_length * F_4
-
-    # motion of the base
-    t57 = a_z + gravity
-    t58 = a_y * t1 + t2 * t57
-    t59 = t1 * t57 - a_y * t2
-    t60 = a_x * t4 + t3 * t59
-    t61 = a_x * t3 - t4 * t59
-    t62 = a_theta_0 + t15 * t16
-    t63 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
-    t64 = a_theta_1 + t17 + a_theta_m1 * t4
-    t65 = v_theta_0 * t18 - t63
-    t66 = t16 * t18 - t62
-
-    # motion of link 1
-    t67 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t17 - t64)
-    t68 = t6 * (t16 * t16 + t19) - t5 * (t17 + t64)
-    t69 = t6 * (2.0 * t18 * v_theta_0 - t63)
-    t70 = base_arm_length * (t5 * (2.0 * t18 * t16 - t62) + t69)
-    t71 = t61 - base_arm_length * t67
-    t72 = t58 - base_arm_length * t68
-    t73 = t60 + t70
-    t74 = v_theta_0 * t20 - t63
-    t75 = t16 * t20 - t62
-    t76 = t8 * t71 + t9 * t72
-    t77 = t8 * t72 - t9 * t71
-    t78 = a_theta_7 + t64 - t22 * t23
-    t79 = t20 * t23 + t8 * t74 - t9 * t75
-
-    # motion of link 2
-    t80 = a_theta_8 + t8 * t75 + t9 * t74
-    t81 = t25 + t80
-    t82 = t26 * t29 - t78
-    t83 = t25 - t80
-    t84 = t26 * t31 + t79
-
-    # motion of link 3
-    t85 = t76 - link2_length * (t10 * t28 - t11 * t83)
-    t86 = t73 - link2_length * (t11 * t30 - t10 * t81)
-    t87 = t77 - link2_length * (t10 * t82 + t11 * t84)
-    t88 = a_theta_9 + t80
-    t89 = t25 + t88
-    t90 = t29 * t32 - t78
-    t91 = t25 - t88
-    t92 = t31 * t32 + t79
-
-    # inertia forces of link 3, about joint 9
-    t93 = t37 * t87
-    t94 = t42 * t92
-    t95 = t37 * t85
-    t96 = t41 * t91
-    t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96
-
-    # motion of the base
-    t98 = t6 * t66 - t5 * t65
-    t99 = t5 * t66 + t6 * t65
-    t100 = t48 + t64
-    t101 = t49 + t99
-    t102 = t64 - t48
-    t103 = t50 - t98
-
-    # motion of base arm 2
-    t104 = t6 * t58 + t5 * t61 - base_arm_length * t51
-    t105 = t5 * t58 + base_arm_length * t100 - t6 * t61
-    t106 = t60 + base_arm_length * t101
-
-    # inertia forces of base arm 2, about joint 2
-    t107 = k65 * t104
-    t108 = k94 * t102
-    t109 = t53 + t107
-    t110 = t108 + t109
-    t111 = k65 * t105
-    t112 = k93 * t100
-    t113 = t54 + t111
-    t114 = t112 - t113
-    t115 = k65 * t106
-    t116 = k93 * t101
-    t117 = k94 * t103
-    t118 = t115 - t116
-    t119 = t118 - t117
-    t120 = k99 * t101
-    t121 = k20 * (t50 + t98)
-    t122 = k94 * t106
-    t123 = k98 * t103 - t121
-    t124 = t120 - t122
-    t125 = t123 + t124
-    t126 = k20 * (t49 - t99)
-    t127 = k93 * t106
-    t128 = k99 * t103
-    t129 = t126 - k97 * t101
-    t130 = t128 - t127
-    t131 = t130 - t129
-    t132 = k93 * t105
-    t133 = k94 * t104
-
-    # wrench through joint 2
-    t134 = t55 - t132
-    t135 = k97 * t100 + k98 * t102
-    t136 = t133 + t135
-    t137 = t136 + t134 - base_arm_length * F_2
-
-    # inertia forces of base arm 3, about joint 3
-    t138 = t107 - t53
-    t139 = t108 + t138
-    t140 = t112 + t113
-    t141 = t120 + t122
-    t142 = t123 - t141
-    t143 = t129 + t130
-    t144 = t136 - t134
-
-    # inertia forces of base arm 4, about joint 4
-    t145 = t107 - k92 * t51
-    t146 = t115 + k92 * t101
-    t147 = k14 * t103 - t121
-    t148 = t126 - k8 * t101 - k92 * t106
-
-    # wrench through joint 4
-    t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56
-
-    # inertia forces of base arm 5, about joint 5
-    t150 = t138 - t108
-    t151 = t54 - t111
-    t152 = t112 - t151
-    t153 = t123 + t141
-    t154 = t127 + t128
-    t155 = t129 - t154
-    t156 = t55 + t132
-    t157 = t135 - t133
-    t158 = t157 + t156
-
-    # inertia forces of base arm 6, about joint 6
-    t159 = t108 - t109
-    t160 = t112 + t151
-    t161 = t117 + t118
-    t162 = t124 - t123
-    t163 = t129 + t154
-
-    # wrench through joint 6
-    t164 = t157 - base_arm_length * F_6 - t156
-
-    # wrench through joint 2
-    t165 = 0.8660254037844386 * t114 - 0.5 * t110
-    t166 = 0.8660254037844386 * t131 - 0.5 * t125
-    t167 = 0.5 * t131 + 0.8660254037844386 * t125
-    t168 = 0.5 * t114 + 0.8660254037844386 * t110 - F_2
-
-    # wrench through joint 3
-    t169 = 0.5 * t139 - 0.8660254037844386 * t140
-    t170 = 0.5 * t140 + 0.8660254037844386 * t139
-    t171 = 0.5 * t142 - 0.8660254037844386 * t143
-    t172 = t115 + t116
-    t173 = t172 - F_3 - t117
-    t174 = base_arm_length * F_3 + 0.5 * t143 + 0.8660254037844386 * t142
-
-    # wrench through joint 4
-    t175 = t111 + k92 * t100 - F_4
-
-    # wrench through joint 5
-    t176 = 0.5 * t150 + 0.8660254037844386 * t152
-    t177 = 0.5 * t152 - 0.8660254037844386 * t150
-    t178 = 0.5 * t153 + 0.8660254037844386 * t155
-    t179 = t117 + t172 - F_5
-    t180 = base_arm_length * F_5 + 0.5 * t155 - 0.8660254037844386 * t153
-
-    # wrench through joint 6
-    t181 = 0.5 * t159 - 0.8660254037844386 * t160
-    t182 = 0.5 * t162 + 0.8660254037844386 * t163
-    t183 = 0.8660254037844386 * t162 - 0.5 * t163
-    t184 = 0.5 * t160 + 0.8660254037844386 * t159 - F_6
-
-    # inertia forces of link 3, about joint 9
-    t185 = t37 * t91 + k69 * t85 - t34 * t36
-    t186 = t36 * t89 + k69 * t86 - t35 * t37
-    t187 = t36 * t90 + t37 * t92 - k69 * t87
-    t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93
-    t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94
-
-    # inertia forces of links 2 and 3, about joint 8
-    t190 = t44 * t187
-    t191 = t44 * t186
-    t192 = t45 * t185
-
-    # inertia of link 2, turned by the joints
-    t193 = k66 * t10
-    t194 = k66 * t11
-    t195 = k116 * t11
-    t196 = t11 * t195
-    t197 = k27 - t196
-    t198 = k33 + t196
-    t199 = t10 * t195
-
-    # inertia forces of links 2 and 3, about joint 8
-    t200 = k39 * t79
-    t201 = t199 * t82
-    t202 = t198 * t84
-    t203 = t194 * t77
-    t204 = k39 * t78
-    t205 = t197 * t82
-    t206 = t199 * t84
-    t207 = t193 * t73
-    t208 = t197 * t81
-    t209 = (t28 - t30) * t199
-    t210 = t194 * t76
-    t211 = t198 * t83
-    t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193
-    t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194
-    t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77
-    t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203
-    t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206
-    t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211
-
-    # wrench through joint 8, in its frame
-    t218 = t10 * t212 + t11 * t213
-    t219 = t10 * t213 - t11 * t212
-    t220 = t10 * t215 + t11 * t216
-    t221 = t10 * t216 - t11 * t215
-
-    # wrench through joint 9, in its frame
-    t222 = t13 * t185 + t14 * t186
-    t223 = t13 * t186 - t14 * t185
-    t224 = t13 * t188 + t14 * t189
-    t225 = t13 * t189 - t14 * t188
-    return (
-        t165, t168, t119, t166, t167, t137, t169, t170, t173, t171, t174, t144, t145, t175, t146,
-        t147, t148, t149, t176, t177, t179, t178, t180, t158, t181, t184, t161, t182, t183, t164,
-        t212, -t214, t213, t215, -t217, t216, t218, t219, t214, t220, t221, t217, t222, t223, t187,
-        t224, t225, t97,
-    )
-
-
-def positions(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def positions(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """World positions of POINTS in m, one row each.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
@@ -4618,31 +3605,17 @@ def positions(
         joint8, joint9, tip [m]
     Source: forward kinematics. 96 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _positions,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_positions, constants, state_array("q", q, 9))
     return shaped(entries, (12, 3), batch)
 
 
 def _positions(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    k77 = k[24]
-    k87 = k[34]
-    k88 = k[35]
-    k91 = k[37]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    x = q[6]
-    y = q[7]
-    z = q[8]
+    (
+        base_arm_length, link2_length, link3_length, k71, k81, k82, k85,
+    ) = (
+        k[1], k[4], k[6], k[16], k[26], k[27], k[29],
+    )
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -4677,29 +3650,29 @@ def _positions(k, sin, cos, q):
     t24 = t2 * t9 - t8 * t18
 
     # base centre and rotors
-    t25 = k87 * t3 * t6
-    t26 = k87 * (t1 * t5 - t6 * t17)
-    t27 = k87 * (t2 * t5 + t6 * t18)
+    t25 = k81 * t3 * t6
+    t26 = k81 * (t1 * t5 - t6 * t17)
+    t27 = k81 * (t2 * t5 + t6 * t18)
 
     # positions in the world
     t28 = x + base_arm_length * t19
     t29 = y + base_arm_length * t20
     t30 = z + base_arm_length * t21
-    t31 = x + k88 * t19
+    t31 = x + k82 * t19
     t32 = t25 + t31
-    t33 = y + k88 * t20
+    t33 = y + k82 * t20
     t34 = t33 - t26
-    t35 = z + k88 * t21
+    t35 = z + k82 * t21
     t36 = t35 - t27
-    t37 = x + k91 * t19
+    t37 = x + k85 * t19
     t38 = t25 + t37
-    t39 = y + k91 * t20
+    t39 = y + k85 * t20
     t40 = t39 - t26
-    t41 = z + k91 * t21
+    t41 = z + k85 * t21
     t42 = t41 - t27
-    t43 = x + k77 * t19
-    t44 = y + k77 * t20
-    t45 = z + k77 * t21
+    t43 = x + k71 * t19
+    t44 = y + k71 * t20
+    t45 = z + k71 * t21
     t46 = t37 - t25
     t47 = t26 + t39
     t48 = t27 + t41
@@ -4718,366 +3691,7 @@ def _positions(k, sin, cos, q):
     )
 
 
-def tip_pose(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Homogeneous transform from the tip's frame to the world.
-
-    It is the frame of that name of the robot file. If the file has none, it is at the end of the
-    last link with that link's axes; without links, at the base centre with the base's.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    pose: array (..., 4, 4); axes [1] and position [m]
-    Source: forward kinematics. 74 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_pose,
-        constants,
-        state_array("q", q, 9),
-    )
-    return shaped(entries, (4, 4), batch)
-
-
-def _tip_pose(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    x = q[6]
-    y = q[7]
-    z = q[8]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # axes of the base
-    t15 = t2 * t3
-    t16 = t1 * t3
-    t17 = t2 * t4
-    t18 = t1 * t4
-
-    # joint 7 and the axes of link 1
-    t19 = t3 * t8
-    t20 = t1 * t9 + t8 * t17
-    t21 = t2 * t9 - t8 * t18
-    t22 = t3 * t9
-    t23 = t9 * t17 - t1 * t8
-    t24 = t2 * t8 + t9 * t18
-
-    # joint 9 and the axes of link 3
-    t25 = link2_length * (t10 * t19 + t4 * t11)
-    t26 = link2_length * (t10 * t20 - t11 * t15)
-    t27 = link2_length * (t10 * t21 + t11 * t16)
-    t28 = base_arm_length * (t1 * t6 + t5 * t17) + t26
-    t29 = base_arm_length * (t2 * t6 - t5 * t18) + t27
-    t30 = t13 * t19 + t4 * t14
-    t31 = t13 * t20 - t14 * t15
-    t32 = t13 * t21 + t14 * t16
-    t33 = t4 * t13 - t14 * t19
-    t34 = t14 * t20 + t13 * t15
-    t35 = t13 * t16 - t14 * t21
-
-    # position of tip
-    t36 = x + base_arm_length * t3 * t5 + t25 + link3_length * t30
-    t37 = y + t28 + link3_length * t31
-    t38 = z + t29 + link3_length * t32
-    return (
-        t30, t33, t22, t36, t31, -t34, t23, t37, t32, t35, -t24, t38, 0.0, 0.0, 0.0, 1.0,
-    )
-
-
-def tip_jacobian(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Jacobian of the tip: linear rows, then angular rows, in world axes.
-
-    It takes v to the velocity of the tip in m/s and rad/s.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    jacobian: array (..., 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
-    Source: forward kinematics. 111 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_jacobian,
-        constants,
-        state_array("q", q, 9),
-    )
-    return shaped(entries, (6, 9), batch)
-
-
-def _tip_jacobian(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # axes of the base
-    t15 = t2 * t3
-    t16 = t1 * t3
-    t17 = t2 * t4
-    t18 = t1 * t4
-
-    # joint 7 and the axes of link 1
-    t19 = base_arm_length * t3 * t5
-    t20 = base_arm_length * (t1 * t6 + t5 * t17)
-    t21 = base_arm_length * (t5 * t18 - t2 * t6)
-    t22 = t3 * t8
-    t23 = t1 * t9 + t8 * t17
-    t24 = t2 * t9 - t8 * t18
-    t25 = t3 * t9
-    t26 = t9 * t17 - t1 * t8
-    t27 = t2 * t8 + t9 * t18
-
-    # joint 9 and the axes of link 3
-    t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
-    t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
-    t30 = t21 - link2_length * (t10 * t24 + t11 * t16)
-
-    # position of tip
-    t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
-    t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
-    t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
-
-    # columns of the base
-    t34 = t1 * t33 + t2 * t32
-    t35 = t2 * t31
-    t36 = t1 * t31
-    t37 = t15 * t33 - t16 * t32
-    t38 = t16 * t31 + t4 * t33
-    t39 = t15 * t31 + t4 * t32
-
-    # column of joint 7
-    t40 = t31 - t19
-    t41 = t32 - t20
-    t42 = t33 - t21
-    t43 = t15 * t42 - t16 * t41
-    t44 = t4 * t42 + t16 * t40
-    t45 = t15 * t40 + t4 * t41
-
-    # column of joint 8
-    t46 = t27 * t41 - t26 * t42
-    t47 = t25 * t42 - t27 * t40
-    t48 = t25 * t41 - t26 * t40
-
-    # column of joint 9
-    t49 = t28 - t31
-    t50 = t32 - t29
-    t51 = t33 - t30
-    t52 = t27 * t50 - t26 * t51
-    t53 = t25 * t51 + t27 * t49
-    t54 = t25 * t50 + t26 * t49
-    return (
-        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
-        t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
-        0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
-    )
-
-
-def tip_bias_acceleration(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Acceleration of the tip where a is zero, gravity left out, in world axes.
-
-    It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
-    entries first, then angular.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
-        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    bias_acceleration: array (..., 6); [m/s^2] in the first three, [rad/s^2] in the others
-    Source: forward kinematics. 140 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_bias_acceleration,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
-    )
-    return shaped(entries, (6,), batch)
-
-
-def _tip_bias_acceleration(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # motion of the base
-    t15 = v_theta_m1 * t4
-    t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t16
-    t18 = t15 * t16
-    t19 = 2.0 * v_theta_0 * t15
-    t20 = v_theta_1 + t15
-    t21 = t20 * t20
-
-    # motion of link 1
-    t22 = v_theta_7 + t20
-    t23 = t19 - v_theta_0 * t22
-    t24 = t18 - t16 * t22
-    t25 = t22 * t22
-    t26 = t8 * t16 + v_theta_0 * t9
-    t27 = v_theta_0 * t8 - t9 * t16
-    t28 = t9 * t23 + t8 * t24
-    t29 = t26 * t26
-    t30 = t22 * t26
-    t31 = t17 - t26 * t27
-    t32 = t9 * t24 + t22 * t27 - t8 * t23
-
-    # motion of link 2
-    t33 = v_theta_8 - t27
-    t34 = t33 * t33
-    t35 = 2.0 * t26
-    t36 = 2.0 * t22
-
-    # motion of link 3
-    t37 = v_theta_9 + t33
-    t38 = t22 * t37 + t32
-    t39 = t31 - t26 * t37
-    t40 = t37 * t37
-
-    # acceleration of tip that link 2 adds
-    t41 = link2_length * t10
-    t42 = link2_length * t11
-
-    # acceleration of tip that the base adds
-    t43 = base_arm_length * t5
-    t44 = base_arm_length * t6
-
-    # acceleration of tip that link 3 adds
-    t45 = link3_length * t13
-    t46 = link3_length * t14
-    t47 = t46 * (t36 * t37 + t32)
-
-    # acceleration of tip that link 2 adds
-    t48 = (t28 + t30) * (t42 + t46)
-    t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48
-    t50 = (t29 + t34) * t42
-    t51 = (t31 - t33 * t35) * t41
-    t52 = t42 * (t33 * t36 + t32)
-    t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52
-
-    # acceleration of tip that link 1 adds
-    t54 = t9 * t28 - t8 * t38
-    t55 = t8 * t28 + t9 * t38
-
-    # acceleration of tip that the base adds
-    t56 = (v_theta_0 * v_theta_0 + t21) * t43
-    t57 = t56 + t8 * t49 + t9 * t53
-    t58 = 2.0 * t17 * t43
-    t59 = (t16 * t16 + t21) * t44
-    t60 = t58 + t8 * t53 - t59 - t9 * t49
-    t61 = (2.0 * t20 * t16 - t18) * t43
-    t62 = (t19 - 2.0 * t20 * v_theta_0) * t44
-    t63 = (t28 - t30) * (t41 + t45)
-    t64 = t61 - (t29 + t40) * t46 - t50 - t62 - t63
-
-    # acceleration of tip in world axes
-    t65 = t4 * t57 + t3 * t64
-    t66 = t4 * t64 - t3 * t57
-    t67 = t1 * t60 - t2 * t65
-    t68 = t1 * t65 + t2 * t60
-    t69 = t3 * t39 + t4 * t54
-    t70 = t4 * t39 - t3 * t54
-    t71 = t1 * t55 - t2 * t69
-    t72 = t1 * t69 + t2 * t55
-    return (
-        t66, t67, t68, t70, t71, t72,
-    )
-
-
-def frame_poses(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def frame_poses(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Homogeneous transforms from the frames to the world.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
@@ -5088,27 +3702,13 @@ def frame_poses(
     poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
     Source: forward kinematics. 83 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _frame_poses,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_frame_poses, constants, state_array("q", q, 9))
     return shaped(entries, (2, 4, 4), batch)
 
 
 def _frame_poses(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    x = q[6]
-    y = q[7]
-    z = q[8]
+    base_arm_length, link2_length, link3_length = k[1], k[4], k[6]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -5175,8 +3775,7 @@ def _frame_poses(k, sin, cos, q):
 
 
 def frame_jacobians(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Jacobians of the frames: linear rows, then angular rows, in world axes.
 
@@ -5191,24 +3790,13 @@ def frame_jacobians(
         a block for each of base, tip
     Source: forward kinematics. 127 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _frame_jacobians,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_frame_jacobians, constants, state_array("q", q, 9))
     return shaped(entries, (2, 6, 9), batch)
 
 
 def _frame_jacobians(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
+    base_arm_length, link2_length, link3_length = k[1], k[4], k[6]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
     t1 = cos(theta_m1)
@@ -5256,55 +3844,51 @@ def _frame_jacobians(k, sin, cos, q):
     t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
 
     # columns of the base
-    t34 = t1 * t33 + t2 * t32
-    t35 = t2 * t31
-    t36 = t1 * t31
-    t37 = t15 * t33 - t16 * t32
-    t38 = t16 * t31 + t4 * t33
-    t39 = t15 * t31 + t4 * t32
+    t34 = -t1 * t21 - t2 * t20
+    t35 = t2 * t19
+    t36 = t1 * t19
+    t37 = t15 * t21 - t16 * t20
+    t38 = t16 * t19 + t4 * t21
+    t39 = t15 * t19 + t4 * t20
+    t40 = t1 * t33 + t2 * t32
+    t41 = t2 * t31
+    t42 = t1 * t31
+    t43 = t15 * t33 - t16 * t32
+    t44 = t16 * t31 + t4 * t33
+    t45 = t15 * t31 + t4 * t32
 
     # column of joint 7
-    t40 = t31 - t19
-    t41 = t32 - t20
-    t42 = t33 - t21
-    t43 = t15 * t42 - t16 * t41
-    t44 = t4 * t42 + t16 * t40
-    t45 = t15 * t40 + t4 * t41
+    t46 = t31 - t19
+    t47 = t32 - t20
+    t48 = t33 - t21
+    t49 = t15 * t48 - t16 * t47
+    t50 = t4 * t48 + t16 * t46
+    t51 = t15 * t46 + t4 * t47
 
     # column of joint 8
-    t46 = t27 * t41 - t26 * t42
-    t47 = t25 * t42 - t27 * t40
-    t48 = t25 * t41 - t26 * t40
+    t52 = t27 * t47 - t26 * t48
+    t53 = t25 * t48 - t27 * t46
+    t54 = t25 * t47 - t26 * t46
 
     # column of joint 9
-    t49 = t28 - t31
-    t50 = t32 - t29
-    t51 = t33 - t30
-    t52 = t27 * t50 - t26 * t51
-    t53 = t25 * t51 + t27 * t49
-    t54 = t25 * t50 + t26 * t49
-
-    # columns of the base
-    t55 = t1 * t21 + t2 * t20
-    t56 = t2 * t19
-    t57 = t1 * t19
-    t58 = t15 * t21 - t16 * t20
-    t59 = t16 * t19 + t4 * t21
-    t60 = t15 * t19 + t4 * t20
+    t55 = t28 - t31
+    t56 = t32 - t29
+    t57 = t33 - t30
+    t58 = t27 * t56 - t26 * t57
+    t59 = t25 * t57 + t27 * t55
+    t60 = t25 * t56 + t26 * t55
     return (
-        0.0, -t55, t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
-        t20, -t57, t60, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t34, t37, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t21, t35, t38, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        t20, -t36, t39, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, t1, -t15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t2, t16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
-        t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
+        0.0, -t40, t43, t49, t52, t58, 1.0, 0.0, 0.0, t33, t41, t44, t50, t53, t59, 0.0, 1.0, 0.0,
+        t32, -t42, t45, t51, t54, t60, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
         0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
     )
 
 
 def frame_velocities(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Velocities of the frames' origins, then angular velocities, in world axes.
 
@@ -5320,33 +3904,15 @@ def frame_velocities(
     Source: forward kinematics. 136 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _frame_velocities,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _frame_velocities, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (2, 6), batch)
 
 
 def _frame_velocities(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    v_x = v[6]
-    v_y = v[7]
-    v_z = v[8]
+    base_arm_length, link2_length, link3_length = k[1], k[4], k[6]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
 
     # attitude
     t1 = cos(theta_m1)
@@ -5408,29 +3974,27 @@ def _frame_velocities(k, sin, cos, q, v):
     t35 = t1 * t8 - t9 * t29
     t36 = t2 * t8 + t9 * t30
 
-    # motion of tip in world axes
-    t37 = link3_length * t13
-    t38 = link3_length * t14
-
     # motion of link 3
-    t39 = link2_length * t11 * t19 + t8 * t25 - t9 * t26
-    t40 = t28 - t9 * t25 - t8 * t26
+    t37 = link2_length * t11 * t19 + t8 * t25 - t9 * t26
+    t38 = t28 - t9 * t25 - t8 * t26
 
     # motion of base in world axes
-    t41 = t16 * t22
-    t42 = t16 * t21
-    t43 = v_theta_0 * t21 - t15 * t22
-    t44 = v_x - t3 * t41 - t4 * t43
-    t45 = v_y + t1 * t42 + t23 * t43 - t29 * t41
-    t46 = v_z + t30 * t41 + t2 * t42 - t24 * t43
-    t47 = t3 * t15 + t4 * t16
-    t48 = t15 * t29 + v_theta_0 * t1 - t16 * t23
-    t49 = v_theta_0 * t2 + t16 * t24 - t15 * t30
+    t39 = t16 * t22
+    t40 = t16 * t21
+    t41 = v_theta_0 * t21 - t15 * t22
+    t42 = v_x - t3 * t39 - t4 * t41
+    t43 = v_y + t1 * t40 + t23 * t41 - t29 * t39
+    t44 = v_z + t30 * t39 + t2 * t40 - t24 * t41
+    t45 = t3 * t15 + t4 * t16
+    t46 = t15 * t29 + v_theta_0 * t1 - t16 * t23
+    t47 = v_theta_0 * t2 + t16 * t24 - t15 * t30
 
     # motion of tip in world axes
-    t50 = t39 + t20 * t38
-    t51 = t27 - link2_length * t10 * t19 - t20 * t37
-    t52 = t40 + t18 * t38 - t17 * t37
+    t48 = link3_length * t13
+    t49 = link3_length * t14
+    t50 = t37 + t20 * t49
+    t51 = t27 - link2_length * t10 * t19 - t20 * t48
+    t52 = t38 + t18 * t49 - t17 * t48
     t53 = v_x + t34 * t52 - t31 * t50 - t4 * t51
     t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52
     t55 = v_z - t33 * t50 - t24 * t51 - t36 * t52
@@ -5438,14 +4002,12 @@ def _frame_velocities(k, sin, cos, q, v):
     t57 = t18 * t32 - t17 * t23 - t20 * t35
     t58 = t18 * t33 + t17 * t24 - t20 * t36
     return (
-        t44, t45, t46, t47, t48, t49, t53, t54, t55, t56, t57, t58,
+        t42, t43, t44, t45, t46, t47, t53, t54, t55, t56, t57, t58,
     )
 
 
 def frame_bias_accelerations(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Accelerations of the frames where a is zero, gravity left out, in world axes.
 
@@ -5464,30 +4026,19 @@ def frame_bias_accelerations(
     Source: forward kinematics. 201 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _frame_bias_accelerations,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _frame_bias_accelerations, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (2, 6), batch)
 
 
 def _frame_bias_accelerations(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    link3_length = k[9]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
+    base_arm_length, link2_length, link3_length = k[1], k[4], k[6]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
+    (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9,
+    ) = (
+        v[0], v[1], v[2], v[3], v[4], v[5],
+    )
 
     # attitude
     t1 = cos(theta_m1)
@@ -5574,45 +4125,44 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t66 = t1 * t8 - t9 * t60
     t67 = t2 * t8 + t9 * t61
 
-    # motion of link 3
-    t68 = t49 + t9 * t30 - t8 * t29
-    t69 = base_arm_length * (t6 * t28 - t5 * t26) + t50
-    t70 = t51 - t9 * t29 - t8 * t30
-
     # motion of tip in world axes
-    t71 = link3_length * t13
-    t72 = link3_length * t14
-    t73 = (t41 - t46 * t52) * t71
+    t68 = link3_length * t13
+    t69 = link3_length * t14
+
+    # motion of link 3
+    t70 = t49 + t9 * t30 - t8 * t29
+    t71 = base_arm_length * (t6 * t28 - t5 * t26) + t50
+    t72 = t51 - t9 * t29 - t8 * t30
 
     # motion of base in world axes
-    t74 = t25 * t56
-    t75 = t19 * t56 - t27 * t57
-    t76 = t26 * t56 - t28 * t57
-    t77 = t4 * t76 - t3 * t74
-    t78 = t1 * t75 - t60 * t74 - t58 * t76
-    t79 = t61 * t74 + t2 * t75 + t59 * t76
-    t80 = t4 * t17 - t3 * t22
-    t81 = t1 * t23 - t22 * t60 - t17 * t58
-    t82 = t22 * t61 + t2 * t23 + t17 * t59
+    t73 = t25 * t56
+    t74 = t19 * t56 - t27 * t57
+    t75 = t26 * t56 - t28 * t57
+    t76 = t4 * t75 - t3 * t73
+    t77 = t1 * t74 - t60 * t73 - t58 * t75
+    t78 = t61 * t73 + t2 * t74 + t59 * t75
+    t79 = t4 * t17 - t3 * t22
+    t80 = t1 * t23 - t22 * t60 - t17 * t58
+    t81 = t22 * t61 + t2 * t23 + t17 * t59
 
     # motion of tip in world axes
-    t83 = t68 + t43 * t72 - (t34 + t55) * t71
-    t84 = t69 + t40 * t71 + (t38 + t55) * t72
-    t85 = t70 + (t42 + t47 * t52) * t72 - t73
-    t86 = t62 * t83 + t65 * t85 - t4 * t84
-    t87 = t63 * t83 + t58 * t84 - t66 * t85
-    t88 = t64 * t83 - t59 * t84 - t67 * t85
-    t89 = t4 * t54 + t53 * t62 - t37 * t65
+    t82 = t70 + t43 * t69 - (t34 + t55) * t68
+    t83 = t71 + t40 * t68 + (t38 + t55) * t69
+    t84 = (t41 - t46 * t52) * t68
+    t85 = t72 + (t42 + t47 * t52) * t69 - t84
+    t86 = t62 * t82 + t65 * t85 - t4 * t83
+    t87 = t63 * t82 + t58 * t83 - t66 * t85
+    t88 = t64 * t82 - t59 * t83 - t67 * t85
+    t89 = t53 * t62 + t4 * t54 - t37 * t65
     t90 = t53 * t63 + t37 * t66 - t54 * t58
     t91 = t53 * t64 + t54 * t59 + t37 * t67
     return (
-        t77, t78, t79, t80, t81, t82, t86, t87, t88, t89, t90, t91,
+        t76, t77, t78, t79, t80, t81, t86, t87, t88, t89, t90, t91,
     )
 
 
 def centre_of_mass(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """World position of the centre of mass.
 
@@ -5624,28 +4174,13 @@ def centre_of_mass(
     position: array (..., 3); [m]
     Source: the first moment of mass. 32 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _centre_of_mass,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_centre_of_mass, constants, state_array("q", q, 9))
     return shaped(entries, (3,), batch)
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k68 = k[18]
-    k73 = k[21]
-    k79 = k[26]
-    k111 = k[53]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    x = q[6]
-    y = q[7]
-    z = q[8]
+    k62, k67, k73, k105 = k[11], k[13], k[18], k[45]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -5666,12 +4201,12 @@ def _centre_of_mass(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k68 * t13 + k73 * t10
+    t15 = k62 * t13 + k67 * t10
 
     # centre of mass from the origin
-    t16 = k111 * (k68 * t14 + k73 * t11)
-    t17 = k111 * (k79 * t5 + t8 * t15)
-    t18 = k111 * (k79 * t6 + t9 * t15)
+    t16 = k105 * (k62 * t14 + k67 * t11)
+    t17 = k105 * (k73 * t5 + t8 * t15)
+    t18 = k105 * (k73 * t6 + t9 * t15)
 
     # centre of mass in the world
     t19 = t3 * t16 - t4 * t17
@@ -5684,8 +4219,7 @@ def _centre_of_mass(k, sin, cos, q):
 
 
 def centre_of_mass_jacobian(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Jacobian of the centre of mass, in world axes.
 
@@ -5699,26 +4233,13 @@ def centre_of_mass_jacobian(
     jacobian: array (..., 3, 9); [m/rad or 1]
     Source: the first moment of mass. 86 operations, 6 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _centre_of_mass_jacobian,
-        constants,
-        state_array("q", q, 9),
-    )
+    entries, batch = _evaluate(_centre_of_mass_jacobian, constants, state_array("q", q, 9))
     return shaped(entries, (3, 9), batch)
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k68 = k[18]
-    k73 = k[21]
-    k79 = k[26]
-    k111 = k[53]
-    k112 = k[54]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
+    k62, k67, k73, k105, k106 = k[11], k[13], k[18], k[45], k[46]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9 = q[0], q[1], q[2], q[3], q[4], q[5]
 
     # attitude
     t1 = cos(theta_m1)
@@ -5739,7 +4260,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k68 * t13 + k73 * t10
+    t15 = k62 * t13 + k67 * t10
 
     # composite inertia of links 1 to 3, about joint 7
     t16 = t8 * t15
@@ -5750,17 +4271,17 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t19 = t1 * t3
 
     # column of joint 7
-    t20 = k111 * t16
-    t21 = k111 * t17
+    t20 = k105 * t16
+    t21 = k105 * t17
 
     # centre of mass from the origin
-    t22 = k111 * (k68 * t14 + k73 * t11)
+    t22 = k105 * (k62 * t14 + k67 * t11)
 
     # column of joint 8
-    t23 = k111 * t15
+    t23 = k105 * t15
 
     # column of joint 9
-    t24 = k112 * t13
+    t24 = k106 * t13
 
     # axes of the base
     t25 = t2 * t4
@@ -5772,8 +4293,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t29 = t2 * t9 + t8 * t26
 
     # centre of mass from the origin
-    t30 = k111 * (k79 * t5 + t16)
-    t31 = k111 * (k79 * t6 + t17)
+    t30 = k105 * (k73 * t5 + t16)
+    t31 = k105 * (k73 * t6 + t17)
 
     # columns of the base
     t32 = t3 * t22 + t4 * t30
@@ -5798,7 +4319,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t47 = t22 * t29 - t19 * t23
 
     # column of joint 9
-    t48 = k112 * t14
+    t48 = k106 * t14
     t49 = t27 * t48 + t4 * t24
     t50 = t28 * t48 - t18 * t24
     t51 = t29 * t48 - t19 * t24
@@ -5808,244 +4329,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     )
 
 
-def centroidal_momentum(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Linear momentum, then angular momentum about the centre of mass, in world axes.
-
-    The same as Pinocchio's computeCentroidalMomentum.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
-        theta_9 [rad], x [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
-        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
-    Source: eq. 6 with rates for accelerations. 208 operations, 6 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _centroidal_momentum,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
-    )
-    return shaped(entries, (6,), batch)
-
-
-def _centroidal_momentum(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[5]
-    k33 = k[7]
-    k46 = k[10]
-    k52 = k[11]
-    k63 = k[13]
-    k64 = k[14]
-    k68 = k[18]
-    k73 = k[21]
-    k74 = k[22]
-    k75 = k[23]
-    k78 = k[25]
-    k79 = k[26]
-    k80 = k[27]
-    k81 = k[28]
-    k82 = k[29]
-    k83 = k[30]
-    k111 = k[53]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    v_x = v[6]
-    v_y = v[7]
-    v_z = v[8]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_7
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_8)
-    t11 = sin(theta_8)
-    t12 = theta_8 + theta_9
-    t13 = cos(t12)
-    t14 = sin(t12)
-
-    # motion of the base
-    t15 = v_theta_m1 * t3
-    t16 = v_theta_1 + v_theta_m1 * t4
-
-    # motion of link 1
-    t17 = v_theta_7 + t16
-    t18 = t8 * t15 + v_theta_0 * t9
-
-    # motion of link 2
-    t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
-
-    # motion of link 3
-    t20 = v_theta_9 + t19
-
-    # inertia of link 3, turned by the joints
-    t21 = k68 * t13
-    t22 = k68 * t14
-    t23 = k81 * t14
-    t24 = t14 * t23
-    t25 = k46 - t24
-    t26 = k52 + t24
-
-    # step from link 2 to link 3
-    t27 = link2_length * t10
-    t28 = link2_length * t11
-
-    # inertia of link 2, turned by the joints
-    t29 = k73 * t10
-    t30 = k73 * t11
-    t31 = k82 * t11
-    t32 = t11 * t31
-    t33 = k74 + t32
-    t34 = k33 - t32
-
-    # step from the base to link 1
-    t35 = base_arm_length * t5
-    t36 = base_arm_length * t6
-
-    # inertia of the base, turned by the joints
-    t37 = k83 * t6
-    t38 = t6 * t37
-    t39 = k80 + t38
-    t40 = k63 - t38
-    t41 = t5 * t37
-
-    # composite inertia of links 2 and 3, about joint 8
-    t42 = t21 + t29
-
-    # motion of link 1
-    t43 = v_theta_0 * t5 - t6 * t15
-
-    # centre of mass from the origin
-    t44 = k111 * (t22 + t30)
-
-    # inertia forces of the base and links 1 to 3
-    t45 = t15 * t41
-    t46 = v_theta_0 * t41
-
-    # motion of link 1
-    t47 = t6 * t16
-    t48 = t5 * t16
-    t49 = base_arm_length * t47
-    t50 = base_arm_length * t48
-    t51 = base_arm_length * t43
-
-    # motion of link 3
-    t52 = t11 * t19
-    t53 = t10 * t19
-    t54 = t11 * t18 - t10 * t17
-
-    # centre of mass from the origin
-    t55 = k111 * (k79 * t5 + t8 * t42)
-    t56 = k111 * (k79 * t6 + t9 * t42)
-
-    # motion of link 1
-    t57 = t9 * t50 - t8 * t49
-    t58 = t9 * t49 + t8 * t50
-
-    # motion of link 3
-    t59 = link2_length * t54 - t58
-
-    # inertia forces of link 3, about joint 9
-    t60 = t21 * t59
-    t61 = t22 * (t57 - link2_length * t52)
-    t62 = t21 * (t51 - link2_length * t53)
-    t63 = k68 * t14 * t20
-    t64 = k68 * t13 * t20
-    t65 = k68 * (t14 * t18 - t13 * t17)
-
-    # inertia forces of links 2 and 3, about joint 8
-    t66 = t27 * t65
-    t67 = t27 * t64
-    t68 = t28 * t63
-    t69 = t30 * t58
-    t70 = t29 * t58
-    t71 = t29 * t51
-    t72 = t30 * t57
-    t73 = t63 + k73 * t52
-    t74 = t64 + k73 * t53
-    t75 = t65 + k73 * t54
-    t76 = (t33 + t34) * t19
-    t77 = (t25 + t26) * t20
-    t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68
-
-    # inertia forces of links 1 to 3, about joint 7
-    t79 = t18 * (k75 + t26 + t34)
-    t80 = t13 * t23 - t10 * t31
-    t81 = t17 * t80
-    t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81
-    t83 = t9 * t75 - t8 * t73
-    t84 = t8 * t75 + t9 * t73
-    t85 = t9 * t78
-    t86 = t8 * t82
-    t87 = t9 * t82
-    t88 = t8 * t78
-
-    # inertia forces of the base and links 1 to 3
-    t89 = t36 * t74
-    t90 = t35 * t74
-    t91 = t36 * t83
-    t92 = t35 * t84
-    t93 = k79 * t47 - t83
-    t94 = k79 * t48 - t84
-    t95 = k79 * t43 - t74
-
-    # momentum in world axes
-    t96 = t44 * t94
-    t97 = t56 * t95
-    t98 = t15 * (k64 + t40)
-    t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85
-    t100 = t55 * t95
-    t101 = t44 * t93
-    t102 = v_theta_0 * (k64 + t39)
-    t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100
-    t104 = t55 * t94
-    t105 = t56 * t93
-    t106 = t17 * (k75 + t25 + t33)
-    t107 = t18 * t80
-    t108 = t16 * (t39 + t40)
-    t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106
-    t110 = t3 * t95 - t4 * t93
-    t111 = k78 * v_x - t3 * t93 - t4 * t95
-    t112 = k78 * v_y + t1 * t94 + t2 * t110
-    t113 = k78 * v_z + t2 * t94 - t1 * t110
-    t114 = t3 * t109 + t4 * t99
-    t115 = t3 * t99 - t4 * t109
-    t116 = t1 * t103 + t2 * t114
-    t117 = t2 * t103 - t1 * t114
-    return (
-        t111, t112, t113, t115, t116, t117,
-    )
-
-
 def coordinate_rates(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Rates of the coordinates q.
 
@@ -6063,33 +4348,20 @@ def coordinate_rates(
     Source: kinematics of the base. 0 operations, 0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _coordinate_rates,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _coordinate_rates, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (9,), batch)
 
 
 def _coordinate_rates(k, sin, cos, q, v):
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    v_x = v[6]
-    v_y = v[7]
-    v_z = v[8]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
     return (
         v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z,
     )
 
 
 def integrate(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Coordinates after a displacement v, which is a velocity times the time that it lasts.
 
@@ -6108,33 +4380,14 @@ def integrate(
         0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _integrate,
-        constants,
-        state_array("q", q, 9),
-        state_array("v", v, 9),
+        _integrate, constants, state_array("q", q, 9), state_array("v", v, 9)
     )
     return shaped(entries, (9,), batch)
 
 
 def _integrate(k, sin, cos, q, v):
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_7 = q[3]
-    theta_8 = q[4]
-    theta_9 = q[5]
-    x = q[6]
-    y = q[7]
-    z = q[8]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_7 = v[3]
-    v_theta_8 = v[4]
-    v_theta_9 = v[5]
-    v_x = v[6]
-    v_y = v[7]
-    v_z = v[8]
+    theta_m1, theta_0, theta_1, theta_7, theta_8, theta_9, x, y, z = q
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z = v
 
     # attitude and position after the displacement
     t1 = theta_m1 + v_theta_m1
@@ -6154,9 +4407,7 @@ def _integrate(k, sin, cos, q, v):
 
 
 def difference(
-    q0: ArrayLike,
-    q1: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q0: ArrayLike, q1: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
 
@@ -6175,33 +4426,14 @@ def difference(
         0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _difference,
-        constants,
-        state_array("q0", q0, 9),
-        state_array("q1", q1, 9),
+        _difference, constants, state_array("q0", q0, 9), state_array("q1", q1, 9)
     )
     return shaped(entries, (9,), batch)
 
 
 def _difference(k, sin, cos, q0, q1):
-    q0_theta_m1 = q0[0]
-    q0_theta_0 = q0[1]
-    q0_theta_1 = q0[2]
-    q0_theta_7 = q0[3]
-    q0_theta_8 = q0[4]
-    q0_theta_9 = q0[5]
-    q0_x = q0[6]
-    q0_y = q0[7]
-    q0_z = q0[8]
-    q1_theta_m1 = q1[0]
-    q1_theta_0 = q1[1]
-    q1_theta_1 = q1[2]
-    q1_theta_7 = q1[3]
-    q1_theta_8 = q1[4]
-    q1_theta_9 = q1[5]
-    q1_x = q1[6]
-    q1_y = q1[7]
-    q1_z = q1[8]
+    q0_theta_m1, q0_theta_0, q0_theta_1, q0_theta_7, q0_theta_8, q0_theta_9, q0_x, q0_y, q0_z = q0
+    q1_theta_m1, q1_theta_0, q1_theta_1, q1_theta_7, q1_theta_8, q1_theta_9, q1_x, q1_y, q1_z = q1
 
     # displacement of attitude and position
     t1 = q1_theta_m1 - q0_theta_m1

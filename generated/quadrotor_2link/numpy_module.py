@@ -83,9 +83,44 @@ BODIES = (
 )
 DERIVATIVES = (
 )
+FUNCTIONS = (
+    "mass_matrix_and_residual", "mass_matrix", "residual", "input_matrix", "forward_dynamics",
+    "inverse_dynamics", "hybrid_mass_matrix", "hybrid_residual", "hybrid_input_matrix",
+    "constraint_torques", "kinetic_energy", "potential_energy", "gravity_forces", "wrench_forces",
+    "forward_dynamics_with_wrenches", "positions", "frame_poses", "frame_jacobians",
+    "frame_velocities", "frame_bias_accelerations", "centre_of_mass", "centre_of_mass_jacobian",
+    "coordinate_rates", "integrate", "difference",
+)
+INPUT_UNITS = (
+    "N", "N", "N", "N", "N m", "N m",
+)
 CARRIERS = (
     "O2", "O2", "O2", "O2", "O2", "O2", "O2", "joint5", "joint6",
 )
+PARENTS = (
+    "base", "base", "base", "base", "link1",
+)
+POSTURE = (
+    0.0, 0.0, 0.0, -0.6981317007977318, -0.6981317007977318, 0.0, 0.0, 0.0,
+)
+# Places in q and in v. Limits, least and greatest, by the names of entries; None is no limit. Lags
+# of rotors in s, and their angular momenta about their thrusts by the square root of these, in
+# kg m^2/s/N^0.5.
+COORDINATE_PLACES: dict[str, slice] = {
+    "attitude": slice(0, 3),
+    "joints": slice(3, 5),
+    "position": slice(5, 8),
+}
+VELOCITY_PLACES: dict[str, slice] = {
+    "attitude": slice(0, 3),
+    "joints": slice(3, 5),
+    "position": slice(5, 8),
+}
+COORDINATE_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+VELOCITY_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+INPUT_LIMITS: dict[str, tuple[float | None, float | None]] = {}
+TIME_CONSTANTS: dict[str, float] = {}
+SPINS: dict[str, float] = {}
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
@@ -155,74 +190,72 @@ def _constants(values):
     k17 = base_arm_section_inertia_xx - k16
     k18 = base_arm_section_inertia_yy + k15
     k19 = k17 + k18
-    k20 = 0.5 * k19
 
     # second moments of link2
-    k21 = link2_section_inertia_xx - link2_section_inertia_yy
-    k22 = link2_section_inertia_xx - k21
-    k23 = link2_section_inertia_yy - k22
-    k24 = link2_section_inertia_zz - k21
-    k25 = k23 + k24
-    k26 = link2_length * link2_length
-    k27 = 0.5 * k25 + 0.3333333333333333 * link2_mass_per_length * link2_length * k26
-    k28 = link2_section_inertia_yy - link2_section_inertia_zz
-    k29 = link2_section_inertia_yy - k28
-    k30 = link2_section_inertia_zz - k29
-    k31 = link2_section_inertia_xx - k28
-    k32 = k30 + k31
-    k33 = 0.5 * k32
-    k34 = link2_section_inertia_xx - link2_section_inertia_zz
-    k35 = link2_section_inertia_zz + k34
-    k36 = link2_section_inertia_xx - k35
-    k37 = link2_section_inertia_yy + k34
-    k38 = k36 + k37
-    k39 = 0.5 * k38
+    k20 = link2_section_inertia_xx - link2_section_inertia_yy
+    k21 = link2_section_inertia_xx - k20
+    k22 = link2_section_inertia_yy - k21
+    k23 = link2_section_inertia_zz - k20
+    k24 = k22 + k23
+    k25 = link2_length * link2_length
+    k26 = 0.5 * k24 + 0.3333333333333333 * link2_mass_per_length * link2_length * k25
+    k27 = link2_section_inertia_yy - link2_section_inertia_zz
+    k28 = link2_section_inertia_yy - k27
+    k29 = link2_section_inertia_zz - k28
+    k30 = link2_section_inertia_xx - k27
+    k31 = k29 + k30
+    k32 = 0.5 * k31
+    k33 = link2_section_inertia_xx - link2_section_inertia_zz
+    k34 = link2_section_inertia_zz + k33
+    k35 = link2_section_inertia_xx - k34
+    k36 = link2_section_inertia_yy + k33
+    k37 = k35 + k36
+    k38 = 0.5 * k37
 
     # inertia of the base, about the origin
-    k40 = base_arm_mass_per_length * k6
-    k41 = 2.0 * k8
-    k42 = k13 + k41 + 4.0 * k7
-    k43 = k13 + k41
-    k44 = 2.0 * k19
-    k45 = base_arm_length * base_arm_mass_per_length
+    k39 = base_arm_mass_per_length * k6
+    k40 = 2.0 * k8
+    k41 = k13 + k40 + 4.0 * k7
+    k42 = k13 + k40
+    k43 = 2.0 * k19
 
     # inertias of the links
-    k46 = 0.5 * link2_mass_per_length * k26
-    k47 = link2_length * link2_mass_per_length
+    k44 = 0.5 * link2_mass_per_length * k25
+    k45 = link2_length * link2_mass_per_length
 
     # inertia of the base, with that of link 1 which joint 5 does not move
-    k48 = base_arm_length * k47
-    k49 = 2.0 * base_arm_length
-    k50 = 4.0 * k45 + k47
-    k51 = 4.0 * k40 + k48
-    k52 = k42 + base_arm_length * k48
+    k46 = base_arm_length * k45
+    k47 = 2.0 * base_arm_length
+    k48 = 4.0 * base_arm_length * base_arm_mass_per_length + k45
+    k49 = 4.0 * k39 + k46
+    k50 = k41 + base_arm_length * k46
 
     # constant terms and factors of the functions
-    k53 = k27 - k33
-    k54 = k43 - k52
-    k55 = 4.0 * k19
-    k56 = gravity * k50
+    k51 = k26 - k32
+    k52 = k42 - k50
+    k53 = 4.0 * k19
+    k54 = gravity * k48
 
     # inertia of the base, about the origin
-    k57 = 0.5 * k40
+    k55 = 0.5 * k39
 
     # constant terms and factors of the functions
-    k58 = k8 + k14
-    k59 = base_arm_length * k57 + k58
-    k60 = k43 + k44
-    k61 = 2.0 * k43
-    k62 = 1.0 / k61
-    k63 = 1.0 / k60
-    k64 = 1.0 / k50
-    k65 = k46 * k64
-    k66 = 0.5 * k50
-    k67 = 0.25 * k38
-    k68 = k39 + k60
-    k69 = k56 * k64
-    return k50, (
-        gravity, base_arm_length, k8, k14, k19, k20, link2_length, k27, k33, k39, k43, k44, k45,
-        k46, k47, k49, k50, k51, k52, k53, k54, k55, k56, k57, k58, k59, k61, k62, k63, k64, k65,
-        k66, k67, k68, k69,
+    k56 = k8 + k14
+    k57 = base_arm_length * k55 + k56
+    k58 = k42 + k43
+    k59 = 2.0 * k42
+    k60 = 1.0 / k59
+    k61 = 1.0 / k58
+    k62 = 1.0 / k48
+    k63 = k44 * k62
+    k64 = 0.5 * k48
+    k65 = 0.25 * k37
+    k66 = k38 + k58
+    k67 = k54 * k62
+    return k48, (
+        gravity, base_arm_length, k8, k14, k19, link2_length, k26, k32, k38, k42, k43, k44, k47,
+        k48, k49, k50, k51, k52, k53, k54, k55, k56, k57, k59, k60, k61, k62, k63, k64, k65, k66,
+        k67,
     )
 
 
@@ -730,9 +763,7 @@ _evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, FRAMES, prepare(PAR
 
 
 def mass_matrix_and_residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
@@ -752,41 +783,21 @@ def mass_matrix_and_residual(
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 313 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _mass_matrix_and_residual,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _mass_matrix_and_residual, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries[0:64], (8, 8), batch), shaped(entries[64:72], (8,), batch)
 
 
 def _mass_matrix_and_residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k49 = k[15]
-    k50 = k[16]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k55 = k[21]
-    k56 = k[22]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
+    (
+        gravity, base_arm_length, k26, k32, k38, k42, k43, k44, k47, k48, k49, k50, k51, k52, k53,
+        k54,
+    ) = (
+        k[0], k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
+        k[18], k[19],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
 
     # attitude
     t1 = -cos(theta_m1)
@@ -850,12 +861,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t51 = t44 + 2.0 * t46 * t34
 
     # inertia of link 2, turned by the joints
-    t52 = k46 * t10
-    t53 = k46 * t11
-    t54 = k53 * t11
+    t52 = k44 * t10
+    t53 = k44 * t11
+    t54 = k51 * t11
     t55 = t11 * t54
-    t56 = k27 - t55
-    t57 = k33 + t55
+    t56 = k26 - t55
+    t57 = k32 + t55
     t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
@@ -865,13 +876,13 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t62 = t58 * (t48 - t50)
     t63 = (t9 * t33 + t8 * t32) * t53
     t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63
-    t65 = k46 * (t11 * t45 - t10 * t48)
-    t66 = k46 * (t10 * t42 + t11 * t50)
-    t67 = k46 * (t11 * t51 - t10 * t49)
+    t65 = k44 * (t11 * t45 - t10 * t48)
+    t66 = k44 * (t10 * t42 + t11 * t50)
+    t67 = k44 * (t11 * t51 - t10 * t49)
 
     # inertia forces of links 1 and 2, about joint 5
-    t68 = t59 + k39 * t44
-    t69 = t60 - k39 * t43
+    t68 = t59 + k38 * t44
+    t69 = t60 - k38 * t43
     t70 = t8 * t65 - t9 * t67
     t71 = t9 * t65 + t8 * t67
 
@@ -880,24 +891,24 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t73 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t74 = k51 * t5
-    t75 = k51 * t6
-    t76 = k54 * t6
+    t74 = k49 * t5
+    t75 = k49 * t6
+    t76 = k52 * t6
     t77 = t6 * t76
-    t78 = k52 + t77
-    t79 = k43 - t77
+    t78 = k50 + t77
+    t79 = k42 - t77
     t80 = t5 * t76
 
     # inertia forces of the base and links 1 and 2
     t81 = t28 * t79
-    t82 = t26 * t80 - t18 * t75 - k55 * t16 - t81
+    t82 = t26 * t80 - t18 * t75 - k53 * t16 - t81
     t83 = t18 * t74
-    t84 = t28 * t80 - k44 * t20 - t26 * t78 - t83
+    t84 = t28 * t80 - k43 * t20 - t26 * t78 - t83
     t85 = t80 * (t25 - t27)
     t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85
-    t87 = k51 * t29 - t70
-    t88 = t71 - k51 * t30
-    t89 = t66 + k51 * t31
+    t87 = k49 * t29 - t70
+    t88 = t71 - k49 * t30
+    t89 = t66 + k49 * t31
     t90 = t9 * t64 + t8 * t68 + t82 - t66 * t73
     t91 = t84 + t9 * t68 - t8 * t64 - t66 * t72
     t92 = t69 + t71 * t72 + t70 * t73 - t86
@@ -907,26 +918,26 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t94 = t3 * t87 + t4 * t89
     t95 = t4 * t92 - t3 * t90
     t96 = t2 * t93 - t1 * t88
-    t97 = t2 * t88 + t1 * t93 - k56
+    t97 = t2 * t88 + t1 * t93 - k54
 
     # composite inertia of links 1 and 2, about joint 5
     t98 = t8 * t52
     t99 = t9 * t52
     t100 = t8 * t58
     t101 = t9 * t58
-    t102 = t9 * (k39 - t56)
+    t102 = t9 * (k38 - t56)
     t103 = t9 * t102
     t104 = t56 + t103
-    t105 = k39 - t103
+    t105 = k38 - t103
 
     # composite inertia of the base and links 1 and 2
     t106 = t100 + t53 * t72
     t107 = t101 - t53 * t73
     t108 = t74 + t98
     t109 = t99 - t75
-    t110 = t78 + t104 + t98 * k49 * t5
-    t111 = t79 + t105 - t99 * k49 * t6
-    t112 = k44 + t57
+    t110 = t78 + t104 + t98 * k47 * t5
+    t111 = t79 + t105 - t99 * k47 * t6
+    t112 = k43 + t57
     t113 = t80 + t72 * t99 - t8 * t102 - t73 * t98
 
     # mass matrix, columns of the joints carried in to the base
@@ -971,15 +982,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
         t134, t128, t124, t139, t144, 0.0, t136, t135, t128, t127, t107, t101, -t120, t129, t132,
         t133, t124, t107, t121, t115, t119, t123, t125, t126, t139, t101, t115, t114, 0.0, t138,
         t140, t141, t144, -t120, t119, 0.0, t116, t143, -t145, t146, 0.0, t129, t123, t138, t143,
-        k50, 0.0, 0.0, t136, t132, t125, t140, -t145, 0.0, k50, 0.0, t135, t133, t126, t141, t146,
-        0.0, 0.0, k50, t95, t91, t92, t69, t64, t94, t96, t97,
+        k48, 0.0, 0.0, t136, t132, t125, t140, -t145, 0.0, k48, 0.0, t135, t133, t126, t141, t146,
+        0.0, 0.0, k48, t95, t91, t92, t69, t64, t94, t96, t97,
     )
 
 
-def mass_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def mass_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Mass matrix M of M a = R + B u, symmetric, both triangles filled.
 
     The same matrix as Pinocchio's crba gives for these coordinates.
@@ -993,33 +1001,17 @@ def mass_matrix(
         both
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 132 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _mass_matrix,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_mass_matrix, constants, state_array("q", q, 8))
     return shaped(entries, (8, 8), batch)
 
 
 def _mass_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k49 = k[15]
-    k50 = k[16]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
+    (
+        base_arm_length, k26, k32, k38, k42, k43, k44, k47, k48, k49, k50, k51, k52,
+    ) = (
+        k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
 
     # attitude
     t1 = -cos(theta_m1)
@@ -1037,12 +1029,12 @@ def _mass_matrix(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
-    t13 = k46 * t11
-    t14 = k53 * t11
+    t12 = k44 * t10
+    t13 = k44 * t11
+    t14 = k51 * t11
     t15 = t11 * t14
-    t16 = k27 - t15
-    t17 = k33 + t15
+    t16 = k26 - t15
+    t17 = k32 + t15
     t18 = t10 * t14
 
     # step from the base to link 1
@@ -1050,7 +1042,7 @@ def _mass_matrix(k, sin, cos, q):
     t20 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t21 = k54 * t6
+    t21 = k52 * t6
     t22 = t6 * t21
 
     # composite inertia of links 1 and 2, about joint 5
@@ -1058,20 +1050,20 @@ def _mass_matrix(k, sin, cos, q):
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k39 - t16)
+    t27 = t9 * (k38 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k39 - t28
+    t30 = k38 - t28
 
     # composite inertia of the base and links 1 and 2
     t31 = t19 * t24 - t8 * t27 - t20 * t23
     t32 = t25 + t13 * t19
     t33 = t26 - t13 * t20
-    t34 = k51 * t5 + t23
-    t35 = t24 - k51 * t6
-    t36 = k52 + t22 + t29 + t23 * k49 * t5
-    t37 = k43 + t30 - t22 - t24 * k49 * t6
-    t38 = k44 + t17
+    t34 = k49 * t5 + t23
+    t35 = t24 - k49 * t6
+    t36 = k50 + t22 + t29 + t23 * k47 * t5
+    t37 = k42 + t30 - t22 - t24 * k47 * t6
+    t38 = k43 + t17
 
     # mass matrix, columns of the joints carried in to the base
     t39 = t29 + t30
@@ -1114,15 +1106,13 @@ def _mass_matrix(k, sin, cos, q):
     return (
         t59, t53, t49, t64, t69, 0.0, t61, t60, t53, t52, t33, t26, -t45, t54, t57, t58, t49, t33,
         t46, t40, t44, t48, t50, t51, t64, t26, t40, t39, 0.0, t63, t65, t66, t69, -t45, t44, 0.0,
-        t41, t68, -t70, t71, 0.0, t54, t48, t63, t68, k50, 0.0, 0.0, t61, t57, t50, t65, -t70, 0.0,
-        k50, 0.0, t60, t58, t51, t66, t71, 0.0, 0.0, k50,
+        t41, t68, -t70, t71, 0.0, t54, t48, t63, t68, k48, 0.0, 0.0, t61, t57, t50, t65, -t70, 0.0,
+        k48, 0.0, t60, t58, t51, t66, t71, 0.0, 0.0, k48,
     )
 
 
 def residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Residual R of M a = R + B u, with the sign of a force.
 
@@ -1140,40 +1130,18 @@ def residual(
         [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 198 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _residual,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
-    )
+    entries, batch = _evaluate(_residual, constants, state_array("q", q, 8), state_array("v", v, 8))
     return shaped(entries, (8,), batch)
 
 
 def _residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k55 = k[21]
-    k56 = k[22]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
+    (
+        gravity, base_arm_length, k26, k32, k38, k42, k43, k44, k49, k50, k51, k52, k53, k54,
+    ) = (
+        k[0], k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[14], k[15], k[16], k[17], k[18], k[19],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -1237,12 +1205,12 @@ def _residual(k, sin, cos, q, v):
     t51 = t44 + 2.0 * t46 * t34
 
     # inertia of link 2, turned by the joints
-    t52 = k46 * t10
-    t53 = k46 * t11
-    t54 = k53 * t11
+    t52 = k44 * t10
+    t53 = k44 * t11
+    t54 = k51 * t11
     t55 = t11 * t54
-    t56 = k27 - t55
-    t57 = k33 + t55
+    t56 = k26 - t55
+    t57 = k32 + t55
     t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
@@ -1252,13 +1220,13 @@ def _residual(k, sin, cos, q, v):
     t62 = t58 * (t48 - t50)
     t63 = (t9 * t33 - t8 * t32) * t53
     t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62
-    t65 = k46 * (t11 * t45 - t10 * t48)
-    t66 = k46 * (t10 * t42 + t11 * t50)
-    t67 = k46 * (t11 * t51 - t10 * t49)
+    t65 = k44 * (t11 * t45 - t10 * t48)
+    t66 = k44 * (t10 * t42 + t11 * t50)
+    t67 = k44 * (t11 * t51 - t10 * t49)
 
     # inertia forces of links 1 and 2, about joint 5
-    t68 = t59 + k39 * t44
-    t69 = t60 - k39 * t43
+    t68 = t59 + k38 * t44
+    t69 = t60 - k38 * t43
     t70 = t8 * t65 + t9 * t67
     t71 = t8 * t67 - t9 * t65
 
@@ -1267,23 +1235,23 @@ def _residual(k, sin, cos, q, v):
     t73 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t74 = k51 * t5
-    t75 = k51 * t6
-    t76 = k54 * t6
+    t74 = k49 * t5
+    t75 = k49 * t6
+    t76 = k52 * t6
     t77 = t6 * t76
-    t78 = k52 + t77
+    t78 = k50 + t77
     t79 = t5 * t76
 
     # inertia forces of the base and links 1 and 2
-    t80 = t28 * (k43 - t77)
-    t81 = t18 * t75 + t26 * t79 - k55 * t16 - t80
+    t80 = t28 * (k42 - t77)
+    t81 = t18 * t75 + t26 * t79 - k53 * t16 - t80
     t82 = t26 * t78
-    t83 = t18 * t74 + t28 * t79 - k44 * t20 - t82
+    t83 = t18 * t74 + t28 * t79 - k43 * t20 - t82
     t84 = t79 * (t25 - t27)
     t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84
-    t86 = k51 * t29 - t70
-    t87 = t71 - k51 * t30
-    t88 = t66 + k51 * t31
+    t86 = k49 * t29 - t70
+    t87 = t71 - k49 * t30
+    t88 = t66 + k49 * t31
     t89 = t8 * t68 + t81 - t9 * t64 - t66 * t73
     t90 = t83 - t8 * t64 - t9 * t68 - t66 * t72
     t91 = t69 + t71 * t72 + t70 * t73 - t85
@@ -1293,16 +1261,13 @@ def _residual(k, sin, cos, q, v):
     t93 = t3 * t86 + t4 * t88
     t94 = t4 * t91 - t3 * t89
     t95 = t1 * t87 + t2 * t92
-    t96 = t2 * t87 - t1 * t92 - k56
+    t96 = t2 * t87 - t1 * t92 - k54
     return (
         t94, t90, t91, t69, t64, t93, t95, t96,
     )
 
 
-def input_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def input_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Input matrix B of M a = R + B u.
 
     Column k holds the generalised forces of a unit of input k.
@@ -1315,20 +1280,13 @@ def input_matrix(
     input_matrix: array (..., 8, 6); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 7-13. 19 operations, 3 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _input_matrix,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_input_matrix, constants, state_array("q", q, 8))
     return shaped(entries, (8, 6), batch)
 
 
 def _input_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    k49 = k[15]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
+    base_arm_length, k47 = k[1], k[12]
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
     t1 = cos(theta_m1)
@@ -1339,7 +1297,7 @@ def _input_matrix(k, sin, cos, q):
     t6 = sin(theta_1)
 
     # composite inertia of the base and links 1 and 2
-    t7 = k49 * t5
+    t7 = k47 * t5
 
     # thrust direction and generalised forces of motor 1
     t8 = t2 * t3
@@ -1353,7 +1311,7 @@ def _input_matrix(k, sin, cos, q):
     t14 = t2 * t6 - t1 * t10
 
     # thrust direction and generalised forces of motor 3
-    t15 = t3 * k49 * t6
+    t15 = t3 * k47 * t6
     return (
         0.0, t12, t15, t12, 0.0, 0.0, 0.0, 0.0, -t7, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4,
@@ -1362,10 +1320,7 @@ def _input_matrix(k, sin, cos, q):
 
 
 def forward_dynamics(
-    q: ArrayLike,
-    v: ArrayLike,
-    u: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, u: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
@@ -1397,37 +1352,15 @@ def forward_dynamics(
 
 
 def _forward_dynamics(k, sin, cos, q, v, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k50 = k[16]
-    k53 = k[19]
-    k55 = k[21]
-    k61 = k[26]
-    k62 = k[27]
-    k63 = k[28]
-    k68 = k[33]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    F_1 = u[0]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-    tau_5 = u[4]
-    tau_6 = u[5]
+    (
+        gravity, base_arm_length, k26, k32, k38, k42, k43, k44, k48, k51, k53, k59, k60, k61, k66,
+    ) = (
+        k[0], k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[16], k[18], k[23], k[24], k[25],
+        k[30],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
+    F_1, F_2, F_3, F_4, tau_5, tau_6 = u
 
     # attitude
     t1 = cos(theta_m1)
@@ -1476,19 +1409,19 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t37 = k46 * t10
-    t38 = k46 * t11
-    t39 = k53 * t11
+    t37 = k44 * t10
+    t38 = k44 * t11
+    t39 = k51 * t11
     t40 = t11 * t39
-    t41 = k27 - t40
-    t42 = k33 + t40
+    t41 = k26 - t40
+    t42 = k32 + t40
     t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
     t44 = t43 * (t33 - t35)
-    t45 = k46 * (t11 * t30 - t10 * t33)
-    t46 = k46 * (t10 * t27 + t11 * t35)
-    t47 = k46 * (t10 * t34 - t11 * t36)
+    t45 = k44 * (t11 * t30 - t10 * t33)
+    t46 = k44 * (t10 * t27 + t11 * t35)
+    t47 = k44 * (t10 * t34 - t11 * t36)
 
     # force and moment of all thrusts
     t48 = base_arm_length * (F_1 - F_3)
@@ -1503,8 +1436,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t55 = t37 * t52
 
     # equation of joint 5, its acceleration eliminated
-    t56 = 1.0 / (k39 + t41)
-    t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28
+    t56 = 1.0 / (k38 + t41)
+    t57 = tau_5 + t43 * t36 - t34 * t41 - k38 * t28
     t58 = t56 * t57
     t59 = t37 * t56
     t60 = t43 * t56
@@ -1514,33 +1447,33 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     # articulated inertia and load of the base and links 1 and 2
     t63 = t5 * t49
     t64 = t6 * t49
-    t65 = k43 * (t17 - 2.0 * t18 * v_theta_0)
-    t66 = k43 * (t16 - 2.0 * t18 * t13)
-    t67 = k55 * t14 + t65 - t6 * t48
-    t68 = k44 * t16 + t66 - t5 * t48
+    t65 = k42 * (t17 - 2.0 * t18 * v_theta_0)
+    t66 = k42 * (t16 - 2.0 * t18 * t13)
+    t67 = k53 * t14 + t65 - t6 * t48
+    t68 = k43 * t16 + t66 - t5 * t48
     t69 = t9 * t64
     t70 = t9 * t68
     t71 = t8 * t67
     t72 = F_1 + F_3 + t46 - t37 * t51
     t73 = t43 * (t34 + t58)
-    t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73
+    t74 = t42 * t36 + k38 * t29 + t70 - t71 - t73
 
     # acceleration of the base, by LDL^T
-    t75 = 1.0 / (t42 + k68 - t43 * t60)
+    t75 = 1.0 / (t42 + k66 - t43 * t60)
     t76 = t62 * t75
     t77 = t74 * t76
     t78 = t8 * t64 - t9 * t63 - t47 - t61 - t77
-    t79 = 1.0 / (k50 - t37 * t59 - t62 * t76)
-    t80 = 1.0 / (k50 - t37 * t53)
+    t79 = 1.0 / (k48 - t37 * t59 - t62 * t76)
+    t80 = 1.0 / (k48 - t37 * t53)
     t81 = t55 * t80
     t82 = t45 + t81 * t72 - t8 * t63 - t69 - t54
-    t83 = 1.0 / (k50 - t38 * t52 - t55 * t81)
+    t83 = 1.0 / (k48 - t38 * t52 - t55 * t81)
     t84 = t82 * t83
     t85 = t81 * t84 + t80 * t72
     t86 = t78 * t79
     t87 = t76 * t86 - t74 * t75
-    t88 = k63 * (tau_6 - t8 * t68 - t9 * t67)
-    t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15)
+    t88 = k61 * (tau_6 - t8 * t68 - t9 * t67)
+    t89 = k60 * (base_arm_length * (F_2 + F_4) - tau_5 - k59 * t15)
 
     # acceleration of joint 5
     t90 = t58 + t60 * t87 - t89 - t59 * t86
@@ -1580,10 +1513,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
 
 
 def inverse_dynamics(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, a: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces M a - R that the motion needs; B u supplies them.
 
@@ -1613,37 +1543,14 @@ def inverse_dynamics(
 
 
 def _inverse_dynamics(k, sin, cos, q, v, a):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k50 = k[16]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_5 = a[3]
-    a_theta_6 = a[4]
-    a_x = a[5]
-    a_y = a[6]
-    a_z = a[7]
+    (
+        gravity, base_arm_length, k26, k32, k38, k42, k43, k44, k48, k49, k50, k51, k52,
+    ) = (
+        k[0], k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[14], k[15], k[16], k[17],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
+    a_theta_m1, a_theta_0, a_theta_1, a_theta_5, a_theta_6, a_x, a_y, a_z = a
 
     # attitude
     t1 = cos(theta_m1)
@@ -1683,12 +1590,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t27 = t21 * t21 + t25
 
     # inertia of link 2, turned by the joints
-    t28 = k46 * t10
-    t29 = k46 * t11
-    t30 = k53 * t11
+    t28 = k44 * t10
+    t29 = k44 * t11
+    t30 = k51 * t11
     t31 = t11 * t30
-    t32 = k27 - t31
-    t33 = k33 + t31
+    t32 = k26 - t31
+    t33 = k32 + t31
     t34 = t10 * t30
 
     # inertia forces of link 2, about joint 6
@@ -1699,12 +1606,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t37 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t38 = k51 * t5
-    t39 = k51 * t6
-    t40 = k54 * t6
+    t38 = k49 * t5
+    t39 = k49 * t6
+    t40 = k52 * t6
     t41 = t6 * t40
-    t42 = k52 + t41
-    t43 = k43 - t41
+    t42 = k50 + t41
+    t43 = k42 - t41
     t44 = t5 * t40
 
     # inertia forces of the base and links 1 and 2
@@ -1749,27 +1656,27 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t75 = t28 * (t49 + base_arm_length * t60)
     t76 = t29 * (t8 * t61 + t9 * t62)
     t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71
-    t78 = k46 * (t10 * t26 - t11 * t71)
-    t79 = k46 * (t11 * t27 - t10 * t69)
-    t80 = k46 * (t10 * t70 + t11 * t72)
+    t78 = k44 * (t10 * t26 - t11 * t71)
+    t79 = k44 * (t11 * t27 - t10 * t69)
+    t80 = k44 * (t10 * t70 + t11 * t72)
 
     # inertia forces of links 1 and 2, about joint 5
-    t81 = t73 + k39 * t67
-    t82 = t74 - k39 * t66
+    t81 = t73 + k38 * t67
+    t82 = t74 - k38 * t66
     t83 = t9 * t80 - t8 * t78
     t84 = t9 * t78 + t8 * t80
 
     # inertia forces of the base and links 1 and 2
     t85 = t44 * t55
-    t86 = t39 * t49 + t43 * t57 - k44 * t52 - t85
+    t86 = t39 * t49 + t43 * t57 - k43 * t52 - t85
     t87 = t42 * t55
-    t88 = k44 * t51 + t44 * t57 - t38 * t49 - t87
+    t88 = k43 * t51 + t44 * t57 - t38 * t49 - t87
     t89 = t38 * t47
     t90 = t42 * t54
     t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90
-    t92 = t83 - k51 * t58
-    t93 = t84 + k51 * t59
-    t94 = t79 - k51 * t60
+    t92 = t83 - k49 * t58
+    t93 = t84 + k49 * t59
+    t94 = t79 - k49 * t60
     t95 = t9 * t77 + t8 * t81 + t86 - t37 * t79
     t96 = t9 * t81 + t36 * t79 + t88 - t8 * t77
     t97 = t82 - t37 * t83 - t36 * t84 - t91
@@ -1777,17 +1684,16 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     # inertia forces on attitude and position
     t98 = t4 * t92 + t3 * t94
     t99 = t3 * t95 + t4 * t97
-    t100 = t3 * t92 + k50 * a_x - t4 * t94
-    t101 = t2 * t98 + k50 * a_y - t1 * t93
-    t102 = k50 * t46 - t1 * t98 - t2 * t93
+    t100 = t3 * t92 + k48 * a_x - t4 * t94
+    t101 = t2 * t98 + k48 * a_y - t1 * t93
+    t102 = k48 * t46 - t1 * t98 - t2 * t93
     return (
         t99, t96, t97, t82, t77, t100, t101, t102,
     )
 
 
 def hybrid_mass_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -1803,36 +1709,18 @@ def hybrid_mass_matrix(
         both
     Source: eqs. 15, 18 and 19. 156 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _hybrid_mass_matrix,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_hybrid_mass_matrix, constants, state_array("q", q, 8))
     return shaped(entries, (14, 14), batch)
 
 
 def _hybrid_mass_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k49 = k[15]
-    k50 = k[16]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k57 = k[23]
-    k58 = k[24]
-    k59 = k[25]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
+    (
+        base_arm_length, k26, k32, k38, k42, k43, k44, k47, k48, k49, k50, k51, k52, k55, k56, k57,
+    ) = (
+        k[1], k[6], k[7], k[8], k[9], k[10], k[11], k[12], k[13], k[14], k[15], k[16], k[17], k[20],
+        k[21], k[22],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -1850,12 +1738,12 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
-    t13 = k46 * t11
-    t14 = k53 * t11
+    t12 = k44 * t10
+    t13 = k44 * t11
+    t14 = k51 * t11
     t15 = t11 * t14
-    t16 = k27 - t15
-    t17 = k33 + t15
+    t16 = k26 - t15
+    t17 = k32 + t15
     t18 = t10 * t14
 
     # step from the base to link 1
@@ -1863,7 +1751,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t20 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t21 = k54 * t6
+    t21 = k52 * t6
     t22 = t6 * t21
 
     # composite inertia of links 1 and 2, about joint 5
@@ -1871,20 +1759,20 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k39 - t16)
+    t27 = t9 * (k38 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k39 - t28
+    t30 = k38 - t28
 
     # composite inertia of the base and links 1 and 2
     t31 = t19 * t24 - t8 * t27 - t20 * t23
     t32 = t25 + t13 * t19
     t33 = t26 - t13 * t20
-    t34 = k51 * t5 + t23
-    t35 = t24 - k51 * t6
-    t36 = k52 + t22 + t29 + t23 * k49 * t5
-    t37 = k43 + t30 - t22 - t24 * k49 * t6
-    t38 = k44 + t17
+    t34 = k49 * t5 + t23
+    t35 = t24 - k49 * t6
+    t36 = k50 + t22 + t29 + t23 * k47 * t5
+    t37 = k42 + t30 - t22 - t24 * k47 * t6
+    t38 = k43 + t17
 
     # mass matrix, columns of the joints carried in to the base
     t39 = t29 + t30
@@ -1926,41 +1814,39 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t71 = t1 * t67 + t2 * t43
 
     # composite inertia of the base and base arm 2
-    t72 = k57 * t6
-    t73 = k57 * t5
+    t72 = k55 * t6
+    t73 = k55 * t5
 
     # mass matrix, column of joint 2
     t74 = t4 * t73
     t75 = t3 * t73
-    t76 = k58 * t4
+    t76 = k56 * t4
     t77 = t1 * t72 + t2 * t74
     t78 = t2 * t72 - t1 * t74
 
     # mass matrix, column of joint 3
     t79 = t4 * t72
     t80 = t3 * t72
-    t81 = k59 * t4
+    t81 = k57 * t4
     t82 = t1 * t73 - t2 * t79
     t83 = t1 * t79 + t2 * t73
     return (
         t59, t53, t49, t76, t81, t76, t64, t69, 0.0, t61, t60, 0.0, 0.0, 0.0, t53, t52, t33, 0.0,
-        0.0, 0.0, t26, -t45, t54, t57, -t58, 0.0, 0.0, 0.0, t49, t33, t46, k58, k59, k58, t40, t44,
-        t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k58, k58, 0.0, 0.0, 0.0, 0.0, t75, t77, t78, -1.0,
-        0.0, 0.0, t81, 0.0, k59, 0.0, k58, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76, 0.0,
-        k58, 0.0, 0.0, k58, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, t26, t40, 0.0, 0.0,
+        0.0, 0.0, t26, -t45, t54, t57, -t58, 0.0, 0.0, 0.0, t49, t33, t46, k56, k57, k56, t40, t44,
+        t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k56, k56, 0.0, 0.0, 0.0, 0.0, t75, t77, t78, -1.0,
+        0.0, 0.0, t81, 0.0, k57, 0.0, k56, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76, 0.0,
+        k56, 0.0, 0.0, k56, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, t26, t40, 0.0, 0.0,
         0.0, t39, 0.0, t63, t65, t66, 0.0, 0.0, 0.0, t69, -t45, t44, 0.0, 0.0, 0.0, 0.0, t41, t68,
-        t70, t71, 0.0, 0.0, 0.0, 0.0, t54, t48, t75, -t80, -t75, t63, t68, k50, 0.0, 0.0, 0.0, 0.0,
-        0.0, t61, t57, t50, t77, t82, -t77, t65, t70, 0.0, k50, 0.0, 0.0, 0.0, 0.0, t60, -t58, t51,
-        t78, t83, -t78, t66, t71, 0.0, 0.0, k50, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
+        t70, t71, 0.0, 0.0, 0.0, 0.0, t54, t48, t75, -t80, -t75, t63, t68, k48, 0.0, 0.0, 0.0, 0.0,
+        0.0, t61, t57, t50, t77, t82, -t77, t65, t70, 0.0, k48, 0.0, 0.0, 0.0, 0.0, t60, -t58, t51,
+        t78, t83, -t78, t66, t71, 0.0, 0.0, k48, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
 def hybrid_residual(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Residual R_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -1979,42 +1865,21 @@ def hybrid_residual(
     Source: eqs. 15, 18 and 19. 230 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _hybrid_residual,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _hybrid_residual, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (14,), batch)
 
 
 def _hybrid_residual(k, sin, cos, q, v):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k55 = k[21]
-    k56 = k[22]
-    k57 = k[23]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
+    (
+        gravity, base_arm_length, k8, k14, k26, k32, k38, k42, k43, k44, k49, k50, k51, k52, k53,
+        k54, k55,
+    ) = (
+        k[0], k[1], k[2], k[3], k[6], k[7], k[8], k[9], k[10], k[11], k[14], k[15], k[16], k[17],
+        k[18], k[19], k[20],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2078,12 +1943,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t51 = 2.0 * t46 * t34 + t44
 
     # inertia of link 2, turned by the joints
-    t52 = k46 * t10
-    t53 = k46 * t11
-    t54 = k53 * t11
+    t52 = k44 * t10
+    t53 = k44 * t11
+    t54 = k51 * t11
     t55 = t11 * t54
-    t56 = k27 - t55
-    t57 = k33 + t55
+    t56 = k26 - t55
+    t57 = k32 + t55
     t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
@@ -2091,13 +1956,13 @@ def _hybrid_residual(k, sin, cos, q, v):
     t60 = t58 * (t48 - t50)
     t61 = (t9 * t33 - t8 * t32) * t53
     t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60
-    t63 = k46 * (t11 * t45 - t10 * t48)
-    t64 = k46 * (t10 * t42 + t11 * t50)
-    t65 = k46 * (t10 * t49 - t11 * t51)
+    t63 = k44 * (t11 * t45 - t10 * t48)
+    t64 = k44 * (t10 * t42 + t11 * t50)
+    t65 = k44 * (t10 * t49 - t11 * t51)
 
     # inertia forces of links 1 and 2, about joint 5
-    t66 = k39 * t44
-    t67 = k39 * t43
+    t66 = k38 * t44
+    t67 = k38 * t43
     t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66
     t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67
     t70 = t8 * t63 - t9 * t65
@@ -2118,19 +1983,19 @@ def _hybrid_residual(k, sin, cos, q, v):
     t81 = t77 * t70
 
     # inertia of the base, turned by the joints
-    t82 = k51 * t5
-    t83 = k51 * t6
-    t84 = k54 * t6
+    t82 = k49 * t5
+    t83 = k49 * t6
+    t84 = k52 * t6
     t85 = t6 * t84
-    t86 = k52 + t85
+    t86 = k50 + t85
     t87 = t5 * t84
 
     # inertia forces of the base and links 1 and 2
     t88 = t18 * t83
     t89 = t26 * t87
-    t90 = k55 * t16
-    t91 = t28 * (k43 - t85)
-    t92 = k44 * t20
+    t90 = k53 * t16
+    t91 = t28 * (k42 - t85)
+    t92 = k43 * t20
     t93 = t26 * t86
     t94 = t18 * t82
     t95 = t28 * t87
@@ -2138,9 +2003,9 @@ def _hybrid_residual(k, sin, cos, q, v):
     t97 = t19 * t83
     t98 = t21 * t86
     t99 = t87 * (t25 - t27)
-    t100 = k51 * t29 - t70
-    t101 = k51 * t30 - t71
-    t102 = t64 + k51 * t31
+    t100 = k49 * t29 - t70
+    t101 = k49 * t30 - t71
+    t102 = t64 + k49 * t31
     t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73
     t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93
     t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80
@@ -2150,7 +2015,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t107 = t4 * t102 + t3 * t100
     t108 = t4 * t105 - t3 * t103
     t109 = t1 * t101 - t2 * t106
-    t110 = t2 * t101 + t1 * t106 - k56
+    t110 = t2 * t101 + t1 * t106 - k54
 
     # motion of the base
     t111 = v_theta_0 * t5 - t6 * t15
@@ -2162,12 +2027,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t115 = base_arm_length * (t24 + t111 * t111)
 
     # inertia forces of base arm 2, about joint 2
-    t116 = k57 * (t5 * t19 + t115 - t6 * t12)
+    t116 = k55 * (t5 * t19 + t115 - t6 * t12)
     t117 = k8 * t114 - k14 * t113
     t118 = t116 + t117
 
     # inertia forces of base arm 3, about joint 3
-    t119 = k57 * (t5 * t12 + t6 * t19 + base_arm_length * t113)
+    t119 = k55 * (t5 * t12 + t6 * t19 + base_arm_length * t113)
     t120 = k14 * t114 - k8 * t113 - t119
 
     # inertia forces of base arm 4, about joint 4
@@ -2178,8 +2043,7 @@ def _hybrid_residual(k, sin, cos, q, v):
 
 
 def hybrid_input_matrix(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
 
@@ -2193,20 +2057,13 @@ def hybrid_input_matrix(
     input_matrix: array (..., 14, 6); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 12, 13 and 18. 19 operations, 3 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _hybrid_input_matrix,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_hybrid_input_matrix, constants, state_array("q", q, 8))
     return shaped(entries, (14, 6), batch)
 
 
 def _hybrid_input_matrix(k, sin, cos, q):
-    base_arm_length = k[1]
-    k49 = k[15]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
+    base_arm_length, k47 = k[1], k[12]
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2217,7 +2074,7 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t6 = sin(theta_1)
 
     # composite inertia of the base and links 1 and 2
-    t7 = k49 * t5
+    t7 = k47 * t5
 
     # thrust direction and generalised forces of motor 1
     t8 = t2 * t3
@@ -2231,7 +2088,7 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t14 = t2 * t6 - t1 * t10
 
     # thrust direction and generalised forces of motor 3
-    t15 = t3 * k49 * t6
+    t15 = t3 * k47 * t6
     return (
         0.0, t12, t15, t12, 0.0, 0.0, 0.0, 0.0, -t7, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -2278,24 +2135,11 @@ def constraint_torques(
 
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    k57 = k[23]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    a_theta_m1 = a[0]
-    a_theta_1 = a[2]
-    a_x = a[5]
-    a_y = a[6]
-    a_z = a[7]
-    F_2 = u[1]
-    F_4 = u[3]
+    gravity, base_arm_length, k8, k14, k55 = k[0], k[1], k[2], k[3], k[20]
+    theta_m1, theta_0, theta_1 = q[0], q[1], q[2]
+    v_theta_m1, v_theta_0, v_theta_1 = v[0], v[1], v[2]
+    a_theta_m1, a_theta_1, a_x, a_y, a_z = a[0], a[2], a[5], a[6], a[7]
+    F_2, F_4 = u[1], u[3]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2323,14 +2167,14 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t17 = t10 - t15
 
     # inertia forces of base arm 2, about joint 2
-    t18 = k57 * (t11 - t6 * t13 - t5 * t14)
+    t18 = k55 * (t11 - t6 * t13 - t5 * t14)
 
     # constraint torque on base arm 2
     t19 = k14 * t16 - k8 * t17
     t20 = t19 - base_arm_length * F_2 - t18
 
     # inertia forces of base arm 3, about joint 3
-    t21 = k57 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
+    t21 = k55 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
     t22 = k8 * t16 + t21 - k14 * t17
 
     # constraint torque on base arm 4
@@ -2340,228 +2184,8 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     )
 
 
-def gibbs(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Gibbs function S up to terms free of accelerations, in W/s.
-
-    Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
-        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
-        a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    value: array (...); [W/s]
-    Source: eqs. 2 and 3. 257 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _gibbs,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
-        state_array("a", a, 8),
-    )
-    return shaped(entries, (), batch)
-
-
-def _gibbs(k, sin, cos, q, v, a):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k19 = k[4]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k66 = k[31]
-    k67 = k[32]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_5 = a[3]
-    a_theta_6 = a[4]
-    a_x = a[5]
-    a_y = a[6]
-    a_z = a[7]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # motion of the base
-    t12 = v_theta_m1 * t4
-    t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t13
-    t15 = v_theta_1 + t12
-    t16 = v_theta_0 * t15
-    t17 = t13 * t15
-    t18 = t15 * t15
-
-    # motion of link 1
-    t19 = v_theta_5 + t15
-    t20 = t8 * t13 + v_theta_0 * t9
-    t21 = v_theta_0 * t8 - t9 * t13
-    t22 = t20 * t21
-    t23 = t19 * t21
-
-    # motion of link 2
-    t24 = v_theta_6 - t21
-
-    # inertia of link 2, turned by the joints
-    t25 = k46 * t10
-    t26 = k46 * t11
-    t27 = k53 * t11
-    t28 = t11 * t27
-    t29 = k27 - t28
-    t30 = k33 + t28
-    t31 = t10 * t27
-
-    # inertia of the base, turned by the joints
-    t32 = k51 * t5
-    t33 = k51 * t6
-    t34 = k54 * t6
-    t35 = t6 * t34
-    t36 = k52 + t35
-    t37 = k43 - t35
-    t38 = t5 * t34
-
-    # motion of the base
-    t39 = a_z + gravity
-    t40 = a_y * t1 + t2 * t39
-    t41 = t1 * t39 - a_y * t2
-    t42 = a_x * t4 + t3 * t41
-    t43 = a_x * t3 - t4 * t41
-    t44 = a_theta_0 + t12 * t13
-    t45 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
-    t46 = a_theta_1 + t14 + a_theta_m1 * t4
-    t47 = t16 - t45
-    t48 = t17 - t44
-
-    # motion of link 1
-    t49 = t5 * (v_theta_0 * v_theta_0 + t18) - t6 * (t14 - t46)
-    t50 = t6 * (t13 * t13 + t18) - t5 * (t14 + t46)
-    t51 = t6 * (2.0 * t15 * v_theta_0 - t45)
-    t52 = base_arm_length * (t5 * (2.0 * t15 * t13 - t44) + t51)
-    t53 = t43 - base_arm_length * t49
-    t54 = t40 - base_arm_length * t50
-    t55 = t42 + t52
-    t56 = a_theta_5 + t46
-    t57 = v_theta_0 * t19 - t45
-    t58 = t13 * t19 - t44
-    t59 = t9 * t58 - t8 * t57
-    t60 = t8 * t53 + t9 * t54
-    t61 = t8 * t54 - t9 * t53
-
-    # motion of link 2
-    t62 = a_theta_6 + t8 * t58 + t9 * t57
-    t63 = t23 + t19 * t24 - t59
-    t64 = t22 + t20 * t24 - t56
-
-    # Gibbs function of the base
-    t65 = t15 * t32
-    t66 = v_theta_0 * t32
-    t67 = v_theta_0 * t38
-    t68 = v_theta_0 * t67 * t46
-    t69 = v_theta_0 * t33
-
-    # Gibbs function of link 2
-    t70 = t63 * t30 * t63
-    t71 = t19 * t31
-    t72 = t19 * t25
-    t73 = t19 * t72 * t60
-    t74 = t24 * t25
-    t75 = t26 * t61 * t63
-    t76 = t19 * t26
-
-    # sum over the links
-    t77 = t48 * t15 * t36
-    t78 = t24 * t29 * t64
-    t79 = t38 * t48
-    t80 = k44 * t16
-    t81 = t24 * t26 * t55
-    t82 = t71 * t64
-    t83 = k44 * t17
-    t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83
-    t85 = t48 * t84
-    t86 = k66 * t43
-    t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86
-    t88 = t43 * t87
-    t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46
-    t90 = t40 * t89
-    t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60)
-    t92 = t42 * (t15 * t69 + k66 * t42)
-    t93 = k67 * (t56 * t56 + t59 * t59)
-    t94 = k39 * (t23 * t59 + t22 * t56)
-    t95 = t64 * (t25 * t61 - t31 * t63)
-    t96 = t46 * t46
-    t97 = t36 * (t48 * t48 + t96)
-    t98 = t37 * (t47 * t47 + t96)
-    t99 = t40 * (t13 * t33 - t66)
-    t100 = (t20 * t26 - t72) * t55
-    t101 = t13 * t38 - v_theta_0 * t37
-    t102 = t15 * t101
-    t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102
-    t104 = t47 * t103
-    t105 = t20 * t31 + t19 * t30
-    t106 = t63 * t105
-    t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106
-    t108 = t24 * t107
-    t109 = t46 * (v_theta_0 * t36 + t101)
-    t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99
-    t111 = t13 * t110
-    t112 = t62 * (t19 * t29 - t105)
-    t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100
-    t114 = t20 * t113
-    t115 = t62 * (t29 + t30) * t62
-    t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115
-    t117 = 0.5 * t116
-    t118 = (
-        t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 - t90 - t94 - t95
-        - t108
-    )
-    return (
-        t118,
-    )
-
-
 def kinetic_energy(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Kinetic energy in J.
 
@@ -2576,40 +2200,19 @@ def kinetic_energy(
     Source: eq. 2 with rates for accelerations. 115 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _kinetic_energy,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _kinetic_energy, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (), batch)
 
 
 def _kinetic_energy(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    k19 = k[4]
-    k27 = k[7]
-    k33 = k[8]
-    k43 = k[10]
-    k46 = k[13]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k66 = k[31]
-    k67 = k[32]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    v_x = v[5]
-    v_y = v[6]
-    v_z = v[7]
+    (
+        base_arm_length, k19, k26, k32, k42, k44, k49, k50, k51, k52, k64, k65,
+    ) = (
+        k[1], k[4], k[6], k[7], k[9], k[11], k[14], k[15], k[16], k[17], k[28], k[29],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6, v_x, v_y, v_z = v
 
     # attitude
     t1 = cos(theta_m1)
@@ -2638,18 +2241,18 @@ def _kinetic_energy(k, sin, cos, q, v):
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
 
     # inertia of link 2, turned by the joints
-    t17 = k46 * t10
-    t18 = k46 * t11
-    t19 = k53 * t11
+    t17 = k44 * t10
+    t18 = k44 * t11
+    t19 = k51 * t11
     t20 = t11 * t19
 
     # inertia of the base, turned by the joints
-    t21 = k51 * t5
-    t22 = k51 * t6
-    t23 = k54 * t6
+    t21 = k49 * t5
+    t22 = k49 * t6
+    t23 = k52 * t6
     t24 = t6 * t23
-    t25 = k52 + t24
-    t26 = k43 - t24
+    t25 = k50 + t24
+    t26 = k42 - t24
 
     # motion of the base
     t27 = v_y * t1 + v_z * t2
@@ -2668,29 +2271,28 @@ def _kinetic_energy(k, sin, cos, q, v):
     # sum over the links
     t35 = v_theta_0 * t5 * t23 + k19 * t12 + t22 * t29
     t36 = t12 * t35
-    t37 = k66 * (t27 * t27 + t29 * t29 + t30 * t30)
-    t38 = t15 * t10 * t19 - k67 * t14 - t17 * t33
+    t37 = k64 * (t27 * t27 + t29 * t29 + t30 * t30)
+    t38 = k65 * t14 + t17 * t33 - t15 * t10 * t19
     t39 = t14 * t38
     t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29)
     t41 = t13 * (t21 * t27 - t22 * t30)
-    t42 = t15 * (k67 * t15 - t18 * t33)
+    t42 = t15 * (k65 * t15 - t18 * t33)
     t43 = t17 * (t29 - base_arm_length * (v_theta_0 * t5 - t6 * t12))
     t44 = t16 * (t43 - t18 * (t8 * t31 + t9 * t32))
     t45 = t16 * t16
-    t46 = (k27 - t20) * (t14 * t14 + t45)
-    t47 = (k33 + t20) * (t15 * t15 + t45)
+    t46 = (k26 - t20) * (t14 * t14 + t45)
+    t47 = (k32 + t20) * (t15 * t15 + t45)
     t48 = t13 * t13 * (t25 + t26)
     t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48
     t50 = 0.5 * t49
-    t51 = t36 + t37 + t40 + t41 + t42 + t44 + t50 - t39
+    t51 = t36 + t37 + t39 + t40 + t41 + t42 + t44 + t50
     return (
         t51,
     )
 
 
 def potential_energy(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
 
@@ -2702,25 +2304,13 @@ def potential_energy(
     energy: array (...); [J]
     Source: gravity times the first moment of mass. 18 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _potential_energy,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_potential_energy, constants, state_array("q", q, 8))
     return shaped(entries, (), batch)
 
 
 def _potential_energy(k, sin, cos, q):
-    gravity = k[0]
-    k46 = k[13]
-    k50 = k[16]
-    k51 = k[17]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    z = q[7]
+    gravity, k44, k48, k49 = k[0], k[11], k[13], k[14]
+    theta_m1, theta_0, theta_1, theta_5, theta_6, z = q[0], q[1], q[2], q[3], q[4], q[7]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2738,21 +2328,20 @@ def _potential_energy(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
+    t12 = k44 * t10
 
     # first moment of mass above Z = 0, and its weight
-    t13 = t4 * (k51 * t5 + t8 * t12)
-    t14 = t2 * (k51 * t6 + t9 * t12)
-    t15 = t1 * (t3 * k46 * t11 - t13) + t14
-    t16 = gravity * (t15 + k50 * z)
+    t13 = t4 * (k49 * t5 + t8 * t12)
+    t14 = t2 * (k49 * t6 + t9 * t12)
+    t15 = t1 * (t3 * k44 * t11 - t13) + t14
+    t16 = gravity * (t15 + k48 * z)
     return (
         t16,
     )
 
 
 def gravity_forces(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces of gravity: gravity's part of R.
 
@@ -2767,26 +2356,13 @@ def gravity_forces(
         m], x [N], y [N], z [N]
     Source: eqs. 5 and 6 at rest. 44 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _gravity_forces,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_gravity_forces, constants, state_array("q", q, 8))
     return shaped(entries, (8,), batch)
 
 
 def _gravity_forces(k, sin, cos, q):
-    k46 = k[13]
-    k51 = k[17]
-    k56 = k[22]
-    k64 = k[29]
-    k65 = k[30]
-    k69 = k[34]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
+    k44, k49, k54, k62, k63, k67 = k[11], k[14], k[19], k[26], k[27], k[31]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -2804,44 +2380,42 @@ def _gravity_forces(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
+    t12 = k44 * t10
 
     # composite inertia of links 1 and 2, about joint 5
     t13 = t8 * t12
     t14 = t9 * t12
 
     # centre of mass from the origin
-    t15 = k65 * t11
+    t15 = k63 * t11
 
     # axes of the base
     t16 = t1 * t4
 
     # centre of mass from the origin
-    t17 = k64 * (k51 * t5 + t13)
+    t17 = k62 * (k49 * t5 + t13)
 
     # columns of the base
     t18 = t3 * t17 + t4 * t15
-    t19 = t1 * k64 * (k51 * t6 + t14)
+    t19 = t1 * k62 * (k49 * t6 + t14)
     t20 = t2 * (t3 * t15 - t4 * t17) - t19
 
     # column of joint 6
     t21 = t15 * (t2 * t9 - t8 * t16)
 
     # weight at the centre of mass
-    t22 = k56 * t20
-    t23 = k56 * t1 * t18
-    t24 = k56 * (t4 * t20 - t2 * t3 * t18)
-    t25 = k69 * (t2 * t13 + t14 * t16)
-    t26 = k56 * (t21 - t1 * t3 * k65 * t10)
+    t22 = k54 * t20
+    t23 = k54 * t1 * t18
+    t24 = k54 * (t4 * t20 - t2 * t3 * t18)
+    t25 = k67 * (t2 * t13 + t14 * t16)
+    t26 = k54 * (t21 - t1 * t3 * k63 * t10)
     return (
-        t22, t23, t24, -t25, t26, 0.0, 0.0, -k56,
+        t22, t23, t24, -t25, t26, 0.0, 0.0, -k54,
     )
 
 
 def wrench_forces(
-    q: ArrayLike,
-    W: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, W: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Generalised forces of wrenches on the frames: the sum of J^T W.
 
@@ -2859,34 +2433,18 @@ def wrench_forces(
     Source: eq. 7. 186 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _wrench_forces,
-        constants,
-        state_array("q", q, 8),
-        state_array("W", W, 2, 6),
+        _wrench_forces, constants, state_array("q", q, 8), state_array("W", W, 2, 6)
     )
     return shaped(entries, (8,), batch)
 
 
 def _wrench_forces(k, sin, cos, q, W):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    W_base_fx = W[0]
-    W_base_fy = W[1]
-    W_base_fz = W[2]
-    W_base_tx = W[3]
-    W_base_ty = W[4]
-    W_base_tz = W[5]
-    W_tip_fx = W[6]
-    W_tip_fy = W[7]
-    W_tip_fz = W[8]
-    W_tip_tx = W[9]
-    W_tip_ty = W[10]
-    W_tip_tz = W[11]
+    base_arm_length, link2_length = k[1], k[5]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    (
+        W_base_fx, W_base_fy, W_base_fz, W_base_tx, W_base_ty, W_base_tz, W_tip_fx, W_tip_fy,
+        W_tip_fz, W_tip_tx, W_tip_ty, W_tip_tz,
+    ) = W
 
     # attitude
     t1 = cos(theta_m1)
@@ -3017,50 +2575,20 @@ def forward_dynamics_with_wrenches(
 
 
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
-    gravity = k[0]
-    base_arm_length = k[1]
-    link2_length = k[6]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k50 = k[16]
-    k53 = k[19]
-    k55 = k[21]
-    k61 = k[26]
-    k62 = k[27]
-    k63 = k[28]
-    k68 = k[33]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    F_1 = u[0]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-    tau_5 = u[4]
-    tau_6 = u[5]
-    W_base_fx = W[0]
-    W_base_fy = W[1]
-    W_base_fz = W[2]
-    W_base_tx = W[3]
-    W_base_ty = W[4]
-    W_base_tz = W[5]
-    W_tip_fx = W[6]
-    W_tip_fy = W[7]
-    W_tip_fz = W[8]
-    W_tip_tx = W[9]
-    W_tip_ty = W[10]
-    W_tip_tz = W[11]
+    (
+        gravity, base_arm_length, link2_length, k26, k32, k38, k42, k43, k44, k48, k51, k53, k59,
+        k60, k61, k66,
+    ) = (
+        k[0], k[1], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[13], k[16], k[18], k[23], k[24],
+        k[25], k[30],
+    )
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
+    F_1, F_2, F_3, F_4, tau_5, tau_6 = u
+    (
+        W_base_fx, W_base_fy, W_base_fz, W_base_tx, W_base_ty, W_base_tz, W_tip_fx, W_tip_fy,
+        W_tip_fz, W_tip_tx, W_tip_ty, W_tip_tz,
+    ) = W
 
     # attitude
     t1 = cos(theta_m1)
@@ -3109,12 +2637,12 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t37 = k46 * t10
-    t38 = k46 * t11
-    t39 = k53 * t11
+    t37 = k44 * t10
+    t38 = k44 * t11
+    t39 = k51 * t11
     t40 = t11 * t39
-    t41 = k27 - t40
-    t42 = k33 + t40
+    t41 = k26 - t40
+    t42 = k32 + t40
     t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
@@ -3124,13 +2652,13 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t47 = t43 * (t33 - t35)
     t48 = t27 * t41
     t49 = t30 * t42
-    t50 = k46 * (t11 * t30 - t10 * t33)
-    t51 = k46 * (t10 * t27 + t11 * t35)
-    t52 = k46 * (t10 * t34 - t11 * t36)
+    t50 = k44 * (t11 * t30 - t10 * t33)
+    t51 = k44 * (t10 * t27 + t11 * t35)
+    t52 = k44 * (t10 * t34 - t11 * t36)
 
     # articulated inertia and load of links 1 and 2, about joint 5
-    t53 = k39 * t29
-    t54 = k39 * t28
+    t53 = k38 * t29
+    t54 = k38 * t28
 
     # axes of the base
     t55 = t2 * t3
@@ -3144,23 +2672,23 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t61 = t37 * t59
 
     # equation of joint 5, its acceleration eliminated
-    t62 = 1.0 / (k39 + t41)
+    t62 = 1.0 / (k38 + t41)
     t63 = t37 * t62
     t64 = t43 * t62
     t65 = t38 - t43 * t63
 
     # articulated inertia and load of the base and links 1 and 2
-    t66 = k43 * (t17 - 2.0 * t18 * v_theta_0)
-    t67 = k43 * (t16 - 2.0 * t18 * t13)
-    t68 = k61 * t15
+    t66 = k42 * (t17 - 2.0 * t18 * v_theta_0)
+    t67 = k42 * (t16 - 2.0 * t18 * t13)
+    t68 = k59 * t15
 
     # acceleration of the base, by LDL^T
-    t69 = 1.0 / (t42 + k68 - t43 * t64)
+    t69 = 1.0 / (t42 + k66 - t43 * t64)
     t70 = t65 * t69
-    t71 = 1.0 / (k50 - t37 * t63 - t65 * t70)
-    t72 = 1.0 / (k50 - t37 * t60)
+    t71 = 1.0 / (k48 - t37 * t63 - t65 * t70)
+    t72 = 1.0 / (k48 - t37 * t60)
     t73 = t61 * t72
-    t74 = 1.0 / (k50 - t38 * t59 - t61 * t73)
+    t74 = 1.0 / (k48 - t38 * t59 - t61 * t73)
 
     # accelerations of the attitude angles
     t75 = 1.0 / t3
@@ -3239,8 +2767,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # articulated inertia and load of the base and links 1 and 2
     t129 = t6 * t96 - t5 * t120
     t130 = t5 * t96 + t6 * t120
-    t131 = k55 * t14 + t66 + t5 * t100 - t6 * t122
-    t132 = k44 * t16 + t67 - t6 * t100 - t5 * t122
+    t131 = k53 * t14 + t66 + t5 * t100 - t6 * t122
+    t132 = k43 * t16 + t67 - t6 * t100 - t5 * t122
     t133 = t9 * t130
     t134 = t8 * t129
     t135 = t9 * t129
@@ -3262,8 +2790,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t149 = t73 * t148 + t72 * t139
     t150 = t71 * t145
     t151 = t69 * t141 - t70 * t150
-    t152 = k63 * (tau_6 - t9 * t131 - t8 * t132)
-    t153 = k62 * t143
+    t152 = k61 * (tau_6 - t9 * t131 - t8 * t132)
+    t153 = k60 * t143
 
     # acceleration of joint 5
     t154 = t128 + t63 * t150 + t64 * t151 - t153
@@ -3301,258 +2829,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     )
 
 
-def joint_wrenches(
-    q: ArrayLike,
-    v: ArrayLike,
-    a: ArrayLike,
-    u: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """The whole wrench through every joint: what the parent does to the body, at the joint.
-
-    It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia
-    and thrusts of all that the joint carries balance it, at the given accelerations, which need not
-    fit the inputs. Where they do, its component along a joint that moves is the joint's input less
-    armature, damper and spring.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
-        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
-        a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
-    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    wrenches: array (..., 5, 6); [N] in the first three, [N m] in the others, a row for each of
-        base_arm2, base_arm3, base_arm4, link1, link2
-    Source: eqs. 6 and 14, all six components. 255 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _joint_wrenches,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
-        state_array("a", a, 8),
-        state_array("u", u, 6),
-    )
-    return shaped(entries, (5, 6), batch)
-
-
-def _joint_wrenches(k, sin, cos, q, v, a, u):
-    gravity = k[0]
-    base_arm_length = k[1]
-    k8 = k[2]
-    k14 = k[3]
-    k20 = k[5]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k45 = k[12]
-    k46 = k[13]
-    k47 = k[14]
-    k53 = k[19]
-    k57 = k[23]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    a_theta_m1 = a[0]
-    a_theta_0 = a[1]
-    a_theta_1 = a[2]
-    a_theta_5 = a[3]
-    a_theta_6 = a[4]
-    a_x = a[5]
-    a_y = a[6]
-    a_z = a[7]
-    F_2 = u[1]
-    F_3 = u[2]
-    F_4 = u[3]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # motion of the base
-    t12 = v_theta_m1 * t4
-    t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t13
-    t15 = v_theta_1 + t12
-    t16 = t15 * t15
-
-    # motion of link 1
-    t17 = v_theta_5 + t15
-    t18 = t8 * t13 + v_theta_0 * t9
-    t19 = v_theta_0 * t8 - t9 * t13
-    t20 = t17 * t18
-
-    # motion of link 2
-    t21 = v_theta_6 - t19
-    t22 = t21 * t21
-    t23 = t17 * t17 + t22
-    t24 = t18 * t18 + t22
-
-    # inertia of link 2, turned by the joints
-    t25 = k46 * t10
-    t26 = k46 * t11
-    t27 = k53 * t11
-    t28 = t11 * t27
-    t29 = k27 - t28
-    t30 = k33 + t28
-    t31 = t10 * t27
-
-    # inertia forces of link 2, about joint 6
-    t32 = t31 * (t23 - t24)
-
-    # motion of the base
-    t33 = t5 * t13 + v_theta_0 * t6
-    t34 = v_theta_0 * t5 - t6 * t13
-    t35 = t33 * t34
-    t36 = t15 * t33
-    t37 = t15 * t34
-    t38 = t16 + t34 * t34
-
-    # inertia forces of base arm 2, about joint 2
-    t39 = k57 * (t16 + t33 * t33)
-
-    # motion of the base
-    t40 = a_z + gravity
-    t41 = a_y * t1 + t2 * t40
-    t42 = t1 * t40 - a_y * t2
-    t43 = a_x * t4 + t3 * t42
-    t44 = a_x * t3 - t4 * t42
-    t45 = a_theta_0 + t12 * t13
-    t46 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
-    t47 = a_theta_1 + t14 + a_theta_m1 * t4
-    t48 = v_theta_0 * t15 - t46
-    t49 = t13 * t15 - t45
-
-    # motion of link 1
-    t50 = t5 * (v_theta_0 * v_theta_0 + t16) - t6 * (t14 - t47)
-    t51 = t6 * (t13 * t13 + t16) - t5 * (t14 + t47)
-    t52 = t6 * (2.0 * t15 * v_theta_0 - t46)
-    t53 = base_arm_length * (t5 * (2.0 * t15 * t13 - t45) + t52)
-    t54 = t44 - base_arm_length * t50
-    t55 = t41 - base_arm_length * t51
-    t56 = t43 + t53
-    t57 = v_theta_0 * t17 - t46
-    t58 = t13 * t17 - t45
-    t59 = t8 * t54 + t9 * t55
-    t60 = t8 * t55 - t9 * t54
-    t61 = a_theta_5 + t47 - t18 * t19
-    t62 = t17 * t19 + t8 * t57 - t9 * t58
-
-    # motion of link 2
-    t63 = a_theta_6 + t8 * t58 + t9 * t57
-    t64 = t20 + t63
-    t65 = 2.0 * t21 * t18 - t61
-    t66 = t20 - t63
-    t67 = 2.0 * t21 * t17 + t62
-
-    # inertia forces of link 2, about joint 6
-    t68 = t26 * t60
-    t69 = t31 * t67
-    t70 = t26 * t59
-    t71 = t30 * t66
-    t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71
-
-    # motion of the base
-    t73 = t6 * t49 - t5 * t48
-    t74 = t5 * t49 + t6 * t48
-    t75 = t35 + t47
-    t76 = t36 + t74
-    t77 = t47 - t35
-    t78 = t37 - t73
-
-    # motion of base arm 2
-    t79 = t6 * t41 + t5 * t44 - base_arm_length * t38
-    t80 = t5 * t41 + base_arm_length * t75 - t6 * t44
-    t81 = t43 + base_arm_length * t76
-
-    # inertia forces of base arm 2, about joint 2
-    t82 = k57 * t77
-    t83 = k45 * t79
-    t84 = k45 * t80
-    t85 = t39 + t84
-    t86 = k45 * t81
-    t87 = k57 * t78
-    t88 = t86 - t87
-    t89 = k20 * (t37 + t73)
-    t90 = k57 * t81
-    t91 = k8 * t78 - t89
-    t92 = t91 - t90
-    t93 = k20 * (t36 - t74)
-    t94 = t93 - k14 * t76
-    t95 = k57 * t79
-
-    # wrench through joint 2
-    t96 = k14 * t75 + k8 * t77
-    t97 = t95 + t96 - base_arm_length * F_2
-
-    # inertia forces of base arm 3, about joint 3
-    t98 = t83 - k57 * t38
-    t99 = t84 + k57 * t75
-    t100 = k14 * t78 - t89
-    t101 = k8 * t75 + k57 * t80 + k14 * t77
-
-    # inertia forces of base arm 4, about joint 4
-    t102 = t84 - t39
-    t103 = t86 + t87
-    t104 = t90 + t91
-
-    # wrench through joint 4
-    t105 = t96 - base_arm_length * F_4 - t95
-
-    # wrench through joint 2
-    t106 = t82 + t83 - F_2
-
-    # wrench through joint 3
-    t107 = t86 + k57 * t76 - F_3
-    t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76
-
-    # wrench through joint 4
-    t109 = t82 - F_4 - t83
-
-    # inertia forces of link 2, about joint 6
-    t110 = t26 * t66 + k47 * t59 - t23 * t25
-    t111 = t25 * t64 + k47 * t56 - t24 * t26
-    t112 = t25 * t65 + t26 * t67 - k47 * t60
-    t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68
-    t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69
-
-    # wrench through joint 6, in its frame
-    t115 = t10 * t110 + t11 * t111
-    t116 = t10 * t111 - t11 * t110
-    t117 = t10 * t113 + t11 * t114
-    t118 = t10 * t114 - t11 * t113
-    return (
-        -t85, t106, t88, -t94, t92, t97, t98, t99, t107, t100, t108, t101, t102, t109, t103, t94,
-        -t104, t105, t110, -t112, t111, t113, -t72, t114, t115, t116, t112, t117, t118, t72,
-    )
-
-
-def positions(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def positions(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """World positions of POINTS in m, one row each.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
@@ -3563,26 +2840,13 @@ def positions(
     position: array (..., 9, 3); O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
     Source: forward kinematics. 62 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _positions,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_positions, constants, state_array("q", q, 8))
     return shaped(entries, (9, 3), batch)
 
 
 def _positions(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    k49 = k[15]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    x = q[5]
-    y = q[6]
-    z = q[7]
+    base_arm_length, link2_length, k47 = k[1], k[5], k[12]
+    theta_m1, theta_0, theta_1, theta_5, theta_6, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -3622,9 +2886,9 @@ def _positions(k, sin, cos, q):
     t25 = t19 + t22
     t26 = t23 - t20
     t27 = t24 - t21
-    t28 = x + k49 * t12
-    t29 = y + k49 * t15
-    t30 = z + k49 * t16
+    t28 = x + k47 * t12
+    t29 = y + k47 * t15
+    t30 = z + k47 * t16
     t31 = t22 - t19
     t32 = t20 + t23
     t33 = t21 + t24
@@ -3637,316 +2901,7 @@ def _positions(k, sin, cos, q):
     )
 
 
-def tip_pose(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Homogeneous transform from the tip's frame to the world.
-
-    It is the frame of that name of the robot file. If the file has none, it is at the end of the
-    last link with that link's axes; without links, at the base centre with the base's.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    pose: array (..., 4, 4); axes [1] and position [m]
-    Source: forward kinematics. 58 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_pose,
-        constants,
-        state_array("q", q, 8),
-    )
-    return shaped(entries, (4, 4), batch)
-
-
-def _tip_pose(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    x = q[5]
-    y = q[6]
-    z = q[7]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # axes of the base
-    t12 = t2 * t3
-    t13 = t1 * t3
-    t14 = t2 * t4
-    t15 = t1 * t4
-
-    # joint 5 and the axes of link 1
-    t16 = t3 * t8
-    t17 = t1 * t9 + t8 * t14
-    t18 = t2 * t9 - t8 * t15
-    t19 = t3 * t9
-    t20 = t9 * t14 - t1 * t8
-    t21 = t2 * t8 + t9 * t15
-
-    # joint 6 and the axes of link 2
-    t22 = t10 * t16 + t4 * t11
-    t23 = t10 * t17 - t11 * t12
-    t24 = t10 * t18 + t11 * t13
-    t25 = t4 * t10 - t11 * t16
-    t26 = t11 * t17 + t10 * t12
-    t27 = t10 * t13 - t11 * t18
-
-    # position of tip
-    t28 = base_arm_length * (t1 * t6 + t5 * t14) + link2_length * t23
-    t29 = base_arm_length * (t2 * t6 - t5 * t15) + link2_length * t24
-    t30 = x + base_arm_length * t3 * t5 + link2_length * t22
-    t31 = y + t28
-    t32 = z + t29
-    return (
-        t22, t25, t19, t30, t23, -t26, t20, t31, t24, t27, -t21, t32, 0.0, 0.0, 0.0, 1.0,
-    )
-
-
-def tip_jacobian(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Jacobian of the tip: linear rows, then angular rows, in world axes.
-
-    It takes v to the velocity of the tip in m/s and rad/s.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    jacobian: array (..., 6, 8); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
-    Source: forward kinematics. 83 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_jacobian,
-        constants,
-        state_array("q", q, 8),
-    )
-    return shaped(entries, (6, 8), batch)
-
-
-def _tip_jacobian(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # axes of the base
-    t12 = t2 * t3
-    t13 = t1 * t3
-    t14 = t2 * t4
-    t15 = t1 * t4
-
-    # joint 5 and the axes of link 1
-    t16 = base_arm_length * t3 * t5
-    t17 = base_arm_length * (t1 * t6 + t5 * t14)
-    t18 = base_arm_length * (t5 * t15 - t2 * t6)
-    t19 = t3 * t9
-    t20 = t9 * t14 - t1 * t8
-    t21 = t2 * t8 + t9 * t15
-
-    # joint 6 and the axes of link 2
-    t22 = t10 * (t1 * t9 + t8 * t14) - t11 * t12
-    t23 = t10 * (t2 * t9 - t8 * t15) + t11 * t13
-
-    # position of tip
-    t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
-    t25 = t17 + link2_length * t22
-    t26 = t18 - link2_length * t23
-
-    # columns of the base
-    t27 = t1 * t26 + t2 * t25
-    t28 = t2 * t24
-    t29 = t1 * t24
-    t30 = t12 * t26 - t13 * t25
-    t31 = t13 * t24 + t4 * t26
-    t32 = t12 * t24 + t4 * t25
-
-    # column of joint 5
-    t33 = t24 - t16
-    t34 = t25 - t17
-    t35 = t26 - t18
-    t36 = t12 * t35 - t13 * t34
-    t37 = t4 * t35 + t13 * t33
-    t38 = t12 * t33 + t4 * t34
-
-    # column of joint 6
-    t39 = t21 * t34 - t20 * t35
-    t40 = t19 * t35 - t21 * t33
-    t41 = t19 * t34 - t20 * t33
-    return (
-        0.0, -t27, t30, t36, t39, 1.0, 0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29,
-        t32, t38, t41, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12,
-        t20, 0.0, 0.0, 0.0, 0.0, t2, t13, t13, -t21, 0.0, 0.0, 0.0,
-    )
-
-
-def tip_bias_acceleration(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Acceleration of the tip where a is zero, gravity left out, in world axes.
-
-    It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
-    entries first, then angular.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
-        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    bias_acceleration: array (..., 6); [m/s^2] in the first three, [rad/s^2] in the others
-    Source: forward kinematics. 119 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _tip_bias_acceleration,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
-    )
-    return shaped(entries, (6,), batch)
-
-
-def _tip_bias_acceleration(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # motion of the base
-    t12 = v_theta_m1 * t4
-    t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t13
-    t15 = t12 * t13
-    t16 = 2.0 * v_theta_0 * t12
-    t17 = v_theta_1 + t12
-    t18 = t17 * t17
-
-    # motion of link 1
-    t19 = v_theta_5 + t17
-    t20 = t16 - v_theta_0 * t19
-    t21 = t15 - t13 * t19
-    t22 = t8 * t13 + v_theta_0 * t9
-    t23 = v_theta_0 * t8 - t9 * t13
-    t24 = t9 * t20 + t8 * t21
-    t25 = t19 * t22
-    t26 = t14 - t22 * t23
-    t27 = t9 * t21 + t19 * t23 - t8 * t20
-
-    # motion of link 2
-    t28 = v_theta_6 - t23
-    t29 = t27 + t19 * t28
-    t30 = t26 - t22 * t28
-    t31 = t28 * t28
-
-    # acceleration of tip that the base adds
-    t32 = base_arm_length * t5
-    t33 = base_arm_length * t6
-
-    # acceleration of tip that link 2 adds
-    t34 = link2_length * t10
-    t35 = link2_length * t11
-    t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35
-    t37 = (t25 - t24) * t34 - (t22 * t22 + t31) * t35
-    t38 = (t27 + 2.0 * t28 * t19) * t35
-    t39 = (t26 - 2.0 * t28 * t22) * t34 - t38
-
-    # acceleration of tip that link 1 adds
-    t40 = t8 * t39 - t9 * t36
-    t41 = t8 * t29 - t9 * t24
-    t42 = t8 * t24 + t9 * t29
-
-    # acceleration of tip that the base adds
-    t43 = (v_theta_0 * v_theta_0 + t18) * t32
-    t44 = t8 * t36 + t9 * t39 + t43
-    t45 = (t13 * t13 + t18) * t33
-    t46 = t40 + 2.0 * t14 * t32 - t45
-    t47 = (t16 - 2.0 * t17 * v_theta_0) * t33
-    t48 = t37 - (t15 - 2.0 * t17 * t13) * t32 - t47
-
-    # acceleration of tip in world axes
-    t49 = t4 * t44 + t3 * t48
-    t50 = t4 * t48 - t3 * t44
-    t51 = t1 * t46 - t2 * t49
-    t52 = t1 * t49 + t2 * t46
-    t53 = t3 * t30 - t4 * t41
-    t54 = t4 * t30 + t3 * t41
-    t55 = t1 * t42 - t2 * t53
-    t56 = t1 * t53 + t2 * t42
-    return (
-        t50, t51, t52, t54, t55, t56,
-    )
-
-
-def frame_poses(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
+def frame_poses(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Homogeneous transforms from the frames to the world.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
@@ -3957,25 +2912,13 @@ def frame_poses(
     poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
     Source: forward kinematics. 67 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _frame_poses,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_frame_poses, constants, state_array("q", q, 8))
     return shaped(entries, (2, 4, 4), batch)
 
 
 def _frame_poses(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    x = q[5]
-    y = q[6]
-    z = q[7]
+    base_arm_length, link2_length = k[1], k[5]
+    theta_m1, theta_0, theta_1, theta_5, theta_6, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -4036,8 +2979,7 @@ def _frame_poses(k, sin, cos, q):
 
 
 def frame_jacobians(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Jacobians of the frames: linear rows, then angular rows, in world axes.
 
@@ -4052,22 +2994,13 @@ def frame_jacobians(
         a block for each of base, tip
     Source: forward kinematics. 99 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _frame_jacobians,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_frame_jacobians, constants, state_array("q", q, 8))
     return shaped(entries, (2, 6, 8), batch)
 
 
 def _frame_jacobians(k, sin, cos, q):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
+    base_arm_length, link2_length = k[1], k[5]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -4108,47 +3041,43 @@ def _frame_jacobians(k, sin, cos, q):
     t26 = t18 - link2_length * t23
 
     # columns of the base
-    t27 = -t1 * t26 - t2 * t25
-    t28 = t2 * t24
-    t29 = t1 * t24
-    t30 = t12 * t26 - t13 * t25
-    t31 = t13 * t24 + t4 * t26
-    t32 = t12 * t24 + t4 * t25
+    t27 = -t1 * t18 - t2 * t17
+    t28 = t2 * t16
+    t29 = t1 * t16
+    t30 = t12 * t18 - t13 * t17
+    t31 = t13 * t16 + t4 * t18
+    t32 = t12 * t16 + t4 * t17
+    t33 = -t1 * t26 - t2 * t25
+    t34 = t2 * t24
+    t35 = t1 * t24
+    t36 = t12 * t26 - t13 * t25
+    t37 = t13 * t24 + t4 * t26
+    t38 = t12 * t24 + t4 * t25
 
     # column of joint 5
-    t33 = t24 - t16
-    t34 = t25 - t17
-    t35 = t26 - t18
-    t36 = t12 * t35 - t13 * t34
-    t37 = t4 * t35 + t13 * t33
-    t38 = t12 * t33 + t4 * t34
+    t39 = t24 - t16
+    t40 = t25 - t17
+    t41 = t26 - t18
+    t42 = t12 * t41 - t13 * t40
+    t43 = t4 * t41 + t13 * t39
+    t44 = t12 * t39 + t4 * t40
 
     # column of joint 6
-    t39 = t21 * t34 - t20 * t35
-    t40 = t19 * t35 - t21 * t33
-    t41 = t19 * t34 - t20 * t33
-
-    # columns of the base
-    t42 = t1 * t18 + t2 * t17
-    t43 = t2 * t16
-    t44 = t1 * t16
-    t45 = t12 * t18 - t13 * t17
-    t46 = t13 * t16 + t4 * t18
-    t47 = t12 * t16 + t4 * t17
+    t45 = t21 * t40 - t20 * t41
+    t46 = t19 * t41 - t21 * t39
+    t47 = t19 * t40 - t20 * t39
     return (
-        0.0, -t42, t45, 0.0, 0.0, 1.0, 0.0, 0.0, t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t44,
-        t47, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t1, -t12, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, t30, t36, t39, 1.0,
-        0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29, t32, t38, t41, 0.0, 0.0, 1.0,
+        0.0, t27, t30, 0.0, 0.0, 1.0, 0.0, 0.0, t18, t28, t31, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t29,
+        t32, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t1, -t12, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t33, t36, t42, t45, 1.0,
+        0.0, 0.0, t26, t34, t37, t43, t46, 0.0, 1.0, 0.0, t25, -t35, t38, t44, t47, 0.0, 0.0, 1.0,
         1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12, t20, 0.0, 0.0, 0.0, 0.0, t2, t13,
         t13, -t21, 0.0, 0.0, 0.0,
     )
 
 
 def frame_velocities(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Velocities of the frames' origins, then angular velocities, in world axes.
 
@@ -4164,30 +3093,15 @@ def frame_velocities(
     Source: forward kinematics. 123 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _frame_velocities,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _frame_velocities, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (2, 6), batch)
 
 
 def _frame_velocities(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    v_x = v[5]
-    v_y = v[6]
-    v_z = v[7]
+    base_arm_length, link2_length = k[1], k[5]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6, v_x, v_y, v_z = v
 
     # attitude
     t1 = cos(theta_m1)
@@ -4239,28 +3153,26 @@ def _frame_velocities(k, sin, cos, q, v):
     t29 = t1 * t8 - t9 * t23
     t30 = t2 * t8 + t9 * t24
 
-    # motion of tip in world axes
-    t31 = link2_length * t10
-    t32 = link2_length * t11
-
     # motion of link 1
-    t33 = t9 * t21 + t8 * t22
+    t31 = t9 * t21 + t8 * t22
 
     # motion of base in world axes
-    t34 = t13 * t18
-    t35 = t13 * t17
-    t36 = v_theta_0 * t17 - t12 * t18
-    t37 = v_x - t3 * t34 - t4 * t36
-    t38 = v_y + t1 * t35 + t19 * t36 - t23 * t34
-    t39 = v_z + t24 * t34 + t2 * t35 - t20 * t36
-    t40 = t3 * t12 + t4 * t13
-    t41 = t12 * t23 + v_theta_0 * t1 - t13 * t19
-    t42 = v_theta_0 * t2 + t13 * t20 - t12 * t24
+    t32 = t13 * t18
+    t33 = t13 * t17
+    t34 = v_theta_0 * t17 - t12 * t18
+    t35 = v_x - t3 * t32 - t4 * t34
+    t36 = v_y + t1 * t33 + t19 * t34 - t23 * t32
+    t37 = v_z + t24 * t32 + t2 * t33 - t20 * t34
+    t38 = t3 * t12 + t4 * t13
+    t39 = t12 * t23 + v_theta_0 * t1 - t13 * t19
+    t40 = v_theta_0 * t2 + t13 * t20 - t12 * t24
 
     # motion of tip in world axes
-    t43 = t9 * t22 - t8 * t21 - t16 * t32
-    t44 = base_arm_length * (v_theta_0 * t5 - t6 * t12) - t16 * t31
-    t45 = t33 + t14 * t31 - t15 * t32
+    t41 = link2_length * t10
+    t42 = link2_length * t11
+    t43 = t9 * t22 - t8 * t21 - t16 * t42
+    t44 = base_arm_length * (v_theta_0 * t5 - t6 * t12) - t16 * t41
+    t45 = t31 + t14 * t41 - t15 * t42
     t46 = v_x + t25 * t43 - t4 * t44 - t28 * t45
     t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45
     t48 = v_z + t27 * t43 + t30 * t45 - t20 * t44
@@ -4268,14 +3180,12 @@ def _frame_velocities(k, sin, cos, q, v):
     t50 = t15 * t26 - t14 * t19 - t16 * t29
     t51 = t15 * t27 + t14 * t20 - t16 * t30
     return (
-        t37, t38, t39, t40, t41, t42, t46, t47, t48, t49, t50, t51,
+        t35, t36, t37, t38, t39, t40, t46, t47, t48, t49, t50, t51,
     )
 
 
 def frame_bias_accelerations(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Accelerations of the frames where a is zero, gravity left out, in world axes.
 
@@ -4294,27 +3204,15 @@ def frame_bias_accelerations(
     Source: forward kinematics. 177 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _frame_bias_accelerations,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _frame_bias_accelerations, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (2, 6), batch)
 
 
 def _frame_bias_accelerations(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    link2_length = k[6]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
+    base_arm_length, link2_length = k[1], k[5]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6 = v[0], v[1], v[2], v[3], v[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -4385,46 +3283,45 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t52 = t1 * t8 - t9 * t46
     t53 = t2 * t8 + t9 * t47
 
-    # motion of link 1
-    t54 = t9 * t27 - t8 * t26
-
     # motion of tip in world axes
-    t55 = link2_length * t10
-    t56 = link2_length * t11
-    t57 = (t29 * t29 + t41) * t55
-    t58 = (t32 * t32 + t41) * t56
-    t59 = (t36 - 2.0 * t38 * t32) * t55
-    t60 = (t37 + 2.0 * t38 * t29) * t56
+    t54 = link2_length * t10
+    t55 = link2_length * t11
+
+    # motion of link 1
+    t56 = t9 * t27 - t8 * t26
 
     # motion of base in world axes
-    t61 = t22 * t42
-    t62 = t16 * t42 - t24 * t43
-    t63 = t23 * t42 - t25 * t43
-    t64 = t4 * t63 - t3 * t61
-    t65 = t1 * t62 - t46 * t61 - t44 * t63
-    t66 = t47 * t61 + t2 * t62 + t45 * t63
-    t67 = t4 * t14 - t3 * t19
-    t68 = t1 * t20 - t19 * t46 - t14 * t44
-    t69 = t19 * t47 + t2 * t20 + t14 * t45
+    t57 = t22 * t42
+    t58 = t16 * t42 - t24 * t43
+    t59 = t23 * t42 - t25 * t43
+    t60 = t4 * t59 - t3 * t57
+    t61 = t1 * t58 - t46 * t57 - t44 * t59
+    t62 = t47 * t57 + t2 * t58 + t45 * t59
+    t63 = t4 * t14 - t3 * t19
+    t64 = t1 * t20 - t19 * t46 - t14 * t44
+    t65 = t19 * t47 + t2 * t20 + t14 * t45
 
     # motion of tip in world axes
-    t70 = t54 + (t34 + t35) * t56 - t57
-    t71 = t28 + (t34 - t35) * t55 + t58
-    t72 = t9 * t26 + t8 * t27 + t59 - t60
-    t73 = t48 * t70 - t4 * t71 - t51 * t72
-    t74 = t49 * t70 + t44 * t71 + t52 * t72
-    t75 = t50 * t70 + t53 * t72 - t45 * t71
-    t76 = t4 * t40 + t39 * t48 - t34 * t51
+    t66 = (t29 * t29 + t41) * t54
+    t67 = t56 + (t34 + t35) * t55 - t66
+    t68 = (t32 * t32 + t41) * t55
+    t69 = t28 + (t34 - t35) * t54 + t68
+    t70 = (t36 - 2.0 * t38 * t32) * t54
+    t71 = (t37 + 2.0 * t38 * t29) * t55
+    t72 = t9 * t26 + t8 * t27 + t70 - t71
+    t73 = t48 * t67 - t4 * t69 - t51 * t72
+    t74 = t49 * t67 + t44 * t69 + t52 * t72
+    t75 = t50 * t67 + t53 * t72 - t45 * t69
+    t76 = t39 * t48 + t4 * t40 - t34 * t51
     t77 = t39 * t49 + t34 * t52 - t40 * t44
     t78 = t39 * t50 + t40 * t45 + t34 * t53
     return (
-        t64, t65, t66, t67, t68, t69, t73, t74, t75, t76, t77, t78,
+        t60, t61, t62, t63, t64, t65, t73, t74, t75, t76, t77, t78,
     )
 
 
 def centre_of_mass(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """World position of the centre of mass.
 
@@ -4436,27 +3333,13 @@ def centre_of_mass(
     position: array (..., 3); [m]
     Source: the first moment of mass. 26 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _centre_of_mass,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_centre_of_mass, constants, state_array("q", q, 8))
     return shaped(entries, (3,), batch)
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k46 = k[13]
-    k51 = k[17]
-    k64 = k[29]
-    k65 = k[30]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    x = q[5]
-    y = q[6]
-    z = q[7]
+    k44, k49, k62, k63 = k[11], k[14], k[26], k[27]
+    theta_m1, theta_0, theta_1, theta_5, theta_6, x, y, z = q
 
     # attitude
     t1 = cos(theta_m1)
@@ -4474,12 +3357,12 @@ def _centre_of_mass(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
+    t12 = k44 * t10
 
     # centre of mass from the origin
-    t13 = k65 * t11
-    t14 = k64 * (k51 * t5 + t8 * t12)
-    t15 = k64 * (k51 * t6 + t9 * t12)
+    t13 = k63 * t11
+    t14 = k62 * (k49 * t5 + t8 * t12)
+    t15 = k62 * (k49 * t6 + t9 * t12)
 
     # centre of mass in the world
     t16 = t3 * t13 - t4 * t14
@@ -4492,8 +3375,7 @@ def _centre_of_mass(k, sin, cos, q):
 
 
 def centre_of_mass_jacobian(
-    q: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Jacobian of the centre of mass, in world axes.
 
@@ -4507,24 +3389,13 @@ def centre_of_mass_jacobian(
     jacobian: array (..., 3, 8); [m/rad or 1]
     Source: the first moment of mass. 69 operations, 5 sine-cosine pairs.
     """
-    entries, batch = _evaluate(
-        _centre_of_mass_jacobian,
-        constants,
-        state_array("q", q, 8),
-    )
+    entries, batch = _evaluate(_centre_of_mass_jacobian, constants, state_array("q", q, 8))
     return shaped(entries, (3, 8), batch)
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k46 = k[13]
-    k51 = k[17]
-    k64 = k[29]
-    k65 = k[30]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
+    k44, k49, k62, k63 = k[11], k[14], k[26], k[27]
+    theta_m1, theta_0, theta_1, theta_5, theta_6 = q[0], q[1], q[2], q[3], q[4]
 
     # attitude
     t1 = cos(theta_m1)
@@ -4542,7 +3413,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k46 * t10
+    t12 = k44 * t10
 
     # composite inertia of links 1 and 2, about joint 5
     t13 = t8 * t12
@@ -4553,22 +3424,22 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t16 = t1 * t3
 
     # column of joint 5
-    t17 = k64 * t13
-    t18 = k64 * t14
+    t17 = k62 * t13
+    t18 = k62 * t14
 
     # centre of mass from the origin
-    t19 = k65 * t11
+    t19 = k63 * t11
 
     # column of joint 6
-    t20 = k65 * t10
+    t20 = k63 * t10
 
     # axes of the base
     t21 = t2 * t4
     t22 = t1 * t4
 
     # centre of mass from the origin
-    t23 = k64 * (k51 * t5 + t13)
-    t24 = k64 * (k51 * t6 + t14)
+    t23 = k62 * (k49 * t5 + t13)
+    t24 = k62 * (k49 * t6 + t14)
 
     # columns of the base
     t25 = t3 * t19 + t4 * t23
@@ -4597,192 +3468,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     )
 
 
-def centroidal_momentum(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
-) -> NDArray[np.float64]:
-    """Linear momentum, then angular momentum about the centre of mass, in world axes.
-
-    The same as Pinocchio's computeCentroidalMomentum.
-
-    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
-        [m], y [m], z [m]
-    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
-        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
-
-    Returns:
-    momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
-    Source: eq. 6 with rates for accelerations. 156 operations, 5 sine-cosine pairs.
-    """
-    entries, batch = _evaluate(
-        _centroidal_momentum,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
-    )
-    return shaped(entries, (6,), batch)
-
-
-def _centroidal_momentum(k, sin, cos, q, v):
-    base_arm_length = k[1]
-    k27 = k[7]
-    k33 = k[8]
-    k39 = k[9]
-    k43 = k[10]
-    k44 = k[11]
-    k46 = k[13]
-    k50 = k[16]
-    k51 = k[17]
-    k52 = k[18]
-    k53 = k[19]
-    k54 = k[20]
-    k64 = k[29]
-    k65 = k[30]
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    v_x = v[5]
-    v_y = v[6]
-    v_z = v[7]
-
-    # attitude
-    t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
-    t4 = sin(theta_0)
-    t5 = cos(theta_1)
-    t6 = sin(theta_1)
-
-    # angles and places of the joints
-    t7 = theta_1 + theta_5
-    t8 = cos(t7)
-    t9 = sin(t7)
-    t10 = cos(theta_6)
-    t11 = sin(theta_6)
-
-    # motion of the base
-    t12 = v_theta_m1 * t3
-    t13 = v_theta_1 + v_theta_m1 * t4
-
-    # motion of link 1
-    t14 = v_theta_5 + t13
-    t15 = t8 * t12 + v_theta_0 * t9
-
-    # motion of link 2
-    t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
-
-    # inertia of link 2, turned by the joints
-    t17 = k46 * t10
-    t18 = k46 * t11
-    t19 = k53 * t11
-    t20 = t11 * t19
-    t21 = k27 - t20
-    t22 = k33 + t20
-    t23 = t10 * t19
-
-    # step from the base to link 1
-    t24 = base_arm_length * t5
-    t25 = base_arm_length * t6
-
-    # inertia of the base, turned by the joints
-    t26 = k54 * t6
-    t27 = t6 * t26
-    t28 = k52 + t27
-    t29 = k43 - t27
-    t30 = t5 * t26
-
-    # motion of link 1
-    t31 = v_theta_0 * t5 - t6 * t12
-
-    # centre of mass from the origin
-    t32 = k65 * t11
-
-    # inertia forces of the base and links 1 and 2
-    t33 = t12 * t30
-    t34 = v_theta_0 * t30
-
-    # inertia forces of link 2, about joint 6
-    t35 = t15 * t23
-
-    # motion of link 1
-    t36 = t6 * t13
-    t37 = t5 * t13
-    t38 = base_arm_length * t36
-    t39 = base_arm_length * t37
-
-    # centre of mass from the origin
-    t40 = k64 * (k51 * t5 + t8 * t17)
-    t41 = k64 * (k51 * t6 + t9 * t17)
-
-    # motion of link 1
-    t42 = t9 * t38 + t8 * t39
-
-    # inertia forces of link 2, about joint 6
-    t43 = t17 * t42
-    t44 = t18 * (t9 * t39 - t8 * t38)
-    t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16
-    t46 = k46 * t11 * t16
-    t47 = k46 * t10 * t16
-    t48 = k46 * (t11 * t15 - t10 * t14)
-
-    # inertia forces of links 1 and 2, about joint 5
-    t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22)
-    t50 = t9 * t48 - t8 * t46
-    t51 = t8 * t48 + t9 * t46
-    t52 = t9 * t45
-    t53 = t8 * t49
-    t54 = t8 * t45
-    t55 = t9 * t49
-
-    # inertia forces of the base and links 1 and 2
-    t56 = t25 * t47
-    t57 = t24 * t47
-    t58 = t25 * t50
-    t59 = t24 * t51
-    t60 = k51 * t36 - t50
-    t61 = k51 * t37 - t51
-    t62 = k51 * t31 - t47
-
-    # momentum in world axes
-    t63 = t41 * t62
-    t64 = t32 * t61
-    t65 = t12 * (k44 + t29)
-    t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53
-    t67 = t40 * t62
-    t68 = t32 * t60
-    t69 = v_theta_0 * (k44 + t28)
-    t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67
-    t71 = t40 * t61
-    t72 = t41 * t60
-    t73 = t14 * (k39 + t21)
-    t74 = t13 * (t28 + t29)
-    t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73
-    t76 = t3 * t62 - t4 * t60
-    t77 = k50 * v_x - t3 * t60 - t4 * t62
-    t78 = k50 * v_y + t1 * t61 + t2 * t76
-    t79 = k50 * v_z + t2 * t61 - t1 * t76
-    t80 = t3 * t75 + t4 * t66
-    t81 = t3 * t66 - t4 * t75
-    t82 = t1 * t70 + t2 * t80
-    t83 = t2 * t70 - t1 * t80
-    return (
-        t77, t78, t79, t81, t82, t83,
-    )
-
-
 def coordinate_rates(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Rates of the coordinates q.
 
@@ -4800,32 +3487,20 @@ def coordinate_rates(
     Source: kinematics of the base. 0 operations, 0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _coordinate_rates,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _coordinate_rates, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (8,), batch)
 
 
 def _coordinate_rates(k, sin, cos, q, v):
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    v_x = v[5]
-    v_y = v[6]
-    v_z = v[7]
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6, v_x, v_y, v_z = v
     return (
         v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6, v_x, v_y, v_z,
     )
 
 
 def integrate(
-    q: ArrayLike,
-    v: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Coordinates after a displacement v, which is a velocity times the time that it lasts.
 
@@ -4844,31 +3519,14 @@ def integrate(
         0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _integrate,
-        constants,
-        state_array("q", q, 8),
-        state_array("v", v, 8),
+        _integrate, constants, state_array("q", q, 8), state_array("v", v, 8)
     )
     return shaped(entries, (8,), batch)
 
 
 def _integrate(k, sin, cos, q, v):
-    theta_m1 = q[0]
-    theta_0 = q[1]
-    theta_1 = q[2]
-    theta_5 = q[3]
-    theta_6 = q[4]
-    x = q[5]
-    y = q[6]
-    z = q[7]
-    v_theta_m1 = v[0]
-    v_theta_0 = v[1]
-    v_theta_1 = v[2]
-    v_theta_5 = v[3]
-    v_theta_6 = v[4]
-    v_x = v[5]
-    v_y = v[6]
-    v_z = v[7]
+    theta_m1, theta_0, theta_1, theta_5, theta_6, x, y, z = q
+    v_theta_m1, v_theta_0, v_theta_1, v_theta_5, v_theta_6, v_x, v_y, v_z = v
 
     # attitude and position after the displacement
     t1 = theta_m1 + v_theta_m1
@@ -4887,9 +3545,7 @@ def _integrate(k, sin, cos, q, v):
 
 
 def difference(
-    q0: ArrayLike,
-    q1: ArrayLike,
-    constants: tuple[Any, ...] | None = None,
+    q0: ArrayLike, q1: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
     """Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
 
@@ -4908,31 +3564,14 @@ def difference(
         0 sine-cosine pairs.
     """
     entries, batch = _evaluate(
-        _difference,
-        constants,
-        state_array("q0", q0, 8),
-        state_array("q1", q1, 8),
+        _difference, constants, state_array("q0", q0, 8), state_array("q1", q1, 8)
     )
     return shaped(entries, (8,), batch)
 
 
 def _difference(k, sin, cos, q0, q1):
-    q0_theta_m1 = q0[0]
-    q0_theta_0 = q0[1]
-    q0_theta_1 = q0[2]
-    q0_theta_5 = q0[3]
-    q0_theta_6 = q0[4]
-    q0_x = q0[5]
-    q0_y = q0[6]
-    q0_z = q0[7]
-    q1_theta_m1 = q1[0]
-    q1_theta_0 = q1[1]
-    q1_theta_1 = q1[2]
-    q1_theta_5 = q1[3]
-    q1_theta_6 = q1[4]
-    q1_x = q1[5]
-    q1_y = q1[6]
-    q1_z = q1[7]
+    q0_theta_m1, q0_theta_0, q0_theta_1, q0_theta_5, q0_theta_6, q0_x, q0_y, q0_z = q0
+    q1_theta_m1, q1_theta_0, q1_theta_1, q1_theta_5, q1_theta_6, q1_x, q1_y, q1_z = q1
 
     # displacement of attitude and position
     t1 = q1_theta_m1 - q0_theta_m1

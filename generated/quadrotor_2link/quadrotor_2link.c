@@ -451,72 +451,70 @@ static INLINE int constants_lane(
     const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
     const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
     const STEPWISE real k19 = k17 + k18;
-    const STEPWISE real k20 = R(0.5) * k19;
 
     /* second moments of link2 */
-    const STEPWISE real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k22 = link2_section_inertia_xx - k21;
-    const STEPWISE real k23 = link2_section_inertia_yy - k22;
-    const STEPWISE real k24 = link2_section_inertia_zz - k21;
-    const STEPWISE real k25 = k23 + k24;
-    const STEPWISE real k26 = link2_length * link2_length;
-    const STEPWISE real k27 = R(0.5) * k25 + R(0.33333333333333331) * link2_mass_per_length *
-        link2_length * k26;
-    const STEPWISE real k28 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k29 = link2_section_inertia_yy - k28;
-    const STEPWISE real k30 = link2_section_inertia_zz - k29;
-    const STEPWISE real k31 = link2_section_inertia_xx - k28;
-    const STEPWISE real k32 = k30 + k31;
-    const STEPWISE real k33 = R(0.5) * k32;
-    const STEPWISE real k34 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k35 = link2_section_inertia_zz + k34;
-    const STEPWISE real k36 = link2_section_inertia_xx - k35;
-    const STEPWISE real k37 = link2_section_inertia_yy + k34;
-    const STEPWISE real k38 = k36 + k37;
-    const STEPWISE real k39 = R(0.5) * k38;
+    const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20;
+    const STEPWISE real k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20;
+    const STEPWISE real k24 = k22 + k23;
+    const STEPWISE real k25 = link2_length * link2_length;
+    const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k25;
+    const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27;
+    const STEPWISE real k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27;
+    const STEPWISE real k31 = k29 + k30;
+    const STEPWISE real k32 = R(0.5) * k31;
+    const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33;
+    const STEPWISE real k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33;
+    const STEPWISE real k37 = k35 + k36;
+    const STEPWISE real k38 = R(0.5) * k37;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k40 = base_arm_mass_per_length * k6;
-    const STEPWISE real k41 = R(2.0) * k8;
-    const STEPWISE real k42 = k13 + k41 + R(4.0) * k7;
-    const STEPWISE real k43 = k13 + k41;
-    const STEPWISE real k44 = R(2.0) * k19;
-    const STEPWISE real k45 = base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k39 = base_arm_mass_per_length * k6;
+    const STEPWISE real k40 = R(2.0) * k8;
+    const STEPWISE real k41 = k13 + k40 + R(4.0) * k7;
+    const STEPWISE real k42 = k13 + k40;
+    const STEPWISE real k43 = R(2.0) * k19;
 
     /* inertias of the links */
-    const STEPWISE real k46 = R(0.5) * link2_mass_per_length * k26;
-    const STEPWISE real k47 = link2_length * link2_mass_per_length;
+    const STEPWISE real k44 = R(0.5) * link2_mass_per_length * k25;
+    const STEPWISE real k45 = link2_length * link2_mass_per_length;
 
     /* inertia of the base, with that of link 1 which joint 5 does not move */
-    const STEPWISE real k48 = base_arm_length * k47;
-    const STEPWISE real k49 = R(2.0) * base_arm_length;
-    const STEPWISE real k50 = R(4.0) * k45 + k47;
-    const STEPWISE real k51 = R(4.0) * k40 + k48;
-    const STEPWISE real k52 = k42 + base_arm_length * k48;
+    const STEPWISE real k46 = base_arm_length * k45;
+    const STEPWISE real k47 = R(2.0) * base_arm_length;
+    const STEPWISE real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length + k45;
+    const STEPWISE real k49 = R(4.0) * k39 + k46;
+    const STEPWISE real k50 = k41 + base_arm_length * k46;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k53 = k27 - k33;
-    const STEPWISE real k54 = k43 - k52;
-    const STEPWISE real k55 = R(4.0) * k19;
-    const STEPWISE real k56 = gravity * k50;
+    const STEPWISE real k51 = k26 - k32;
+    const STEPWISE real k52 = k42 - k50;
+    const STEPWISE real k53 = R(4.0) * k19;
+    const STEPWISE real k54 = gravity * k48;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k57 = R(0.5) * k40;
+    const STEPWISE real k55 = R(0.5) * k39;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k58 = k8 + k14;
-    const STEPWISE real k59 = base_arm_length * k57 + k58;
-    const STEPWISE real k60 = k43 + k44;
-    const STEPWISE real k61 = R(2.0) * k43;
-    const STEPWISE real k62 = R(1.0) / k61;
-    const STEPWISE real k63 = R(1.0) / k60;
-    const STEPWISE real k64 = R(1.0) / k50;
-    const STEPWISE real k65 = k46 * k64;
-    const STEPWISE real k66 = R(0.5) * k50;
-    const STEPWISE real k67 = R(0.25) * k38;
-    const STEPWISE real k68 = k39 + k60;
-    const STEPWISE real k69 = k56 * k64;
-    int good = k50 > R(0.0);
+    const STEPWISE real k56 = k8 + k14;
+    const STEPWISE real k57 = base_arm_length * k55 + k56;
+    const STEPWISE real k58 = k42 + k43;
+    const STEPWISE real k59 = R(2.0) * k42;
+    const STEPWISE real k60 = R(1.0) / k59;
+    const STEPWISE real k61 = R(1.0) / k58;
+    const STEPWISE real k62 = R(1.0) / k48;
+    const STEPWISE real k63 = k44 * k62;
+    const STEPWISE real k64 = R(0.5) * k48;
+    const STEPWISE real k65 = R(0.25) * k37;
+    const STEPWISE real k66 = k38 + k58;
+    const STEPWISE real k67 = k54 * k62;
+    int good = k48 > R(0.0);
     for (int i = 0; i < 11; ++i) {
         good &= is_finite(parameters[i * stride]);
     }
@@ -530,26 +528,24 @@ static INLINE int constants_lane(
     good &= is_finite(k14);
     CONSTANT(k19) = k19;
     good &= is_finite(k19);
-    CONSTANT(k20) = k20;
-    good &= is_finite(k20);
     CONSTANT(link2_length) = link2_length;
     good &= is_finite(link2_length);
-    CONSTANT(k27) = k27;
-    good &= is_finite(k27);
-    CONSTANT(k33) = k33;
-    good &= is_finite(k33);
-    CONSTANT(k39) = k39;
-    good &= is_finite(k39);
+    CONSTANT(k26) = k26;
+    good &= is_finite(k26);
+    CONSTANT(k32) = k32;
+    good &= is_finite(k32);
+    CONSTANT(k38) = k38;
+    good &= is_finite(k38);
+    CONSTANT(k42) = k42;
+    good &= is_finite(k42);
     CONSTANT(k43) = k43;
     good &= is_finite(k43);
     CONSTANT(k44) = k44;
     good &= is_finite(k44);
-    CONSTANT(k45) = k45;
-    good &= is_finite(k45);
-    CONSTANT(k46) = k46;
-    good &= is_finite(k46);
     CONSTANT(k47) = k47;
     good &= is_finite(k47);
+    CONSTANT(k48) = k48;
+    good &= is_finite(k48);
     CONSTANT(k49) = k49;
     good &= is_finite(k49);
     CONSTANT(k50) = k50;
@@ -568,10 +564,10 @@ static INLINE int constants_lane(
     good &= is_finite(k56);
     CONSTANT(k57) = k57;
     good &= is_finite(k57);
-    CONSTANT(k58) = k58;
-    good &= is_finite(k58);
     CONSTANT(k59) = k59;
     good &= is_finite(k59);
+    CONSTANT(k60) = k60;
+    good &= is_finite(k60);
     CONSTANT(k61) = k61;
     good &= is_finite(k61);
     CONSTANT(k62) = k62;
@@ -586,10 +582,6 @@ static INLINE int constants_lane(
     good &= is_finite(k66);
     CONSTANT(k67) = k67;
     good &= is_finite(k67);
-    CONSTANT(k68) = k68;
-    good &= is_finite(k68);
-    CONSTANT(k69) = k69;
-    good &= is_finite(k69);
     return !good;
 }
 
@@ -642,40 +634,13 @@ const real
 
 const Constants
     quadrotor_2link_default_constants = {
-    R(9.8100000000000005),
-    R(0.5),
-    R(0.041666666666666664),
-    R(1.9080000000000002e-06),
-    R(4.2399999999999983e-07),
-    R(2.1199999999999991e-07),
-    R(3.0),
-    R(9.0),
-    R(1.9080000000000002e-06),
-    R(2.1199999999999991e-07),
-    R(0.083337149333333332),
-    R(8.4799999999999965e-07),
-    R(0.5),
-    R(4.5),
-    R(3.0),
-    R(1.0),
-    R(5.0),
-    R(2.5),
-    R(1.3333371493333335),
-    R(8.9999980920000002),
-    -R(1.2500000000000002),
-    R(1.6959999999999993e-06),
-    R(49.050000000000004),
-    R(0.125),
-    R(0.041668574666666666),
-    R(0.10416857466666667),
-    R(0.16667429866666666),
-    R(5.9997252605808677),
-    R(11.999328421586901),
-    R(0.20000000000000001),
-    R(0.90000000000000002),
-    R(2.5),
-    R(1.0599999999999996e-07),
-    R(0.08333820933333333),
+    R(9.8100000000000005), R(0.5), R(0.041666666666666664), R(1.9080000000000002e-06),
+    R(4.2399999999999983e-07), R(3.0), R(9.0), R(1.9080000000000002e-06), R(2.1199999999999991e-07),
+    R(0.083337149333333332), R(8.4799999999999965e-07), R(4.5), R(1.0), R(5.0), R(2.5),
+    R(1.3333371493333335), R(8.9999980920000002), -R(1.2500000000000002), R(1.6959999999999993e-06),
+    R(49.050000000000004), R(0.125), R(0.041668574666666666), R(0.10416857466666667),
+    R(0.16667429866666666), R(5.9997252605808677), R(11.999328421586901), R(0.20000000000000001),
+    R(0.90000000000000002), R(2.5), R(1.0599999999999996e-07), R(0.08333820933333333),
     R(9.8100000000000023),
 };
 
@@ -689,12 +654,8 @@ int quadrotor_2link_init_constants(
 
 /* ---- mass_matrix_and_residual ---- */
 
-static INLINE void mass_matrix_and_residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void mass_matrix_and_residual_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -713,33 +674,27 @@ static INLINE void mass_matrix_and_residual_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void mass_matrix_and_residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT mass_matrix, real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k47 = CONSTANT(k47);
+    const real k48 = CONSTANT(k48);
     const real k49 = CONSTANT(k49);
     const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
     const real k53 = CONSTANT(k53);
     const real k54 = CONSTANT(k54);
-    const real k55 = CONSTANT(k55);
-    const real k56 = CONSTANT(k56);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -759,15 +714,15 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[28 * stride] = R(0.0);
     mass_matrix[35 * stride] = R(0.0);
     mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k50;
+    mass_matrix[45 * stride] = k48;
     mass_matrix[46 * stride] = R(0.0);
     mass_matrix[47 * stride] = R(0.0);
     mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k50;
+    mass_matrix[54 * stride] = k48;
     mass_matrix[55 * stride] = R(0.0);
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[63 * stride] = k50;
+    mass_matrix[63 * stride] = k48;
 
     /* attitude */
     const real t1 = -c1;
@@ -822,12 +777,12 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k46 * c5;
-    const real t53 = k46 * s5;
-    const real t54 = k53 * s5;
+    const real t52 = k44 * c5;
+    const real t53 = k44 * s5;
+    const real t54 = k51 * s5;
     const real t55 = s5 * t54;
-    const real t56 = k27 - t55;
-    const real t57 = k33 + t55;
+    const real t56 = k26 - t55;
+    const real t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
@@ -838,13 +793,13 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t63 = (t9 * t33 + c4 * t32) * t53;
     const real t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63;
     residual[4 * stride] = t64;
-    const real t65 = k46 * (s5 * t45 - c5 * t48);
-    const real t66 = k46 * (c5 * t42 + s5 * t50);
-    const real t67 = k46 * (s5 * t51 - c5 * t49);
+    const real t65 = k44 * (s5 * t45 - c5 * t48);
+    const real t66 = k44 * (c5 * t42 + s5 * t50);
+    const real t67 = k44 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t68 = t59 + k39 * t44;
-    const real t69 = t60 - k39 * t43;
+    const real t68 = t59 + k38 * t44;
+    const real t69 = t60 - k38 * t43;
     residual[3 * stride] = t69;
     const real t70 = c4 * t65 - t9 * t67;
     const real t71 = t9 * t65 + c4 * t67;
@@ -854,24 +809,24 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t74 = k51 * c3;
-    const real t75 = k51 * s3;
-    const real t76 = k54 * s3;
+    const real t74 = k49 * c3;
+    const real t75 = k49 * s3;
+    const real t76 = k52 * s3;
     const real t77 = s3 * t76;
-    const real t78 = k52 + t77;
-    const real t79 = k43 - t77;
+    const real t78 = k50 + t77;
+    const real t79 = k42 - t77;
     const real t80 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
     const real t81 = t28 * t79;
-    const real t82 = t26 * t80 - t18 * t75 - k55 * t16 - t81;
+    const real t82 = t26 * t80 - t18 * t75 - k53 * t16 - t81;
     const real t83 = t18 * t74;
-    const real t84 = t28 * t80 - k44 * t20 - t26 * t78 - t83;
+    const real t84 = t28 * t80 - k43 * t20 - t26 * t78 - t83;
     const real t85 = t80 * (t25 - t27);
     const real t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85;
-    const real t87 = k51 * t29 - t70;
-    const real t88 = t71 - k51 * t30;
-    const real t89 = t66 + k51 * t31;
+    const real t87 = k49 * t29 - t70;
+    const real t88 = t71 - k49 * t30;
+    const real t89 = t66 + k49 * t31;
     const real t90 = t9 * t64 + c4 * t68 + t82 - t66 * t73;
     const real t91 = t84 + t9 * t68 - c4 * t64 - t66 * t72;
     residual[1 * stride] = t91;
@@ -886,7 +841,7 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[0 * stride] = t95;
     const real t96 = s1 * t93 - t1 * t88;
     residual[6 * stride] = t96;
-    const real t97 = s1 * t88 + t1 * t93 - k56;
+    const real t97 = s1 * t88 + t1 * t93 - k54;
     residual[7 * stride] = t97;
 
     /* composite inertia of links 1 and 2, about joint 5 */
@@ -896,10 +851,10 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t101 = t9 * t58;
     mass_matrix[11 * stride] = t101;
     mass_matrix[25 * stride] = t101;
-    const real t102 = t9 * (k39 - t56);
+    const real t102 = t9 * (k38 - t56);
     const real t103 = t9 * t102;
     const real t104 = t56 + t103;
-    const real t105 = k39 - t103;
+    const real t105 = k38 - t103;
 
     /* composite inertia of the base and links 1 and 2 */
     const real t106 = t100 + t53 * t72;
@@ -908,9 +863,9 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[17 * stride] = t107;
     const real t108 = t74 + t98;
     const real t109 = t99 - t75;
-    const real t110 = t78 + t104 + t98 * k49 * c3;
-    const real t111 = t79 + t105 - t99 * k49 * s3;
-    const real t112 = k44 + t57;
+    const real t110 = t78 + t104 + t98 * k47 * c3;
+    const real t111 = t79 + t105 - t99 * k47 * s3;
+    const real t112 = k43 + t57;
     const real t113 = t80 + t72 * t99 - c4 * t102 - t73 * t98;
 
     /* mass matrix, columns of the joints carried in to the base */
@@ -1001,12 +956,8 @@ static INLINE void mass_matrix_and_residual_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_mass_matrix_and_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+void quadrotor_2link_mass_matrix_and_residual(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     real angle[5], sine[5], cosine[5];
@@ -1018,18 +969,15 @@ quadrotor_2link_mass_matrix_and_residual(
 }
 #endif
 
-static WIDE void mass_matrix_and_residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+static WIDE void mass_matrix_and_residual_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
-            + lane, LANES);
+        mass_matrix_and_residual_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
@@ -1039,56 +987,33 @@ static WIDE void mass_matrix_and_residual_block(
     }
 }
 
-void
-BATCH(mass_matrix_and_residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT mass_matrix,
+void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_and_residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            mass_matrix + block * (64 * LANES),
+        mass_matrix_and_residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), mass_matrix + block * (64 * LANES),
             residual + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        mass_matrix_and_residual_block(
-            last_constants,
-            last_q,
-            last_v,
-            mass_matrix + whole * (64 * LANES),
-            residual + whole * (8 * LANES));
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        mass_matrix_and_residual_block(last_constants, last_q, last_v,
+            mass_matrix + whole * (64 * LANES), residual + whole * (8 * LANES));
     }
 }
 
 /* ---- mass_matrix ---- */
 
-static INLINE void mass_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void mass_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -1106,28 +1031,24 @@ static INLINE void mass_matrix_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void mass_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix,
+static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT mass_matrix,
     const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k47 = CONSTANT(k47);
+    const real k48 = CONSTANT(k48);
     const real k49 = CONSTANT(k49);
     const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1142,15 +1063,15 @@ static INLINE void mass_matrix_lane(
     mass_matrix[28 * stride] = R(0.0);
     mass_matrix[35 * stride] = R(0.0);
     mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k50;
+    mass_matrix[45 * stride] = k48;
     mass_matrix[46 * stride] = R(0.0);
     mass_matrix[47 * stride] = R(0.0);
     mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k50;
+    mass_matrix[54 * stride] = k48;
     mass_matrix[55 * stride] = R(0.0);
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[63 * stride] = k50;
+    mass_matrix[63 * stride] = k48;
 
     /* attitude */
     const real t1 = -c1;
@@ -1159,12 +1080,12 @@ static INLINE void mass_matrix_lane(
     const real t9 = -s4;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
-    const real t13 = k46 * s5;
-    const real t14 = k53 * s5;
+    const real t12 = k44 * c5;
+    const real t13 = k44 * s5;
+    const real t14 = k51 * s5;
     const real t15 = s5 * t14;
-    const real t16 = k27 - t15;
-    const real t17 = k33 + t15;
+    const real t16 = k26 - t15;
+    const real t17 = k32 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
@@ -1172,7 +1093,7 @@ static INLINE void mass_matrix_lane(
     const real t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k54 * s3;
+    const real t21 = k52 * s3;
     const real t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
@@ -1182,10 +1103,10 @@ static INLINE void mass_matrix_lane(
     const real t26 = t9 * t18;
     mass_matrix[11 * stride] = t26;
     mass_matrix[25 * stride] = t26;
-    const real t27 = t9 * (k39 - t16);
+    const real t27 = t9 * (k38 - t16);
     const real t28 = t9 * t27;
     const real t29 = t16 + t28;
-    const real t30 = k39 - t28;
+    const real t30 = k38 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
     const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
@@ -1193,11 +1114,11 @@ static INLINE void mass_matrix_lane(
     const real t33 = t26 - t13 * t20;
     mass_matrix[10 * stride] = t33;
     mass_matrix[17 * stride] = t33;
-    const real t34 = k51 * c3 + t23;
-    const real t35 = t24 - k51 * s3;
-    const real t36 = k52 + t22 + t29 + t23 * k49 * c3;
-    const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
-    const real t38 = k44 + t17;
+    const real t34 = k49 * c3 + t23;
+    const real t35 = t24 - k49 * s3;
+    const real t36 = k50 + t22 + t29 + t23 * k47 * c3;
+    const real t37 = k42 + t30 - t22 - t24 * k47 * s3;
+    const real t38 = k43 + t17;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
@@ -1287,10 +1208,7 @@ static INLINE void mass_matrix_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_mass_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[5], sine[5], cosine[5];
@@ -1301,9 +1219,7 @@ quadrotor_2link_mass_matrix(
 }
 #endif
 
-static WIDE void mass_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -1319,45 +1235,28 @@ static WIDE void mass_matrix_block(
     }
 }
 
-void
-BATCH(mass_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+void BATCH(mass_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        mass_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        mass_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             mass_matrix + block * (64 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        mass_matrix_block(
-            last_constants,
-            last_q,
-            mass_matrix + whole * (64 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        mass_matrix_block(last_constants, last_q, mass_matrix + whole * (64 * LANES));
     }
 }
 
 /* ---- residual ---- */
 
-static INLINE void residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void residual_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -1376,30 +1275,25 @@ static INLINE void residual_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void residual_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, const real *RESTRICT v,
+    real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
     const real k53 = CONSTANT(k53);
     const real k54 = CONSTANT(k54);
-    const real k55 = CONSTANT(k55);
-    const real k56 = CONSTANT(k56);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1463,12 +1357,12 @@ static INLINE void residual_lane(
     const real t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k46 * c5;
-    const real t53 = k46 * s5;
-    const real t54 = k53 * s5;
+    const real t52 = k44 * c5;
+    const real t53 = k44 * s5;
+    const real t54 = k51 * s5;
     const real t55 = s5 * t54;
-    const real t56 = k27 - t55;
-    const real t57 = k33 + t55;
+    const real t56 = k26 - t55;
+    const real t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
@@ -1479,13 +1373,13 @@ static INLINE void residual_lane(
     const real t63 = (s4 * t33 - c4 * t32) * t53;
     const real t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62;
     residual[4 * stride] = t64;
-    const real t65 = k46 * (s5 * t45 - c5 * t48);
-    const real t66 = k46 * (c5 * t42 + s5 * t50);
-    const real t67 = k46 * (s5 * t51 - c5 * t49);
+    const real t65 = k44 * (s5 * t45 - c5 * t48);
+    const real t66 = k44 * (c5 * t42 + s5 * t50);
+    const real t67 = k44 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t68 = t59 + k39 * t44;
-    const real t69 = t60 - k39 * t43;
+    const real t68 = t59 + k38 * t44;
+    const real t69 = t60 - k38 * t43;
     residual[3 * stride] = t69;
     const real t70 = c4 * t65 + s4 * t67;
     const real t71 = c4 * t67 - s4 * t65;
@@ -1495,23 +1389,23 @@ static INLINE void residual_lane(
     const real t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t74 = k51 * c3;
-    const real t75 = k51 * s3;
-    const real t76 = k54 * s3;
+    const real t74 = k49 * c3;
+    const real t75 = k49 * s3;
+    const real t76 = k52 * s3;
     const real t77 = s3 * t76;
-    const real t78 = k52 + t77;
+    const real t78 = k50 + t77;
     const real t79 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t80 = t28 * (k43 - t77);
-    const real t81 = t18 * t75 + t26 * t79 - k55 * t16 - t80;
+    const real t80 = t28 * (k42 - t77);
+    const real t81 = t18 * t75 + t26 * t79 - k53 * t16 - t80;
     const real t82 = t26 * t78;
-    const real t83 = t18 * t74 + t28 * t79 - k44 * t20 - t82;
+    const real t83 = t18 * t74 + t28 * t79 - k43 * t20 - t82;
     const real t84 = t79 * (t25 - t27);
     const real t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84;
-    const real t86 = k51 * t29 - t70;
-    const real t87 = t71 - k51 * t30;
-    const real t88 = t66 + k51 * t31;
+    const real t86 = k49 * t29 - t70;
+    const real t87 = t71 - k49 * t30;
+    const real t88 = t66 + k49 * t31;
     const real t89 = c4 * t68 + t81 - s4 * t64 - t66 * t73;
     const real t90 = t83 - c4 * t64 - s4 * t68 - t66 * t72;
     residual[1 * stride] = t90;
@@ -1526,17 +1420,13 @@ static INLINE void residual_lane(
     residual[0 * stride] = t94;
     const real t95 = c1 * t87 + s1 * t92;
     residual[6 * stride] = t95;
-    const real t96 = s1 * t87 - c1 * t92 - k56;
+    const real t96 = s1 * t87 - c1 * t92 - k54;
     residual[7 * stride] = t96;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void quadrotor_2link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[5], sine[5], cosine[5];
     residual_angles(constants, q, v, angle, 1);
@@ -1546,11 +1436,8 @@ quadrotor_2link_residual(
 }
 #endif
 
-static WIDE void residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+static WIDE void residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -1560,58 +1447,35 @@ static WIDE void residual_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v +
-            lane, residual + lane, LANES);
+        residual_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            v + lane, residual + lane, LANES);
     }
 }
 
-void
-BATCH(residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            residual + block * (8 * LANES));
+        residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), residual + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        residual_block(
-            last_constants,
-            last_q,
-            last_v,
-            residual + whole * (8 * LANES));
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        residual_block(last_constants, last_q, last_v, residual + whole * (8 * LANES));
     }
 }
 
 /* ---- input_matrix ---- */
 
-static INLINE void input_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void input_matrix_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -1622,17 +1486,13 @@ static INLINE void input_matrix_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void input_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix,
+static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT input_matrix,
     const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k49 = CONSTANT(k49);
+    const real k47 = CONSTANT(k47);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1675,7 +1535,7 @@ static INLINE void input_matrix_lane(
     input_matrix[47 * stride] = R(0.0);
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t7 = k49 * c3;
+    const real t7 = k47 * c3;
     input_matrix[8 * stride] = -t7;
 
     /* thrust direction and generalised forces of motor 1 */
@@ -1702,15 +1562,12 @@ static INLINE void input_matrix_lane(
     input_matrix[45 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t15 = c2 * k49 * s3;
+    const real t15 = c2 * k47 * s3;
     input_matrix[2 * stride] = t15;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_input_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_input_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT input_matrix)
 {
     real angle[3], sine[3], cosine[3];
@@ -1720,9 +1577,7 @@ quadrotor_2link_input_matrix(
 }
 #endif
 
-static WIDE void input_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void input_matrix_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT input_matrix)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
@@ -1738,45 +1593,28 @@ static WIDE void input_matrix_block(
     }
 }
 
-void
-BATCH(input_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void BATCH(input_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        input_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        input_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             input_matrix + block * (48 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        input_matrix_block(
-            last_constants,
-            last_q,
-            input_matrix + whole * (48 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        input_matrix_block(last_constants, last_q, input_matrix + whole * (48 * LANES));
     }
 }
 
 /* ---- forward_dynamics ---- */
 
-static INLINE void forward_dynamics_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
+static INLINE void forward_dynamics_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT angle,
     const int stride)
 {
     (void)constants;
@@ -1797,32 +1635,26 @@ static INLINE void forward_dynamics_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void forward_dynamics_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration,
-    const int stride)
+static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
-    const real k50 = CONSTANT(k50);
+    const real k48 = CONSTANT(k48);
+    const real k51 = CONSTANT(k51);
     const real k53 = CONSTANT(k53);
-    const real k55 = CONSTANT(k55);
+    const real k59 = CONSTANT(k59);
+    const real k60 = CONSTANT(k60);
     const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k63 = CONSTANT(k63);
-    const real k68 = CONSTANT(k68);
+    const real k66 = CONSTANT(k66);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1877,19 +1709,19 @@ static INLINE void forward_dynamics_lane(
     const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t37 = k46 * c5;
-    const real t38 = k46 * s5;
-    const real t39 = k53 * s5;
+    const real t37 = k44 * c5;
+    const real t38 = k44 * s5;
+    const real t39 = k51 * s5;
     const real t40 = s5 * t39;
-    const real t41 = k27 - t40;
-    const real t42 = k33 + t40;
+    const real t41 = k26 - t40;
+    const real t42 = k32 + t40;
     const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
     const real t44 = t43 * (t33 - t35);
-    const real t45 = k46 * (s5 * t30 - c5 * t33);
-    const real t46 = k46 * (c5 * t27 + s5 * t35);
-    const real t47 = k46 * (c5 * t34 - s5 * t36);
+    const real t45 = k44 * (s5 * t30 - c5 * t33);
+    const real t46 = k44 * (c5 * t27 + s5 * t35);
+    const real t47 = k44 * (c5 * t34 - s5 * t36);
 
     /* force and moment of all thrusts */
     const real t48 = base_arm_length * (F_1 - F_3);
@@ -1904,8 +1736,8 @@ static INLINE void forward_dynamics_lane(
     const real t55 = t37 * t52;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t56 = R(1.0) / (k39 + t41);
-    const real t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28;
+    const real t56 = R(1.0) / (k38 + t41);
+    const real t57 = tau_5 + t43 * t36 - t34 * t41 - k38 * t28;
     const real t58 = t56 * t57;
     const real t59 = t37 * t56;
     const real t60 = t43 * t56;
@@ -1915,33 +1747,33 @@ static INLINE void forward_dynamics_lane(
     /* articulated inertia and load of the base and links 1 and 2 */
     const real t63 = c3 * t49;
     const real t64 = s3 * t49;
-    const real t65 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t66 = k43 * (t16 - R(2.0) * t18 * t13);
-    const real t67 = k55 * t14 + t65 - s3 * t48;
-    const real t68 = k44 * t16 + t66 - c3 * t48;
+    const real t65 = k42 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t66 = k42 * (t16 - R(2.0) * t18 * t13);
+    const real t67 = k53 * t14 + t65 - s3 * t48;
+    const real t68 = k43 * t16 + t66 - c3 * t48;
     const real t69 = s4 * t64;
     const real t70 = s4 * t68;
     const real t71 = c4 * t67;
     const real t72 = F_1 + F_3 + t46 - t37 * t51;
     const real t73 = t43 * (t34 + t58);
-    const real t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73;
+    const real t74 = t42 * t36 + k38 * t29 + t70 - t71 - t73;
 
     /* acceleration of the base, by LDL^T */
-    const real t75 = R(1.0) / (t42 + k68 - t43 * t60);
+    const real t75 = R(1.0) / (t42 + k66 - t43 * t60);
     const real t76 = t62 * t75;
     const real t77 = t74 * t76;
     const real t78 = c4 * t64 - s4 * t63 - t47 - t61 - t77;
-    const real t79 = R(1.0) / (k50 - t37 * t59 - t62 * t76);
-    const real t80 = R(1.0) / (k50 - t37 * t53);
+    const real t79 = R(1.0) / (k48 - t37 * t59 - t62 * t76);
+    const real t80 = R(1.0) / (k48 - t37 * t53);
     const real t81 = t55 * t80;
     const real t82 = t45 + t81 * t72 - c4 * t63 - t69 - t54;
-    const real t83 = R(1.0) / (k50 - t38 * t52 - t55 * t81);
+    const real t83 = R(1.0) / (k48 - t38 * t52 - t55 * t81);
     const real t84 = t82 * t83;
     const real t85 = t81 * t84 + t80 * t72;
     const real t86 = t78 * t79;
     const real t87 = t76 * t86 - t74 * t75;
-    const real t88 = k63 * (tau_6 - c4 * t68 - s4 * t67);
-    const real t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15);
+    const real t88 = k61 * (tau_6 - c4 * t68 - s4 * t67);
+    const real t89 = k60 * (base_arm_length * (F_2 + F_4) - tau_5 - k59 * t15);
 
     /* acceleration of joint 5 */
     const real t90 = t58 + t60 * t87 - t89 - t59 * t86;
@@ -1986,13 +1818,8 @@ static INLINE void forward_dynamics_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_forward_dynamics(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration)
+void quadrotor_2link_forward_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
 {
     real angle[5], sine[5], cosine[5];
     forward_dynamics_angles(constants, q, v, u, angle, 1);
@@ -2002,12 +1829,8 @@ quadrotor_2link_forward_dynamics(
 }
 #endif
 
-static WIDE void forward_dynamics_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    real *RESTRICT acceleration)
+static WIDE void forward_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -2018,68 +1841,40 @@ static WIDE void forward_dynamics_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, u + lane, acceleration + lane, LANES);
+        forward_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, u + lane, acceleration + lane, LANES);
     }
 }
 
-void
-BATCH(forward_dynamics)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
+void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u,
     real *RESTRICT acceleration)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            u + block * (6 * LANES),
+        forward_dynamics_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), u + block * (6 * LANES),
             acceleration + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         real last_u[6 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            6,
-            rest,
-            u + whole * (6 * LANES),
-            last_u);
-        forward_dynamics_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_u,
+        fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
+        forward_dynamics_block(last_constants, last_q, last_v, last_u,
             acceleration + whole * (8 * LANES));
     }
 }
 
 /* ---- inverse_dynamics ---- */
 
-static INLINE void inverse_dynamics_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT angle,
+static INLINE void inverse_dynamics_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT angle,
     const int stride)
 {
     (void)constants;
@@ -2100,30 +1895,24 @@ static INLINE void inverse_dynamics_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void inverse_dynamics_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k48 = CONSTANT(k48);
+    const real k49 = CONSTANT(k49);
     const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2171,12 +1960,12 @@ static INLINE void inverse_dynamics_lane(
     const real t27 = t21 * t21 + t25;
 
     /* inertia of link 2, turned by the joints */
-    const real t28 = k46 * c5;
-    const real t29 = k46 * s5;
-    const real t30 = k53 * s5;
+    const real t28 = k44 * c5;
+    const real t29 = k44 * s5;
+    const real t30 = k51 * s5;
     const real t31 = s5 * t30;
-    const real t32 = k27 - t31;
-    const real t33 = k33 + t31;
+    const real t32 = k26 - t31;
+    const real t33 = k32 + t31;
     const real t34 = c5 * t30;
 
     /* inertia forces of link 2, about joint 6 */
@@ -2187,12 +1976,12 @@ static INLINE void inverse_dynamics_lane(
     const real t37 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t38 = k51 * c3;
-    const real t39 = k51 * s3;
-    const real t40 = k54 * s3;
+    const real t38 = k49 * c3;
+    const real t39 = k49 * s3;
+    const real t40 = k52 * s3;
     const real t41 = s3 * t40;
-    const real t42 = k52 + t41;
-    const real t43 = k43 - t41;
+    const real t42 = k50 + t41;
+    const real t43 = k42 - t41;
     const real t44 = c3 * t40;
 
     /* inertia forces of the base and links 1 and 2 */
@@ -2238,28 +2027,28 @@ static INLINE void inverse_dynamics_lane(
     const real t76 = t29 * (c4 * t61 + s4 * t62);
     const real t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71;
     force[4 * stride] = t77;
-    const real t78 = k46 * (c5 * t26 - s5 * t71);
-    const real t79 = k46 * (s5 * t27 - c5 * t69);
-    const real t80 = k46 * (c5 * t70 + s5 * t72);
+    const real t78 = k44 * (c5 * t26 - s5 * t71);
+    const real t79 = k44 * (s5 * t27 - c5 * t69);
+    const real t80 = k44 * (c5 * t70 + s5 * t72);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t81 = t73 + k39 * t67;
-    const real t82 = t74 - k39 * t66;
+    const real t81 = t73 + k38 * t67;
+    const real t82 = t74 - k38 * t66;
     force[3 * stride] = t82;
     const real t83 = s4 * t80 - c4 * t78;
     const real t84 = s4 * t78 + c4 * t80;
 
     /* inertia forces of the base and links 1 and 2 */
     const real t85 = t44 * t55;
-    const real t86 = t39 * t49 + t43 * t57 - k44 * t52 - t85;
+    const real t86 = t39 * t49 + t43 * t57 - k43 * t52 - t85;
     const real t87 = t42 * t55;
-    const real t88 = k44 * t51 + t44 * t57 - t38 * t49 - t87;
+    const real t88 = k43 * t51 + t44 * t57 - t38 * t49 - t87;
     const real t89 = t38 * t47;
     const real t90 = t42 * t54;
     const real t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90;
-    const real t92 = t83 - k51 * t58;
-    const real t93 = t84 + k51 * t59;
-    const real t94 = t79 - k51 * t60;
+    const real t92 = t83 - k49 * t58;
+    const real t93 = t84 + k49 * t59;
+    const real t94 = t79 - k49 * t60;
     const real t95 = s4 * t77 + c4 * t81 + t86 - t37 * t79;
     const real t96 = s4 * t81 + t36 * t79 + t88 - c4 * t77;
     force[1 * stride] = t96;
@@ -2270,22 +2059,17 @@ static INLINE void inverse_dynamics_lane(
     const real t98 = s2 * t92 + c2 * t94;
     const real t99 = c2 * t95 + s2 * t97;
     force[0 * stride] = t99;
-    const real t100 = c2 * t92 + k50 * a_x - s2 * t94;
+    const real t100 = c2 * t92 + k48 * a_x - s2 * t94;
     force[5 * stride] = t100;
-    const real t101 = s1 * t98 + k50 * a_y - c1 * t93;
+    const real t101 = s1 * t98 + k48 * a_y - c1 * t93;
     force[6 * stride] = t101;
-    const real t102 = k50 * t46 - c1 * t98 - s1 * t93;
+    const real t102 = k48 * t46 - c1 * t98 - s1 * t93;
     force[7 * stride] = t102;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_inverse_dynamics(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+void quadrotor_2link_inverse_dynamics(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     real angle[5], sine[5], cosine[5];
     inverse_dynamics_angles(constants, q, v, a, angle, 1);
@@ -2295,12 +2079,8 @@ quadrotor_2link_inverse_dynamics(
 }
 #endif
 
-static WIDE void inverse_dynamics_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+static WIDE void inverse_dynamics_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -2311,67 +2091,38 @@ static WIDE void inverse_dynamics_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, a + lane, force + lane, LANES);
+        inverse_dynamics_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, a + lane, force + lane, LANES);
     }
 }
 
-void
-BATCH(inverse_dynamics)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT force)
+void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        inverse_dynamics_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            a + block * (8 * LANES),
-            force + block * (8 * LANES));
+        inverse_dynamics_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), a + block * (8 * LANES), force + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         real last_a[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            8,
-            rest,
-            a + whole * (8 * LANES),
-            last_a);
-        inverse_dynamics_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
+        fill_lanes(8, rest, a + whole * (8 * LANES), last_a);
+        inverse_dynamics_block(last_constants, last_q, last_v, last_a,
             force + whole * (8 * LANES));
     }
 }
 
 /* ---- hybrid_mass_matrix ---- */
 
-static INLINE void hybrid_mass_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_mass_matrix_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -2389,31 +2140,27 @@ static INLINE void hybrid_mass_matrix_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void hybrid_mass_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix,
-    const int stride)
+static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT mass_matrix, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k47 = CONSTANT(k47);
+    const real k48 = CONSTANT(k48);
     const real k49 = CONSTANT(k49);
     const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
+    const real k55 = CONSTANT(k55);
+    const real k56 = CONSTANT(k56);
     const real k57 = CONSTANT(k57);
-    const real k58 = CONSTANT(k58);
-    const real k59 = CONSTANT(k59);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2424,21 +2171,21 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[31 * stride] = k58;
-    mass_matrix[32 * stride] = k59;
-    mass_matrix[33 * stride] = k58;
-    mass_matrix[44 * stride] = k58;
-    mass_matrix[45 * stride] = k58;
+    mass_matrix[31 * stride] = k56;
+    mass_matrix[32 * stride] = k57;
+    mass_matrix[33 * stride] = k56;
+    mass_matrix[44 * stride] = k56;
+    mass_matrix[45 * stride] = k56;
     mass_matrix[53 * stride] = -R(1.0);
-    mass_matrix[58 * stride] = k59;
-    mass_matrix[60 * stride] = k58;
+    mass_matrix[58 * stride] = k57;
+    mass_matrix[60 * stride] = k56;
     mass_matrix[68 * stride] = -R(1.0);
-    mass_matrix[72 * stride] = k58;
-    mass_matrix[75 * stride] = k58;
+    mass_matrix[72 * stride] = k56;
+    mass_matrix[75 * stride] = k56;
     mass_matrix[83 * stride] = -R(1.0);
-    mass_matrix[120 * stride] = k50;
-    mass_matrix[135 * stride] = k50;
-    mass_matrix[150 * stride] = k50;
+    mass_matrix[120 * stride] = k48;
+    mass_matrix[135 * stride] = k48;
+    mass_matrix[150 * stride] = k48;
     mass_matrix[157 * stride] = R(1.0);
     mass_matrix[172 * stride] = R(1.0);
     mass_matrix[187 * stride] = R(1.0);
@@ -2447,12 +2194,12 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t9 = -s4;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
-    const real t13 = k46 * s5;
-    const real t14 = k53 * s5;
+    const real t12 = k44 * c5;
+    const real t13 = k44 * s5;
+    const real t14 = k51 * s5;
     const real t15 = s5 * t14;
-    const real t16 = k27 - t15;
-    const real t17 = k33 + t15;
+    const real t16 = k26 - t15;
+    const real t17 = k32 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
@@ -2460,7 +2207,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k54 * s3;
+    const real t21 = k52 * s3;
     const real t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
@@ -2470,10 +2217,10 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t26 = t9 * t18;
     mass_matrix[20 * stride] = t26;
     mass_matrix[85 * stride] = t26;
-    const real t27 = t9 * (k39 - t16);
+    const real t27 = t9 * (k38 - t16);
     const real t28 = t9 * t27;
     const real t29 = t16 + t28;
-    const real t30 = k39 - t28;
+    const real t30 = k38 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
     const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
@@ -2481,11 +2228,11 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t33 = t26 - t13 * t20;
     mass_matrix[16 * stride] = t33;
     mass_matrix[29 * stride] = t33;
-    const real t34 = k51 * c3 + t23;
-    const real t35 = t24 - k51 * s3;
-    const real t36 = k52 + t22 + t29 + t23 * k49 * c3;
-    const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
-    const real t38 = k44 + t17;
+    const real t34 = k49 * c3 + t23;
+    const real t35 = t24 - k49 * s3;
+    const real t36 = k50 + t22 + t29 + t23 * k47 * c3;
+    const real t37 = k42 + t30 - t22 - t24 * k47 * s3;
+    const real t38 = k43 + t17;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
@@ -2574,8 +2321,8 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[147 * stride] = t71;
 
     /* composite inertia of the base and base arm 2 */
-    const real t72 = k57 * s3;
-    const real t73 = k57 * c3;
+    const real t72 = k55 * s3;
+    const real t73 = k55 * c3;
 
     /* mass matrix, column of joint 2 */
     const real t74 = s2 * t73;
@@ -2584,7 +2331,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[78 * stride] = -t75;
     mass_matrix[115 * stride] = t75;
     mass_matrix[117 * stride] = -t75;
-    const real t76 = k58 * s2;
+    const real t76 = k56 * s2;
     mass_matrix[3 * stride] = t76;
     mass_matrix[5 * stride] = t76;
     mass_matrix[42 * stride] = t76;
@@ -2605,7 +2352,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t80 = c2 * t72;
     mass_matrix[64 * stride] = -t80;
     mass_matrix[116 * stride] = -t80;
-    const real t81 = k59 * s2;
+    const real t81 = k57 * s2;
     mass_matrix[4 * stride] = t81;
     mass_matrix[56 * stride] = t81;
     const real t82 = c1 * t73 - s1 * t79;
@@ -2617,10 +2364,7 @@ static INLINE void hybrid_mass_matrix_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_hybrid_mass_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_hybrid_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
     real angle[5], sine[5], cosine[5];
@@ -2634,10 +2378,8 @@ quadrotor_2link_hybrid_mass_matrix(
 }
 #endif
 
-static WIDE void hybrid_mass_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+static WIDE void hybrid_mass_matrix_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     for (int i = 0; i < 196 * LANES; ++i) {
@@ -2650,50 +2392,34 @@ static WIDE void hybrid_mass_matrix_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, mass_matrix + lane, LANES);
+        hybrid_mass_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, mass_matrix + lane, LANES);
     }
 }
 
-void
-BATCH(hybrid_mass_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT mass_matrix)
+void BATCH(hybrid_mass_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_mass_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        hybrid_mass_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             mass_matrix + block * (196 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        hybrid_mass_matrix_block(
-            last_constants,
-            last_q,
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        hybrid_mass_matrix_block(last_constants, last_q,
             mass_matrix + whole * (196 * LANES));
     }
 }
 
 /* ---- hybrid_residual ---- */
 
-static INLINE void hybrid_residual_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_residual_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -2712,33 +2438,28 @@ static INLINE void hybrid_residual_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void hybrid_residual_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual,
-    const int stride)
+static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real k8 = CONSTANT(k8);
     const real k14 = CONSTANT(k14);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
     const real k53 = CONSTANT(k53);
     const real k54 = CONSTANT(k54);
     const real k55 = CONSTANT(k55);
-    const real k56 = CONSTANT(k56);
-    const real k57 = CONSTANT(k57);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2805,12 +2526,12 @@ static INLINE void hybrid_residual_lane(
     const real t51 = R(2.0) * t46 * t34 + t44;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k46 * c5;
-    const real t53 = k46 * s5;
-    const real t54 = k53 * s5;
+    const real t52 = k44 * c5;
+    const real t53 = k44 * s5;
+    const real t54 = k51 * s5;
     const real t55 = s5 * t54;
-    const real t56 = k27 - t55;
-    const real t57 = k33 + t55;
+    const real t56 = k26 - t55;
+    const real t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
@@ -2819,13 +2540,13 @@ static INLINE void hybrid_residual_lane(
     const real t61 = (s4 * t33 - c4 * t32) * t53;
     const real t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60;
     residual[7 * stride] = t62;
-    const real t63 = k46 * (s5 * t45 - c5 * t48);
-    const real t64 = k46 * (c5 * t42 + s5 * t50);
-    const real t65 = k46 * (c5 * t49 - s5 * t51);
+    const real t63 = k44 * (s5 * t45 - c5 * t48);
+    const real t64 = k44 * (c5 * t42 + s5 * t50);
+    const real t65 = k44 * (c5 * t49 - s5 * t51);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t66 = k39 * t44;
-    const real t67 = k39 * t43;
+    const real t66 = k38 * t44;
+    const real t67 = k38 * t43;
     const real t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66;
     const real t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67;
     residual[6 * stride] = t69;
@@ -2847,19 +2568,19 @@ static INLINE void hybrid_residual_lane(
     const real t81 = t77 * t70;
 
     /* inertia of the base, turned by the joints */
-    const real t82 = k51 * c3;
-    const real t83 = k51 * s3;
-    const real t84 = k54 * s3;
+    const real t82 = k49 * c3;
+    const real t83 = k49 * s3;
+    const real t84 = k52 * s3;
     const real t85 = s3 * t84;
-    const real t86 = k52 + t85;
+    const real t86 = k50 + t85;
     const real t87 = c3 * t84;
 
     /* inertia forces of the base and links 1 and 2 */
     const real t88 = t18 * t83;
     const real t89 = t26 * t87;
-    const real t90 = k55 * t16;
-    const real t91 = t28 * (k43 - t85);
-    const real t92 = k44 * t20;
+    const real t90 = k53 * t16;
+    const real t91 = t28 * (k42 - t85);
+    const real t92 = k43 * t20;
     const real t93 = t26 * t86;
     const real t94 = t18 * t82;
     const real t95 = t28 * t87;
@@ -2867,9 +2588,9 @@ static INLINE void hybrid_residual_lane(
     const real t97 = t19 * t83;
     const real t98 = t21 * t86;
     const real t99 = t87 * (t25 - t27);
-    const real t100 = k51 * t29 - t70;
-    const real t101 = k51 * t30 - t71;
-    const real t102 = t64 + k51 * t31;
+    const real t100 = k49 * t29 - t70;
+    const real t101 = k49 * t30 - t71;
+    const real t102 = t64 + k49 * t31;
     const real t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73;
     const real t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93;
     residual[1 * stride] = t104;
@@ -2884,7 +2605,7 @@ static INLINE void hybrid_residual_lane(
     residual[0 * stride] = t108;
     const real t109 = c1 * t101 - s1 * t106;
     residual[9 * stride] = t109;
-    const real t110 = s1 * t101 + c1 * t106 - k56;
+    const real t110 = s1 * t101 + c1 * t106 - k54;
     residual[10 * stride] = t110;
 
     /* motion of the base */
@@ -2897,13 +2618,13 @@ static INLINE void hybrid_residual_lane(
     const real t115 = base_arm_length * (t24 + t111 * t111);
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t116 = k57 * (c3 * t19 + t115 - s3 * t12);
+    const real t116 = k55 * (c3 * t19 + t115 - s3 * t12);
     const real t117 = k8 * t114 - k14 * t113;
     const real t118 = t116 + t117;
     residual[3 * stride] = t118;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t119 = k57 * (c3 * t12 + s3 * t19 + base_arm_length * t113);
+    const real t119 = k55 * (c3 * t12 + s3 * t19 + base_arm_length * t113);
     const real t120 = k14 * t114 - k8 * t113 - t119;
     residual[4 * stride] = t120;
 
@@ -2913,12 +2634,8 @@ static INLINE void hybrid_residual_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_hybrid_residual(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void quadrotor_2link_hybrid_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[5], sine[5], cosine[5];
     hybrid_residual_angles(constants, q, v, angle, 1);
@@ -2928,11 +2645,8 @@ quadrotor_2link_hybrid_residual(
 }
 #endif
 
-static WIDE void hybrid_residual_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+static WIDE void hybrid_residual_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT residual)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -2948,53 +2662,31 @@ static WIDE void hybrid_residual_block(
     }
 }
 
-void
-BATCH(hybrid_residual)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT residual)
+void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_residual_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            residual + block * (14 * LANES));
+        hybrid_residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), residual + block * (14 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        hybrid_residual_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        hybrid_residual_block(last_constants, last_q, last_v,
             residual + whole * (14 * LANES));
     }
 }
 
 /* ---- hybrid_input_matrix ---- */
 
-static INLINE void hybrid_input_matrix_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void hybrid_input_matrix_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -3005,17 +2697,13 @@ static INLINE void hybrid_input_matrix_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void hybrid_input_matrix_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix,
-    const int stride)
+static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT input_matrix, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
-    const real k49 = CONSTANT(k49);
+    const real k47 = CONSTANT(k47);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -3032,7 +2720,7 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[50 * stride] = s2;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t7 = k49 * c3;
+    const real t7 = k47 * c3;
     input_matrix[8 * stride] = -t7;
 
     /* thrust direction and generalised forces of motor 1 */
@@ -3059,16 +2747,13 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[63 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t15 = c2 * k49 * s3;
+    const real t15 = c2 * k47 * s3;
     input_matrix[2 * stride] = t15;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_hybrid_input_matrix(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void quadrotor_2link_hybrid_input_matrix(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     real angle[3], sine[3], cosine[3];
     for (int i = 0; i < 84; ++i) {
@@ -3080,10 +2765,8 @@ quadrotor_2link_hybrid_input_matrix(
 }
 #endif
 
-static WIDE void hybrid_input_matrix_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+static WIDE void hybrid_input_matrix_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     for (int i = 0; i < 84 * LANES; ++i) {
@@ -3096,52 +2779,35 @@ static WIDE void hybrid_input_matrix_block(
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, input_matrix + lane, LANES);
+        hybrid_input_matrix_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, input_matrix + lane, LANES);
     }
 }
 
-void
-BATCH(hybrid_input_matrix)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT input_matrix)
+void BATCH(hybrid_input_matrix)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT input_matrix)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        hybrid_input_matrix_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        hybrid_input_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             input_matrix + block * (84 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        hybrid_input_matrix_block(
-            last_constants,
-            last_q,
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        hybrid_input_matrix_block(last_constants, last_q,
             input_matrix + whole * (84 * LANES));
     }
 }
 
 /* ---- constraint_torques ---- */
 
-static INLINE void constraint_torques_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void constraint_torques_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -3155,15 +2821,9 @@ static INLINE void constraint_torques_angles(
     angle[2 * stride] = theta_1;
 }
 
-static INLINE void constraint_torques_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT torque,
+static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque,
     const int stride)
 {
     (void)q;
@@ -3171,7 +2831,7 @@ static INLINE void constraint_torques_lane(
     const real base_arm_length = CONSTANT(base_arm_length);
     const real k8 = CONSTANT(k8);
     const real k14 = CONSTANT(k14);
-    const real k57 = CONSTANT(k57);
+    const real k55 = CONSTANT(k55);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3207,7 +2867,7 @@ static INLINE void constraint_torques_lane(
     const real t17 = t10 - t15;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t18 = k57 * (t11 - s3 * t13 - c3 * t14);
+    const real t18 = k55 * (t11 - s3 * t13 - c3 * t14);
 
     /* constraint torque on base arm 2 */
     const real t19 = k14 * t16 - k8 * t17;
@@ -3215,7 +2875,7 @@ static INLINE void constraint_torques_lane(
     torque[0 * stride] = t20;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t21 = k57 * (c3 * t13 + base_arm_length * t16 - s3 * t14);
+    const real t21 = k55 * (c3 * t13 + base_arm_length * t16 - s3 * t14);
     const real t22 = k8 * t16 + t21 - k14 * t17;
     torque[1 * stride] = t22;
 
@@ -3225,14 +2885,8 @@ static INLINE void constraint_torques_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_constraint_torques(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT torque)
+void quadrotor_2link_constraint_torques(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u, real *RESTRICT torque)
 {
     real angle[3], sine[3], cosine[3];
     constraint_torques_angles(constants, q, v, a, u, angle, 1);
@@ -3241,391 +2895,55 @@ quadrotor_2link_constraint_torques(
 }
 #endif
 
-static WIDE void constraint_torques_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
+static WIDE void constraint_torques_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
     real angle[3 * LANES], sine[3 * LANES], cosine[3 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u
-            + lane, angle + lane, LANES);
+        constraint_torques_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane,
+            u + lane, angle + lane, LANES);
     }
     sine_cosine_many(3 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, a + lane, u + lane, torque + lane, LANES);
+        constraint_torques_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, a + lane, u + lane, torque + lane, LANES);
     }
 }
 
-void
-BATCH(constraint_torques)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
+void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        constraint_torques_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            a + block * (8 * LANES),
-            u + block * (6 * LANES),
+        constraint_torques_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), a + block * (8 * LANES), u + block * (6 * LANES),
             torque + block * (3 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         real last_a[8 * LANES];
+        fill_lanes(8, rest, a + whole * (8 * LANES), last_a);
         real last_u[6 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            8,
-            rest,
-            a + whole * (8 * LANES),
-            last_a);
-        fill_lanes(
-            6,
-            rest,
-            u + whole * (6 * LANES),
-            last_u);
-        constraint_torques_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            last_u,
+        fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
+        constraint_torques_block(last_constants, last_q, last_v, last_a, last_u,
             torque + whole * (3 * LANES));
-    }
-}
-
-/* ---- gibbs ---- */
-
-static INLINE void gibbs_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    (void)a;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void gibbs_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value,
-    const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k19 = CONSTANT(k19);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real k66 = CONSTANT(k66);
-    const real k67 = CONSTANT(k67);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_5 = a[3 * stride];
-    const real a_theta_6 = a[4 * stride];
-    const real a_x = a[5 * stride];
-    const real a_y = a[6 * stride];
-    const real a_z = a[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-
-    /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = v_theta_1 + t12;
-    const real t16 = v_theta_0 * t15;
-    const real t17 = t13 * t15;
-    const real t18 = t15 * t15;
-
-    /* motion of link 1 */
-    const real t19 = v_theta_5 + t15;
-    const real t20 = c4 * t13 + v_theta_0 * s4;
-    const real t21 = v_theta_0 * c4 - s4 * t13;
-    const real t22 = t20 * t21;
-    const real t23 = t19 * t21;
-
-    /* motion of link 2 */
-    const real t24 = v_theta_6 - t21;
-
-    /* inertia of link 2, turned by the joints */
-    const real t25 = k46 * c5;
-    const real t26 = k46 * s5;
-    const real t27 = k53 * s5;
-    const real t28 = s5 * t27;
-    const real t29 = k27 - t28;
-    const real t30 = k33 + t28;
-    const real t31 = c5 * t27;
-
-    /* inertia of the base, turned by the joints */
-    const real t32 = k51 * c3;
-    const real t33 = k51 * s3;
-    const real t34 = k54 * s3;
-    const real t35 = s3 * t34;
-    const real t36 = k52 + t35;
-    const real t37 = k43 - t35;
-    const real t38 = c3 * t34;
-
-    /* motion of the base */
-    const real t39 = a_z + gravity;
-    const real t40 = a_y * c1 + s1 * t39;
-    const real t41 = c1 * t39 - a_y * s1;
-    const real t42 = a_x * s2 + c2 * t41;
-    const real t43 = a_x * c2 - s2 * t41;
-    const real t44 = a_theta_0 + t12 * t13;
-    const real t45 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
-    const real t46 = a_theta_1 + t14 + a_theta_m1 * s2;
-    const real t47 = t16 - t45;
-    const real t48 = t17 - t44;
-
-    /* motion of link 1 */
-    const real t49 = c3 * (v_theta_0 * v_theta_0 + t18) - s3 * (t14 - t46);
-    const real t50 = s3 * (t13 * t13 + t18) - c3 * (t14 + t46);
-    const real t51 = s3 * (R(2.0) * t15 * v_theta_0 - t45);
-    const real t52 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t44) + t51);
-    const real t53 = t43 - base_arm_length * t49;
-    const real t54 = t40 - base_arm_length * t50;
-    const real t55 = t42 + t52;
-    const real t56 = a_theta_5 + t46;
-    const real t57 = v_theta_0 * t19 - t45;
-    const real t58 = t13 * t19 - t44;
-    const real t59 = s4 * t58 - c4 * t57;
-    const real t60 = c4 * t53 + s4 * t54;
-    const real t61 = c4 * t54 - s4 * t53;
-
-    /* motion of link 2 */
-    const real t62 = a_theta_6 + c4 * t58 + s4 * t57;
-    const real t63 = t23 + t19 * t24 - t59;
-    const real t64 = t22 + t20 * t24 - t56;
-
-    /* Gibbs function of the base */
-    const real t65 = t15 * t32;
-    const real t66 = v_theta_0 * t32;
-    const real t67 = v_theta_0 * t38;
-    const real t68 = v_theta_0 * t67 * t46;
-    const real t69 = v_theta_0 * t33;
-
-    /* Gibbs function of link 2 */
-    const real t70 = t63 * t30 * t63;
-    const real t71 = t19 * t31;
-    const real t72 = t19 * t25;
-    const real t73 = t19 * t72 * t60;
-    const real t74 = t24 * t25;
-    const real t75 = t26 * t61 * t63;
-    const real t76 = t19 * t26;
-
-    /* sum over the links */
-    const real t77 = t48 * t15 * t36;
-    const real t78 = t24 * t29 * t64;
-    const real t79 = t38 * t48;
-    const real t80 = k44 * t16;
-    const real t81 = t24 * t26 * t55;
-    const real t82 = t71 * t64;
-    const real t83 = k44 * t17;
-    const real t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83;
-    const real t85 = t48 * t84;
-    const real t86 = k66 * t43;
-    const real t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86;
-    const real t88 = t43 * t87;
-    const real t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46;
-    const real t90 = t40 * t89;
-    const real t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60);
-    const real t92 = t42 * (t15 * t69 + k66 * t42);
-    const real t93 = k67 * (t56 * t56 + t59 * t59);
-    const real t94 = k39 * (t23 * t59 + t22 * t56);
-    const real t95 = t64 * (t25 * t61 - t31 * t63);
-    const real t96 = t46 * t46;
-    const real t97 = t36 * (t48 * t48 + t96);
-    const real t98 = t37 * (t47 * t47 + t96);
-    const real t99 = t40 * (t13 * t33 - t66);
-    const real t100 = (t20 * t26 - t72) * t55;
-    const real t101 = t13 * t38 - v_theta_0 * t37;
-    const real t102 = t15 * t101;
-    const real t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102;
-    const real t104 = t47 * t103;
-    const real t105 = t20 * t31 + t19 * t30;
-    const real t106 = t63 * t105;
-    const real t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106;
-    const real t108 = t24 * t107;
-    const real t109 = t46 * (v_theta_0 * t36 + t101);
-    const real t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99;
-    const real t111 = t13 * t110;
-    const real t112 = t62 * (t19 * t29 - t105);
-    const real t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100;
-    const real t114 = t20 * t113;
-    const real t115 = t62 * (t29 + t30) * t62;
-    const real t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115;
-    const real t117 = R(0.5) * t116;
-    const real t118 = t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 -
-        t90 - t94 - t95 - t108;
-    value[0 * stride] = t118;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_gibbs(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    real angle[5], sine[5], cosine[5];
-    gibbs_angles(constants, q, v, a, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    gibbs_lane(constants, sine, cosine, q, v, a, value, 1);
-}
-#endif
-
-static WIDE void gibbs_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, angle + lane,
-            LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        gibbs_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, v + lane,
-            a + lane, value + lane, LANES);
-    }
-}
-
-void
-BATCH(gibbs)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    real *RESTRICT value)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        gibbs_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            a + block * (8 * LANES),
-            value + block * (1 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        real last_v[8 * LANES];
-        real last_a[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            8,
-            rest,
-            a + whole * (8 * LANES),
-            last_a);
-        gibbs_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            value + whole * (1 * LANES));
     }
 }
 
 /* ---- kinetic_energy ---- */
 
-static INLINE void kinetic_energy_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void kinetic_energy_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -3644,28 +2962,23 @@ static INLINE void kinetic_energy_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void kinetic_energy_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy,
-    const int stride)
+static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
     const real k19 = CONSTANT(k19);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k43 = CONSTANT(k43);
-    const real k46 = CONSTANT(k46);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k42 = CONSTANT(k42);
+    const real k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50);
     const real k51 = CONSTANT(k51);
     const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real k66 = CONSTANT(k66);
-    const real k67 = CONSTANT(k67);
+    const real k64 = CONSTANT(k64);
+    const real k65 = CONSTANT(k65);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3697,18 +3010,18 @@ static INLINE void kinetic_energy_lane(
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* inertia of link 2, turned by the joints */
-    const real t17 = k46 * c5;
-    const real t18 = k46 * s5;
-    const real t19 = k53 * s5;
+    const real t17 = k44 * c5;
+    const real t18 = k44 * s5;
+    const real t19 = k51 * s5;
     const real t20 = s5 * t19;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k51 * c3;
-    const real t22 = k51 * s3;
-    const real t23 = k54 * s3;
+    const real t21 = k49 * c3;
+    const real t22 = k49 * s3;
+    const real t23 = k52 * s3;
     const real t24 = s3 * t23;
-    const real t25 = k52 + t24;
-    const real t26 = k43 - t24;
+    const real t25 = k50 + t24;
+    const real t26 = k42 - t24;
 
     /* motion of the base */
     const real t27 = v_y * c1 + v_z * s1;
@@ -3727,31 +3040,27 @@ static INLINE void kinetic_energy_lane(
     /* sum over the links */
     const real t35 = v_theta_0 * c3 * t23 + k19 * t12 + t22 * t29;
     const real t36 = t12 * t35;
-    const real t37 = k66 * (t27 * t27 + t29 * t29 + t30 * t30);
-    const real t38 = t15 * c5 * t19 - k67 * t14 - t17 * t33;
+    const real t37 = k64 * (t27 * t27 + t29 * t29 + t30 * t30);
+    const real t38 = k65 * t14 + t17 * t33 - t15 * c5 * t19;
     const real t39 = t14 * t38;
     const real t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29);
     const real t41 = t13 * (t21 * t27 - t22 * t30);
-    const real t42 = t15 * (k67 * t15 - t18 * t33);
+    const real t42 = t15 * (k65 * t15 - t18 * t33);
     const real t43 = t17 * (t29 - base_arm_length * (v_theta_0 * c3 - s3 * t12));
     const real t44 = t16 * (t43 - t18 * (c4 * t31 + s4 * t32));
     const real t45 = t16 * t16;
-    const real t46 = (k27 - t20) * (t14 * t14 + t45);
-    const real t47 = (k33 + t20) * (t15 * t15 + t45);
+    const real t46 = (k26 - t20) * (t14 * t14 + t45);
+    const real t47 = (k32 + t20) * (t15 * t15 + t45);
     const real t48 = t13 * t13 * (t25 + t26);
     const real t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48;
     const real t50 = R(0.5) * t49;
-    const real t51 = t36 + t37 + t40 + t41 + t42 + t44 + t50 - t39;
+    const real t51 = t36 + t37 + t39 + t40 + t41 + t42 + t44 + t50;
     energy[0 * stride] = t51;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_kinetic_energy(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+void quadrotor_2link_kinetic_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy)
 {
     real angle[5], sine[5], cosine[5];
     kinetic_energy_angles(constants, q, v, angle, 1);
@@ -3761,11 +3070,8 @@ quadrotor_2link_kinetic_energy(
 }
 #endif
 
-static WIDE void kinetic_energy_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+static WIDE void kinetic_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT energy)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -3781,53 +3087,30 @@ static WIDE void kinetic_energy_block(
     }
 }
 
-void
-BATCH(kinetic_energy)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT energy)
+void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT energy)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        kinetic_energy_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            energy + block * (1 * LANES));
+        kinetic_energy_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), energy + block * (1 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        kinetic_energy_block(
-            last_constants,
-            last_q,
-            last_v,
-            energy + whole * (1 * LANES));
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        kinetic_energy_block(last_constants, last_q, last_v, energy + whole * (1 * LANES));
     }
 }
 
 /* ---- potential_energy ---- */
 
-static INLINE void potential_energy_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void potential_energy_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -3845,18 +3128,14 @@ static INLINE void potential_energy_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void potential_energy_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT energy,
-    const int stride)
+static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT energy, const int stride)
 {
     const real gravity = CONSTANT(gravity);
-    const real k46 = CONSTANT(k46);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
+    const real k44 = CONSTANT(k44);
+    const real k48 = CONSTANT(k48);
+    const real k49 = CONSTANT(k49);
     const real z = q[7 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -3870,21 +3149,18 @@ static INLINE void potential_energy_lane(
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
+    const real t12 = k44 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t13 = s2 * (k51 * c3 + c4 * t12);
-    const real t14 = s1 * (k51 * s3 + s4 * t12);
-    const real t15 = c1 * (c2 * k46 * s5 - t13) + t14;
-    const real t16 = gravity * (t15 + k50 * z);
+    const real t13 = s2 * (k49 * c3 + c4 * t12);
+    const real t14 = s1 * (k49 * s3 + s4 * t12);
+    const real t15 = c1 * (c2 * k44 * s5 - t13) + t14;
+    const real t16 = gravity * (t15 + k48 * z);
     energy[0 * stride] = t16;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_potential_energy(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_potential_energy(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT energy)
 {
     real angle[5], sine[5], cosine[5];
@@ -3895,9 +3171,7 @@ quadrotor_2link_potential_energy(
 }
 #endif
 
-static WIDE void potential_energy_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void potential_energy_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT energy)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -3908,49 +3182,33 @@ static WIDE void potential_energy_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, energy + lane, LANES);
+        potential_energy_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, energy + lane, LANES);
     }
 }
 
-void
-BATCH(potential_energy)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT energy)
+void BATCH(potential_energy)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT energy)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        potential_energy_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        potential_energy_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             energy + block * (1 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        potential_energy_block(
-            last_constants,
-            last_q,
-            energy + whole * (1 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        potential_energy_block(last_constants, last_q, energy + whole * (1 * LANES));
     }
 }
 
 /* ---- gravity_forces ---- */
 
-static INLINE void gravity_forces_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void gravity_forces_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -3968,21 +3226,17 @@ static INLINE void gravity_forces_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void gravity_forces_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real k46 = CONSTANT(k46);
-    const real k51 = CONSTANT(k51);
-    const real k56 = CONSTANT(k56);
-    const real k64 = CONSTANT(k64);
-    const real k65 = CONSTANT(k65);
-    const real k69 = CONSTANT(k69);
+    const real k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49);
+    const real k54 = CONSTANT(k54);
+    const real k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63);
+    const real k67 = CONSTANT(k67);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -3995,50 +3249,47 @@ static INLINE void gravity_forces_lane(
     const real c5 = cosine[4 * stride];
     force[5 * stride] = R(0.0);
     force[6 * stride] = R(0.0);
-    force[7 * stride] = -k56;
+    force[7 * stride] = -k54;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
+    const real t12 = k44 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t13 = c4 * t12;
     const real t14 = s4 * t12;
 
     /* centre of mass from the origin */
-    const real t15 = k65 * s5;
+    const real t15 = k63 * s5;
 
     /* axes of the base */
     const real t16 = c1 * s2;
 
     /* centre of mass from the origin */
-    const real t17 = k64 * (k51 * c3 + t13);
+    const real t17 = k62 * (k49 * c3 + t13);
 
     /* columns of the base */
     const real t18 = c2 * t17 + s2 * t15;
-    const real t19 = c1 * k64 * (k51 * s3 + t14);
+    const real t19 = c1 * k62 * (k49 * s3 + t14);
     const real t20 = s1 * (c2 * t15 - s2 * t17) - t19;
 
     /* column of joint 6 */
     const real t21 = t15 * (s1 * s4 - c4 * t16);
 
     /* weight at the centre of mass */
-    const real t22 = k56 * t20;
+    const real t22 = k54 * t20;
     force[0 * stride] = t22;
-    const real t23 = k56 * c1 * t18;
+    const real t23 = k54 * c1 * t18;
     force[1 * stride] = t23;
-    const real t24 = k56 * (s2 * t20 - s1 * c2 * t18);
+    const real t24 = k54 * (s2 * t20 - s1 * c2 * t18);
     force[2 * stride] = t24;
-    const real t25 = k69 * (s1 * t13 + t14 * t16);
+    const real t25 = k67 * (s1 * t13 + t14 * t16);
     force[3 * stride] = -t25;
-    const real t26 = k56 * (t21 - c1 * c2 * k65 * c5);
+    const real t26 = k54 * (t21 - c1 * c2 * k63 * c5);
     force[4 * stride] = t26;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_gravity_forces(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_gravity_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT force)
 {
     real angle[5], sine[5], cosine[5];
@@ -4049,9 +3300,7 @@ quadrotor_2link_gravity_forces(
 }
 #endif
 
-static WIDE void gravity_forces_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void gravity_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT force)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -4067,45 +3316,28 @@ static WIDE void gravity_forces_block(
     }
 }
 
-void
-BATCH(gravity_forces)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT force)
+void BATCH(gravity_forces)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        gravity_forces_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        gravity_forces_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             force + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        gravity_forces_block(
-            last_constants,
-            last_q,
-            force + whole * (8 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        gravity_forces_block(last_constants, last_q, force + whole * (8 * LANES));
     }
 }
 
 /* ---- wrench_forces ---- */
 
-static INLINE void wrench_forces_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void wrench_forces_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)W;
@@ -4124,14 +3356,9 @@ static INLINE void wrench_forces_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void wrench_forces_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force,
-    const int stride)
+static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -4242,12 +3469,8 @@ static INLINE void wrench_forces_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_wrench_forces(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+void quadrotor_2link_wrench_forces(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force)
 {
     real angle[5], sine[5], cosine[5];
     wrench_forces_angles(constants, q, W, angle, 1);
@@ -4257,11 +3480,8 @@ quadrotor_2link_wrench_forces(
 }
 #endif
 
-static WIDE void wrench_forces_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+static WIDE void wrench_forces_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT W, real *RESTRICT force)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -4272,61 +3492,36 @@ static WIDE void wrench_forces_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, W
-            + lane, force + lane, LANES);
+        wrench_forces_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
+            W + lane, force + lane, LANES);
     }
 }
 
-void
-BATCH(wrench_forces)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT W,
-    real *RESTRICT force)
+void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT W, real *RESTRICT force)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        wrench_forces_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            W + block * (12 * LANES),
-            force + block * (8 * LANES));
+        wrench_forces_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            W + block * (12 * LANES), force + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_W[12 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            12,
-            rest,
-            W + whole * (12 * LANES),
-            last_W);
-        wrench_forces_block(
-            last_constants,
-            last_q,
-            last_W,
-            force + whole * (8 * LANES));
+        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
+        wrench_forces_block(last_constants, last_q, last_W, force + whole * (8 * LANES));
     }
 }
 
 /* ---- forward_dynamics_with_wrenches ---- */
 
-static INLINE void forward_dynamics_with_wrenches_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void forward_dynamics_with_wrenches_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -4347,34 +3542,28 @@ static INLINE void forward_dynamics_with_wrenches_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void forward_dynamics_with_wrenches_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
-    real *RESTRICT acceleration,
-    const int stride)
+static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
+    real *RESTRICT acceleration, const int stride)
 {
     (void)q;
     const real gravity = CONSTANT(gravity);
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
+    const real k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38);
+    const real k42 = CONSTANT(k42);
     const real k43 = CONSTANT(k43);
     const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
-    const real k50 = CONSTANT(k50);
+    const real k48 = CONSTANT(k48);
+    const real k51 = CONSTANT(k51);
     const real k53 = CONSTANT(k53);
-    const real k55 = CONSTANT(k55);
+    const real k59 = CONSTANT(k59);
+    const real k60 = CONSTANT(k60);
     const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k63 = CONSTANT(k63);
-    const real k68 = CONSTANT(k68);
+    const real k66 = CONSTANT(k66);
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4441,12 +3630,12 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t37 = k46 * c5;
-    const real t38 = k46 * s5;
-    const real t39 = k53 * s5;
+    const real t37 = k44 * c5;
+    const real t38 = k44 * s5;
+    const real t39 = k51 * s5;
     const real t40 = s5 * t39;
-    const real t41 = k27 - t40;
-    const real t42 = k33 + t40;
+    const real t41 = k26 - t40;
+    const real t42 = k32 + t40;
     const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
@@ -4456,13 +3645,13 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t47 = t43 * (t33 - t35);
     const real t48 = t27 * t41;
     const real t49 = t30 * t42;
-    const real t50 = k46 * (s5 * t30 - c5 * t33);
-    const real t51 = k46 * (c5 * t27 + s5 * t35);
-    const real t52 = k46 * (c5 * t34 - s5 * t36);
+    const real t50 = k44 * (s5 * t30 - c5 * t33);
+    const real t51 = k44 * (c5 * t27 + s5 * t35);
+    const real t52 = k44 * (c5 * t34 - s5 * t36);
 
     /* articulated inertia and load of links 1 and 2, about joint 5 */
-    const real t53 = k39 * t29;
-    const real t54 = k39 * t28;
+    const real t53 = k38 * t29;
+    const real t54 = k38 * t28;
 
     /* axes of the base */
     const real t55 = s1 * c2;
@@ -4476,23 +3665,23 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t61 = t37 * t59;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t62 = R(1.0) / (k39 + t41);
+    const real t62 = R(1.0) / (k38 + t41);
     const real t63 = t37 * t62;
     const real t64 = t43 * t62;
     const real t65 = t38 - t43 * t63;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t66 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t67 = k43 * (t16 - R(2.0) * t18 * t13);
-    const real t68 = k61 * t15;
+    const real t66 = k42 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t67 = k42 * (t16 - R(2.0) * t18 * t13);
+    const real t68 = k59 * t15;
 
     /* acceleration of the base, by LDL^T */
-    const real t69 = R(1.0) / (t42 + k68 - t43 * t64);
+    const real t69 = R(1.0) / (t42 + k66 - t43 * t64);
     const real t70 = t65 * t69;
-    const real t71 = R(1.0) / (k50 - t37 * t63 - t65 * t70);
-    const real t72 = R(1.0) / (k50 - t37 * t60);
+    const real t71 = R(1.0) / (k48 - t37 * t63 - t65 * t70);
+    const real t72 = R(1.0) / (k48 - t37 * t60);
     const real t73 = t61 * t72;
-    const real t74 = R(1.0) / (k50 - t38 * t59 - t61 * t73);
+    const real t74 = R(1.0) / (k48 - t38 * t59 - t61 * t73);
 
     /* accelerations of the attitude angles */
     const real t75 = R(1.0) / c2;
@@ -4571,8 +3760,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     /* articulated inertia and load of the base and links 1 and 2 */
     const real t129 = s3 * t96 - c3 * t120;
     const real t130 = c3 * t96 + s3 * t120;
-    const real t131 = k55 * t14 + t66 + c3 * t100 - s3 * t122;
-    const real t132 = k44 * t16 + t67 - s3 * t100 - c3 * t122;
+    const real t131 = k53 * t14 + t66 + c3 * t100 - s3 * t122;
+    const real t132 = k43 * t16 + t67 - s3 * t100 - c3 * t122;
     const real t133 = s4 * t130;
     const real t134 = c4 * t129;
     const real t135 = s4 * t129;
@@ -4594,8 +3783,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t149 = t73 * t148 + t72 * t139;
     const real t150 = t71 * t145;
     const real t151 = t69 * t141 - t70 * t150;
-    const real t152 = k63 * (tau_6 - s4 * t131 - c4 * t132);
-    const real t153 = k62 * t143;
+    const real t152 = k61 * (tau_6 - s4 * t131 - c4 * t132);
+    const real t153 = k60 * t143;
 
     /* acceleration of joint 5 */
     const real t154 = t128 + t63 * t150 + t64 * t151 - t153;
@@ -4639,13 +3828,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_forward_dynamics_with_wrenches(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+void quadrotor_2link_forward_dynamics_with_wrenches(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     real angle[5], sine[5], cosine[5];
@@ -4657,12 +3841,8 @@ quadrotor_2link_forward_dynamics_with_wrenches(
 }
 #endif
 
-static WIDE void forward_dynamics_with_wrenches_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+static WIDE void forward_dynamics_with_wrenches_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -4674,440 +3854,43 @@ static WIDE void forward_dynamics_with_wrenches_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine +
-            lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane, LANES);
+        forward_dynamics_with_wrenches_lane(OF_LANE(constants, lane), sine + lane,
+            cosine + lane, q + lane, v + lane, u + lane, W + lane, acceleration + lane,
+            LANES);
     }
 }
 
-void
-BATCH(forward_dynamics_with_wrenches)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT u,
-    const real *RESTRICT W,
+void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        forward_dynamics_with_wrenches_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            u + block * (6 * LANES),
-            W + block * (12 * LANES),
-            acceleration + block * (8 * LANES));
+        forward_dynamics_with_wrenches_block(OF_BLOCK(constants, block),
+            q + block * (8 * LANES), v + block * (8 * LANES), u + block * (6 * LANES),
+            W + block * (12 * LANES), acceleration + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         real last_u[6 * LANES];
+        fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
         real last_W[12 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            6,
-            rest,
-            u + whole * (6 * LANES),
-            last_u);
-        fill_lanes(
-            12,
-            rest,
-            W + whole * (12 * LANES),
-            last_W);
-        forward_dynamics_with_wrenches_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_u,
-            last_W,
+        fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
+        forward_dynamics_with_wrenches_block(last_constants, last_q, last_v, last_u, last_W,
             acceleration + whole * (8 * LANES));
-    }
-}
-
-/* ---- joint_wrenches ---- */
-
-static INLINE void joint_wrenches_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    (void)a;
-    (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void joint_wrenches_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches,
-    const int stride)
-{
-    (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real k20 = CONSTANT(k20);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
-    const real k45 = CONSTANT(k45);
-    const real k46 = CONSTANT(k46);
-    const real k47 = CONSTANT(k47);
-    const real k53 = CONSTANT(k53);
-    const real k57 = CONSTANT(k57);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_5 = a[3 * stride];
-    const real a_theta_6 = a[4 * stride];
-    const real a_x = a[5 * stride];
-    const real a_y = a[6 * stride];
-    const real a_z = a[7 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-
-    /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = v_theta_1 + t12;
-    const real t16 = t15 * t15;
-
-    /* motion of link 1 */
-    const real t17 = v_theta_5 + t15;
-    const real t18 = c4 * t13 + v_theta_0 * s4;
-    const real t19 = v_theta_0 * c4 - s4 * t13;
-    const real t20 = t17 * t18;
-
-    /* motion of link 2 */
-    const real t21 = v_theta_6 - t19;
-    const real t22 = t21 * t21;
-    const real t23 = t17 * t17 + t22;
-    const real t24 = t18 * t18 + t22;
-
-    /* inertia of link 2, turned by the joints */
-    const real t25 = k46 * c5;
-    const real t26 = k46 * s5;
-    const real t27 = k53 * s5;
-    const real t28 = s5 * t27;
-    const real t29 = k27 - t28;
-    const real t30 = k33 + t28;
-    const real t31 = c5 * t27;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t32 = t31 * (t23 - t24);
-
-    /* motion of the base */
-    const real t33 = c3 * t13 + v_theta_0 * s3;
-    const real t34 = v_theta_0 * c3 - s3 * t13;
-    const real t35 = t33 * t34;
-    const real t36 = t15 * t33;
-    const real t37 = t15 * t34;
-    const real t38 = t16 + t34 * t34;
-
-    /* inertia forces of base arm 2, about joint 2 */
-    const real t39 = k57 * (t16 + t33 * t33);
-
-    /* motion of the base */
-    const real t40 = a_z + gravity;
-    const real t41 = a_y * c1 + s1 * t40;
-    const real t42 = c1 * t40 - a_y * s1;
-    const real t43 = a_x * s2 + c2 * t42;
-    const real t44 = a_x * c2 - s2 * t42;
-    const real t45 = a_theta_0 + t12 * t13;
-    const real t46 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
-    const real t47 = a_theta_1 + t14 + a_theta_m1 * s2;
-    const real t48 = v_theta_0 * t15 - t46;
-    const real t49 = t13 * t15 - t45;
-
-    /* motion of link 1 */
-    const real t50 = c3 * (v_theta_0 * v_theta_0 + t16) - s3 * (t14 - t47);
-    const real t51 = s3 * (t13 * t13 + t16) - c3 * (t14 + t47);
-    const real t52 = s3 * (R(2.0) * t15 * v_theta_0 - t46);
-    const real t53 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t45) + t52);
-    const real t54 = t44 - base_arm_length * t50;
-    const real t55 = t41 - base_arm_length * t51;
-    const real t56 = t43 + t53;
-    const real t57 = v_theta_0 * t17 - t46;
-    const real t58 = t13 * t17 - t45;
-    const real t59 = c4 * t54 + s4 * t55;
-    const real t60 = c4 * t55 - s4 * t54;
-    const real t61 = a_theta_5 + t47 - t18 * t19;
-    const real t62 = t17 * t19 + c4 * t57 - s4 * t58;
-
-    /* motion of link 2 */
-    const real t63 = a_theta_6 + c4 * t58 + s4 * t57;
-    const real t64 = t20 + t63;
-    const real t65 = R(2.0) * t21 * t18 - t61;
-    const real t66 = t20 - t63;
-    const real t67 = R(2.0) * t21 * t17 + t62;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t68 = t26 * t60;
-    const real t69 = t31 * t67;
-    const real t70 = t26 * t59;
-    const real t71 = t30 * t66;
-    const real t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71;
-    wrenches[22 * stride] = -t72;
-    wrenches[29 * stride] = t72;
-
-    /* motion of the base */
-    const real t73 = s3 * t49 - c3 * t48;
-    const real t74 = c3 * t49 + s3 * t48;
-    const real t75 = t35 + t47;
-    const real t76 = t36 + t74;
-    const real t77 = t47 - t35;
-    const real t78 = t37 - t73;
-
-    /* motion of base arm 2 */
-    const real t79 = s3 * t41 + c3 * t44 - base_arm_length * t38;
-    const real t80 = c3 * t41 + base_arm_length * t75 - s3 * t44;
-    const real t81 = t43 + base_arm_length * t76;
-
-    /* inertia forces of base arm 2, about joint 2 */
-    const real t82 = k57 * t77;
-    const real t83 = k45 * t79;
-    const real t84 = k45 * t80;
-    const real t85 = t39 + t84;
-    wrenches[0 * stride] = -t85;
-    const real t86 = k45 * t81;
-    const real t87 = k57 * t78;
-    const real t88 = t86 - t87;
-    wrenches[2 * stride] = t88;
-    const real t89 = k20 * (t37 + t73);
-    const real t90 = k57 * t81;
-    const real t91 = k8 * t78 - t89;
-    const real t92 = t91 - t90;
-    wrenches[4 * stride] = t92;
-    const real t93 = k20 * (t36 - t74);
-    const real t94 = t93 - k14 * t76;
-    wrenches[3 * stride] = -t94;
-    wrenches[15 * stride] = t94;
-    const real t95 = k57 * t79;
-
-    /* wrench through joint 2 */
-    const real t96 = k14 * t75 + k8 * t77;
-    const real t97 = t95 + t96 - base_arm_length * F_2;
-    wrenches[5 * stride] = t97;
-
-    /* inertia forces of base arm 3, about joint 3 */
-    const real t98 = t83 - k57 * t38;
-    wrenches[6 * stride] = t98;
-    const real t99 = t84 + k57 * t75;
-    wrenches[7 * stride] = t99;
-    const real t100 = k14 * t78 - t89;
-    wrenches[9 * stride] = t100;
-    const real t101 = k8 * t75 + k57 * t80 + k14 * t77;
-    wrenches[11 * stride] = t101;
-
-    /* inertia forces of base arm 4, about joint 4 */
-    const real t102 = t84 - t39;
-    wrenches[12 * stride] = t102;
-    const real t103 = t86 + t87;
-    wrenches[14 * stride] = t103;
-    const real t104 = t90 + t91;
-    wrenches[16 * stride] = -t104;
-
-    /* wrench through joint 4 */
-    const real t105 = t96 - base_arm_length * F_4 - t95;
-    wrenches[17 * stride] = t105;
-
-    /* wrench through joint 2 */
-    const real t106 = t82 + t83 - F_2;
-    wrenches[1 * stride] = t106;
-
-    /* wrench through joint 3 */
-    const real t107 = t86 + k57 * t76 - F_3;
-    wrenches[8 * stride] = t107;
-    const real t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76;
-    wrenches[10 * stride] = t108;
-
-    /* wrench through joint 4 */
-    const real t109 = t82 - F_4 - t83;
-    wrenches[13 * stride] = t109;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t110 = t26 * t66 + k47 * t59 - t23 * t25;
-    wrenches[18 * stride] = t110;
-    const real t111 = t25 * t64 + k47 * t56 - t24 * t26;
-    wrenches[20 * stride] = t111;
-    const real t112 = t25 * t65 + t26 * t67 - k47 * t60;
-    wrenches[19 * stride] = -t112;
-    wrenches[26 * stride] = t112;
-    const real t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68;
-    wrenches[21 * stride] = t113;
-    const real t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69;
-    wrenches[23 * stride] = t114;
-
-    /* wrench through joint 6, in its frame */
-    const real t115 = c5 * t110 + s5 * t111;
-    wrenches[24 * stride] = t115;
-    const real t116 = c5 * t111 - s5 * t110;
-    wrenches[25 * stride] = t116;
-    const real t117 = c5 * t113 + s5 * t114;
-    wrenches[27 * stride] = t117;
-    const real t118 = c5 * t114 - s5 * t113;
-    wrenches[28 * stride] = t118;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_joint_wrenches(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    real angle[5], sine[5], cosine[5];
-    joint_wrenches_angles(constants, q, v, a, u, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
-}
-#endif
-
-static WIDE void joint_wrenches_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_angles(OF_LANE(constants, lane), q + lane, v + lane, a + lane, u +
-            lane, angle + lane, LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        joint_wrenches_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            v + lane, a + lane, u + lane, wrenches + lane, LANES);
-    }
-}
-
-void
-BATCH(joint_wrenches)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    const real *RESTRICT a,
-    const real *RESTRICT u,
-    real *RESTRICT wrenches)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        joint_wrenches_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            a + block * (8 * LANES),
-            u + block * (6 * LANES),
-            wrenches + block * (30 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        real last_v[8 * LANES];
-        real last_a[8 * LANES];
-        real last_u[6 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        fill_lanes(
-            8,
-            rest,
-            a + whole * (8 * LANES),
-            last_a);
-        fill_lanes(
-            6,
-            rest,
-            u + whole * (6 * LANES),
-            last_u);
-        joint_wrenches_block(
-            last_constants,
-            last_q,
-            last_v,
-            last_a,
-            last_u,
-            wrenches + whole * (30 * LANES));
     }
 }
 
 /* ---- positions ---- */
 
-static INLINE void positions_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void positions_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -5125,17 +3908,12 @@ static INLINE void positions_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void positions_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT position,
-    const int stride)
+static INLINE void positions_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
 {
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
-    const real k49 = CONSTANT(k49);
+    const real k47 = CONSTANT(k47);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -5191,11 +3969,11 @@ static INLINE void positions_lane(
     position[10 * stride] = t26;
     const real t27 = t24 - t21;
     position[11 * stride] = t27;
-    const real t28 = x + k49 * t12;
+    const real t28 = x + k47 * t12;
     position[12 * stride] = t28;
-    const real t29 = y + k49 * t15;
+    const real t29 = y + k47 * t15;
     position[13 * stride] = t29;
-    const real t30 = z + k49 * t16;
+    const real t30 = z + k47 * t16;
     position[14 * stride] = t30;
     const real t31 = t22 - t19;
     position[15 * stride] = t31;
@@ -5212,10 +3990,7 @@ static INLINE void positions_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_positions(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_positions(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[5], sine[5], cosine[5];
@@ -5226,9 +4001,7 @@ quadrotor_2link_positions(
 }
 #endif
 
-static WIDE void positions_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void positions_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -5244,603 +4017,28 @@ static WIDE void positions_block(
     }
 }
 
-void
-BATCH(positions)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT position)
+void BATCH(positions)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT position)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        positions_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        positions_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             position + block * (27 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        positions_block(
-            last_constants,
-            last_q,
-            position + whole * (27 * LANES));
-    }
-}
-
-/* ---- tip_pose ---- */
-
-static INLINE void tip_pose_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void tip_pose_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT pose,
-    const int stride)
-{
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real x = q[5 * stride];
-    const real y = q[6 * stride];
-    const real z = q[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    pose[12 * stride] = R(0.0);
-    pose[13 * stride] = R(0.0);
-    pose[14 * stride] = R(0.0);
-    pose[15 * stride] = R(1.0);
-
-    /* axes of the base */
-    const real t12 = s1 * c2;
-    const real t13 = c1 * c2;
-    const real t14 = s1 * s2;
-    const real t15 = c1 * s2;
-
-    /* joint 5 and the axes of link 1 */
-    const real t16 = c2 * c4;
-    const real t17 = c1 * s4 + c4 * t14;
-    const real t18 = s1 * s4 - c4 * t15;
-    const real t19 = c2 * s4;
-    pose[2 * stride] = t19;
-    const real t20 = s4 * t14 - c1 * c4;
-    pose[6 * stride] = t20;
-    const real t21 = s1 * c4 + s4 * t15;
-    pose[10 * stride] = -t21;
-
-    /* joint 6 and the axes of link 2 */
-    const real t22 = c5 * t16 + s2 * s5;
-    pose[0 * stride] = t22;
-    const real t23 = c5 * t17 - s5 * t12;
-    pose[4 * stride] = t23;
-    const real t24 = c5 * t18 + s5 * t13;
-    pose[8 * stride] = t24;
-    const real t25 = s2 * c5 - s5 * t16;
-    pose[1 * stride] = t25;
-    const real t26 = s5 * t17 + c5 * t12;
-    pose[5 * stride] = -t26;
-    const real t27 = c5 * t13 - s5 * t18;
-    pose[9 * stride] = t27;
-
-    /* position of tip */
-    const real t28 = base_arm_length * (c1 * s3 + c3 * t14) + link2_length * t23;
-    const real t29 = base_arm_length * (s1 * s3 - c3 * t15) + link2_length * t24;
-    const real t30 = x + base_arm_length * c2 * c3 + link2_length * t22;
-    pose[3 * stride] = t30;
-    const real t31 = y + t28;
-    pose[7 * stride] = t31;
-    const real t32 = z + t29;
-    pose[11 * stride] = t32;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_tip_pose(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    real angle[5], sine[5], cosine[5];
-    tip_pose_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    tip_pose_lane(constants, sine, cosine, q, pose, 1);
-}
-#endif
-
-static WIDE void tip_pose_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_pose_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane, pose +
-            lane, LANES);
-    }
-}
-
-void
-BATCH(tip_pose)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT pose)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_pose_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            pose + block * (16 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        tip_pose_block(
-            last_constants,
-            last_q,
-            pose + whole * (16 * LANES));
-    }
-}
-
-/* ---- tip_jacobian ---- */
-
-static INLINE void tip_jacobian_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void tip_jacobian_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    jacobian[0 * stride] = R(0.0);
-    jacobian[5 * stride] = R(1.0);
-    jacobian[6 * stride] = R(0.0);
-    jacobian[7 * stride] = R(0.0);
-    jacobian[13 * stride] = R(0.0);
-    jacobian[14 * stride] = R(1.0);
-    jacobian[15 * stride] = R(0.0);
-    jacobian[21 * stride] = R(0.0);
-    jacobian[22 * stride] = R(0.0);
-    jacobian[23 * stride] = R(1.0);
-    jacobian[24 * stride] = R(1.0);
-    jacobian[25 * stride] = R(0.0);
-    jacobian[26 * stride] = s2;
-    jacobian[27 * stride] = s2;
-    jacobian[29 * stride] = R(0.0);
-    jacobian[30 * stride] = R(0.0);
-    jacobian[31 * stride] = R(0.0);
-    jacobian[32 * stride] = R(0.0);
-    jacobian[33 * stride] = c1;
-    jacobian[37 * stride] = R(0.0);
-    jacobian[38 * stride] = R(0.0);
-    jacobian[39 * stride] = R(0.0);
-    jacobian[40 * stride] = R(0.0);
-    jacobian[41 * stride] = s1;
-    jacobian[45 * stride] = R(0.0);
-    jacobian[46 * stride] = R(0.0);
-    jacobian[47 * stride] = R(0.0);
-
-    /* axes of the base */
-    const real t12 = s1 * c2;
-    jacobian[34 * stride] = -t12;
-    jacobian[35 * stride] = -t12;
-    const real t13 = c1 * c2;
-    jacobian[42 * stride] = t13;
-    jacobian[43 * stride] = t13;
-    const real t14 = s1 * s2;
-    const real t15 = c1 * s2;
-
-    /* joint 5 and the axes of link 1 */
-    const real t16 = base_arm_length * c2 * c3;
-    const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
-    const real t18 = base_arm_length * (c3 * t15 - s1 * s3);
-    const real t19 = c2 * s4;
-    jacobian[28 * stride] = t19;
-    const real t20 = s4 * t14 - c1 * c4;
-    jacobian[36 * stride] = t20;
-    const real t21 = s1 * c4 + s4 * t15;
-    jacobian[44 * stride] = -t21;
-
-    /* joint 6 and the axes of link 2 */
-    const real t22 = c5 * (c1 * s4 + c4 * t14) - s5 * t12;
-    const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
-
-    /* position of tip */
-    const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
-    const real t25 = t17 + link2_length * t22;
-    jacobian[16 * stride] = t25;
-    const real t26 = t18 - link2_length * t23;
-    jacobian[8 * stride] = t26;
-
-    /* columns of the base */
-    const real t27 = c1 * t26 + s1 * t25;
-    jacobian[1 * stride] = -t27;
-    const real t28 = s1 * t24;
-    jacobian[9 * stride] = t28;
-    const real t29 = c1 * t24;
-    jacobian[17 * stride] = -t29;
-    const real t30 = t12 * t26 - t13 * t25;
-    jacobian[2 * stride] = t30;
-    const real t31 = t13 * t24 + s2 * t26;
-    jacobian[10 * stride] = t31;
-    const real t32 = t12 * t24 + s2 * t25;
-    jacobian[18 * stride] = t32;
-
-    /* column of joint 5 */
-    const real t33 = t24 - t16;
-    const real t34 = t25 - t17;
-    const real t35 = t26 - t18;
-    const real t36 = t12 * t35 - t13 * t34;
-    jacobian[3 * stride] = t36;
-    const real t37 = s2 * t35 + t13 * t33;
-    jacobian[11 * stride] = t37;
-    const real t38 = t12 * t33 + s2 * t34;
-    jacobian[19 * stride] = t38;
-
-    /* column of joint 6 */
-    const real t39 = t21 * t34 - t20 * t35;
-    jacobian[4 * stride] = t39;
-    const real t40 = t19 * t35 - t21 * t33;
-    jacobian[12 * stride] = t40;
-    const real t41 = t19 * t34 - t20 * t33;
-    jacobian[20 * stride] = t41;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_tip_jacobian(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    real angle[5], sine[5], cosine[5];
-    tip_jacobian_angles(constants, q, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    tip_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
-}
-#endif
-
-static WIDE void tip_jacobian_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_angles(OF_LANE(constants, lane), q + lane, angle + lane, LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q + lane,
-            jacobian + lane, LANES);
-    }
-}
-
-void
-BATCH(tip_jacobian)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_jacobian_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            jacobian + block * (48 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        tip_jacobian_block(
-            last_constants,
-            last_q,
-            jacobian + whole * (48 * LANES));
-    }
-}
-
-/* ---- tip_bias_acceleration ---- */
-
-static INLINE void tip_bias_acceleration_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void tip_bias_acceleration_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-
-    /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = t12 * t13;
-    const real t16 = R(2.0) * v_theta_0 * t12;
-    const real t17 = v_theta_1 + t12;
-    const real t18 = t17 * t17;
-
-    /* motion of link 1 */
-    const real t19 = v_theta_5 + t17;
-    const real t20 = t16 - v_theta_0 * t19;
-    const real t21 = t15 - t13 * t19;
-    const real t22 = c4 * t13 + v_theta_0 * s4;
-    const real t23 = v_theta_0 * c4 - s4 * t13;
-    const real t24 = s4 * t20 + c4 * t21;
-    const real t25 = t19 * t22;
-    const real t26 = t14 - t22 * t23;
-    const real t27 = s4 * t21 + t19 * t23 - c4 * t20;
-
-    /* motion of link 2 */
-    const real t28 = v_theta_6 - t23;
-    const real t29 = t27 + t19 * t28;
-    const real t30 = t26 - t22 * t28;
-    const real t31 = t28 * t28;
-
-    /* acceleration of tip that the base adds */
-    const real t32 = base_arm_length * c3;
-    const real t33 = base_arm_length * s3;
-
-    /* acceleration of tip that link 2 adds */
-    const real t34 = link2_length * c5;
-    const real t35 = link2_length * s5;
-    const real t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35;
-    const real t37 = (t25 - t24) * t34 - (t22 * t22 + t31) * t35;
-    const real t38 = (t27 + R(2.0) * t28 * t19) * t35;
-    const real t39 = (t26 - R(2.0) * t28 * t22) * t34 - t38;
-
-    /* acceleration of tip that link 1 adds */
-    const real t40 = c4 * t39 - s4 * t36;
-    const real t41 = c4 * t29 - s4 * t24;
-    const real t42 = c4 * t24 + s4 * t29;
-
-    /* acceleration of tip that the base adds */
-    const real t43 = (v_theta_0 * v_theta_0 + t18) * t32;
-    const real t44 = c4 * t36 + s4 * t39 + t43;
-    const real t45 = (t13 * t13 + t18) * t33;
-    const real t46 = t40 + R(2.0) * t14 * t32 - t45;
-    const real t47 = (t16 - R(2.0) * t17 * v_theta_0) * t33;
-    const real t48 = t37 - (t15 - R(2.0) * t17 * t13) * t32 - t47;
-
-    /* acceleration of tip in world axes */
-    const real t49 = s2 * t44 + c2 * t48;
-    const real t50 = s2 * t48 - c2 * t44;
-    bias_acceleration[0 * stride] = t50;
-    const real t51 = c1 * t46 - s1 * t49;
-    bias_acceleration[1 * stride] = t51;
-    const real t52 = c1 * t49 + s1 * t46;
-    bias_acceleration[2 * stride] = t52;
-    const real t53 = c2 * t30 - s2 * t41;
-    const real t54 = s2 * t30 + c2 * t41;
-    bias_acceleration[3 * stride] = t54;
-    const real t55 = c1 * t42 - s1 * t53;
-    bias_acceleration[4 * stride] = t55;
-    const real t56 = c1 * t53 + s1 * t42;
-    bias_acceleration[5 * stride] = t56;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_tip_bias_acceleration(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    real angle[5], sine[5], cosine[5];
-    tip_bias_acceleration_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
-}
-#endif
-
-static WIDE void tip_bias_acceleration_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
-            lane, LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        tip_bias_acceleration_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, bias_acceleration + lane, LANES);
-    }
-}
-
-void
-BATCH(tip_bias_acceleration)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_acceleration)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        tip_bias_acceleration_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            bias_acceleration + block * (6 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        tip_bias_acceleration_block(
-            last_constants,
-            last_q,
-            last_v,
-            bias_acceleration + whole * (6 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        positions_block(last_constants, last_q, position + whole * (27 * LANES));
     }
 }
 
 /* ---- frame_poses ---- */
 
-static INLINE void frame_poses_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_poses_angles(const Constants *RESTRICT constants, const real *RESTRICT q,
+    real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -5858,13 +4056,8 @@ static INLINE void frame_poses_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void frame_poses_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT poses,
-    const int stride)
+static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
+    const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT poses, const int stride)
 {
     const real base_arm_length = CONSTANT(base_arm_length);
     const real link2_length = CONSTANT(link2_length);
@@ -5954,10 +4147,7 @@ static INLINE void frame_poses_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_frame_poses(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_frame_poses(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT poses)
 {
     real angle[5], sine[5], cosine[5];
@@ -5968,9 +4158,7 @@ quadrotor_2link_frame_poses(
 }
 #endif
 
-static WIDE void frame_poses_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void frame_poses_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT poses)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -5986,44 +4174,28 @@ static WIDE void frame_poses_block(
     }
 }
 
-void
-BATCH(frame_poses)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT poses)
+void BATCH(frame_poses)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT poses)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_poses_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        frame_poses_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             poses + block * (32 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        frame_poses_block(
-            last_constants,
-            last_q,
-            poses + whole * (32 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        frame_poses_block(last_constants, last_q, poses + whole * (32 * LANES));
     }
 }
 
 /* ---- frame_jacobians ---- */
 
-static INLINE void frame_jacobians_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_jacobians_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -6041,13 +4213,9 @@ static INLINE void frame_jacobians_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void frame_jacobians_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobians,
-    const int stride)
+static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT jacobians, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -6115,58 +4283,53 @@ static INLINE void frame_jacobians_lane(
     jacobians[56 * stride] = t26;
 
     /* columns of the base */
-    const real t27 = -c1 * t26 - s1 * t25;
-    jacobians[49 * stride] = t27;
-    const real t28 = s1 * t24;
-    jacobians[57 * stride] = t28;
-    const real t29 = c1 * t24;
-    jacobians[65 * stride] = -t29;
-    const real t30 = t12 * t26 - t13 * t25;
-    jacobians[50 * stride] = t30;
-    const real t31 = t13 * t24 + s2 * t26;
-    jacobians[58 * stride] = t31;
-    const real t32 = t12 * t24 + s2 * t25;
-    jacobians[66 * stride] = t32;
+    const real t27 = -c1 * t18 - s1 * t17;
+    jacobians[1 * stride] = t27;
+    const real t28 = s1 * t16;
+    jacobians[9 * stride] = t28;
+    const real t29 = c1 * t16;
+    jacobians[17 * stride] = -t29;
+    const real t30 = t12 * t18 - t13 * t17;
+    jacobians[2 * stride] = t30;
+    const real t31 = t13 * t16 + s2 * t18;
+    jacobians[10 * stride] = t31;
+    const real t32 = t12 * t16 + s2 * t17;
+    jacobians[18 * stride] = t32;
+    const real t33 = -c1 * t26 - s1 * t25;
+    jacobians[49 * stride] = t33;
+    const real t34 = s1 * t24;
+    jacobians[57 * stride] = t34;
+    const real t35 = c1 * t24;
+    jacobians[65 * stride] = -t35;
+    const real t36 = t12 * t26 - t13 * t25;
+    jacobians[50 * stride] = t36;
+    const real t37 = t13 * t24 + s2 * t26;
+    jacobians[58 * stride] = t37;
+    const real t38 = t12 * t24 + s2 * t25;
+    jacobians[66 * stride] = t38;
 
     /* column of joint 5 */
-    const real t33 = t24 - t16;
-    const real t34 = t25 - t17;
-    const real t35 = t26 - t18;
-    const real t36 = t12 * t35 - t13 * t34;
-    jacobians[51 * stride] = t36;
-    const real t37 = s2 * t35 + t13 * t33;
-    jacobians[59 * stride] = t37;
-    const real t38 = t12 * t33 + s2 * t34;
-    jacobians[67 * stride] = t38;
+    const real t39 = t24 - t16;
+    const real t40 = t25 - t17;
+    const real t41 = t26 - t18;
+    const real t42 = t12 * t41 - t13 * t40;
+    jacobians[51 * stride] = t42;
+    const real t43 = s2 * t41 + t13 * t39;
+    jacobians[59 * stride] = t43;
+    const real t44 = t12 * t39 + s2 * t40;
+    jacobians[67 * stride] = t44;
 
     /* column of joint 6 */
-    const real t39 = t21 * t34 - t20 * t35;
-    jacobians[52 * stride] = t39;
-    const real t40 = t19 * t35 - t21 * t33;
-    jacobians[60 * stride] = t40;
-    const real t41 = t19 * t34 - t20 * t33;
-    jacobians[68 * stride] = t41;
-
-    /* columns of the base */
-    const real t42 = c1 * t18 + s1 * t17;
-    jacobians[1 * stride] = -t42;
-    const real t43 = s1 * t16;
-    jacobians[9 * stride] = t43;
-    const real t44 = c1 * t16;
-    jacobians[17 * stride] = -t44;
-    const real t45 = t12 * t18 - t13 * t17;
-    jacobians[2 * stride] = t45;
-    const real t46 = t13 * t16 + s2 * t18;
-    jacobians[10 * stride] = t46;
-    const real t47 = t12 * t16 + s2 * t17;
-    jacobians[18 * stride] = t47;
+    const real t45 = t21 * t40 - t20 * t41;
+    jacobians[52 * stride] = t45;
+    const real t46 = t19 * t41 - t21 * t39;
+    jacobians[60 * stride] = t46;
+    const real t47 = t19 * t40 - t20 * t39;
+    jacobians[68 * stride] = t47;
 }
 
 #ifndef EACH
-void
-quadrotor_2link_frame_jacobians(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_frame_jacobians(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT jacobians)
 {
     real angle[5], sine[5], cosine[5];
@@ -6180,9 +4343,7 @@ quadrotor_2link_frame_jacobians(
 }
 #endif
 
-static WIDE void frame_jacobians_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void frame_jacobians_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT jacobians)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -6201,45 +4362,28 @@ static WIDE void frame_jacobians_block(
     }
 }
 
-void
-BATCH(frame_jacobians)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobians)
+void BATCH(frame_jacobians)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT jacobians)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_jacobians_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        frame_jacobians_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             jacobians + block * (96 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        frame_jacobians_block(
-            last_constants,
-            last_q,
-            jacobians + whole * (96 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        frame_jacobians_block(last_constants, last_q, jacobians + whole * (96 * LANES));
     }
 }
 
 /* ---- frame_velocities ---- */
 
-static INLINE void frame_velocities_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_velocities_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -6258,14 +4402,9 @@ static INLINE void frame_velocities_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void frame_velocities_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities,
-    const int stride)
+static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -6324,34 +4463,32 @@ static INLINE void frame_velocities_lane(
     const real t29 = c1 * c4 - s4 * t23;
     const real t30 = s1 * c4 + s4 * t24;
 
-    /* motion of tip in world axes */
-    const real t31 = link2_length * c5;
-    const real t32 = link2_length * s5;
-
     /* motion of link 1 */
-    const real t33 = s4 * t21 + c4 * t22;
+    const real t31 = s4 * t21 + c4 * t22;
 
     /* motion of base in world axes */
-    const real t34 = t13 * t18;
-    const real t35 = t13 * t17;
-    const real t36 = v_theta_0 * t17 - t12 * t18;
-    const real t37 = v_x - c2 * t34 - s2 * t36;
-    velocities[0 * stride] = t37;
-    const real t38 = v_y + c1 * t35 + t19 * t36 - t23 * t34;
-    velocities[1 * stride] = t38;
-    const real t39 = v_z + t24 * t34 + s1 * t35 - t20 * t36;
-    velocities[2 * stride] = t39;
-    const real t40 = c2 * t12 + s2 * t13;
-    velocities[3 * stride] = t40;
-    const real t41 = t12 * t23 + v_theta_0 * c1 - t13 * t19;
-    velocities[4 * stride] = t41;
-    const real t42 = v_theta_0 * s1 + t13 * t20 - t12 * t24;
-    velocities[5 * stride] = t42;
+    const real t32 = t13 * t18;
+    const real t33 = t13 * t17;
+    const real t34 = v_theta_0 * t17 - t12 * t18;
+    const real t35 = v_x - c2 * t32 - s2 * t34;
+    velocities[0 * stride] = t35;
+    const real t36 = v_y + c1 * t33 + t19 * t34 - t23 * t32;
+    velocities[1 * stride] = t36;
+    const real t37 = v_z + t24 * t32 + s1 * t33 - t20 * t34;
+    velocities[2 * stride] = t37;
+    const real t38 = c2 * t12 + s2 * t13;
+    velocities[3 * stride] = t38;
+    const real t39 = t12 * t23 + v_theta_0 * c1 - t13 * t19;
+    velocities[4 * stride] = t39;
+    const real t40 = v_theta_0 * s1 + t13 * t20 - t12 * t24;
+    velocities[5 * stride] = t40;
 
     /* motion of tip in world axes */
-    const real t43 = s4 * t22 - c4 * t21 - t16 * t32;
-    const real t44 = base_arm_length * (v_theta_0 * c3 - s3 * t12) - t16 * t31;
-    const real t45 = t33 + t14 * t31 - t15 * t32;
+    const real t41 = link2_length * c5;
+    const real t42 = link2_length * s5;
+    const real t43 = s4 * t22 - c4 * t21 - t16 * t42;
+    const real t44 = base_arm_length * (v_theta_0 * c3 - s3 * t12) - t16 * t41;
+    const real t45 = t31 + t14 * t41 - t15 * t42;
     const real t46 = v_x + t25 * t43 - s2 * t44 - t28 * t45;
     velocities[6 * stride] = t46;
     const real t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45;
@@ -6367,12 +4504,8 @@ static INLINE void frame_velocities_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_frame_velocities(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+void quadrotor_2link_frame_velocities(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities)
 {
     real angle[5], sine[5], cosine[5];
     frame_velocities_angles(constants, q, v, angle, 1);
@@ -6382,11 +4515,8 @@ quadrotor_2link_frame_velocities(
 }
 #endif
 
-static WIDE void frame_velocities_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+static WIDE void frame_velocities_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT velocities)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -6397,59 +4527,36 @@ static WIDE void frame_velocities_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, velocities + lane, LANES);
+        frame_velocities_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, v + lane, velocities + lane, LANES);
     }
 }
 
-void
-BATCH(frame_velocities)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT velocities)
+void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT velocities)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_velocities_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            velocities + block * (12 * LANES));
+        frame_velocities_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), velocities + block * (12 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        frame_velocities_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        frame_velocities_block(last_constants, last_q, last_v,
             velocities + whole * (12 * LANES));
     }
 }
 
 /* ---- frame_bias_accelerations ---- */
 
-static INLINE void frame_bias_accelerations_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void frame_bias_accelerations_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     (void)v;
@@ -6468,14 +4575,9 @@ static INLINE void frame_bias_accelerations_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void frame_bias_accelerations_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations,
-    const int stride)
+static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT bias_accelerations, const int stride)
 {
     (void)q;
     const real base_arm_length = CONSTANT(base_arm_length);
@@ -6550,45 +4652,45 @@ static INLINE void frame_bias_accelerations_lane(
     const real t52 = c1 * c4 - s4 * t46;
     const real t53 = s1 * c4 + s4 * t47;
 
-    /* motion of link 1 */
-    const real t54 = s4 * t27 - c4 * t26;
-
     /* motion of tip in world axes */
-    const real t55 = link2_length * c5;
-    const real t56 = link2_length * s5;
-    const real t57 = (t29 * t29 + t41) * t55;
-    const real t58 = (t32 * t32 + t41) * t56;
-    const real t59 = (t36 - R(2.0) * t38 * t32) * t55;
-    const real t60 = (t37 + R(2.0) * t38 * t29) * t56;
+    const real t54 = link2_length * c5;
+    const real t55 = link2_length * s5;
+
+    /* motion of link 1 */
+    const real t56 = s4 * t27 - c4 * t26;
 
     /* motion of base in world axes */
-    const real t61 = t22 * t42;
-    const real t62 = t16 * t42 - t24 * t43;
-    const real t63 = t23 * t42 - t25 * t43;
-    const real t64 = s2 * t63 - c2 * t61;
-    bias_accelerations[0 * stride] = t64;
-    const real t65 = c1 * t62 - t46 * t61 - t44 * t63;
-    bias_accelerations[1 * stride] = t65;
-    const real t66 = t47 * t61 + s1 * t62 + t45 * t63;
-    bias_accelerations[2 * stride] = t66;
-    const real t67 = s2 * t14 - c2 * t19;
-    bias_accelerations[3 * stride] = t67;
-    const real t68 = c1 * t20 - t19 * t46 - t14 * t44;
-    bias_accelerations[4 * stride] = t68;
-    const real t69 = t19 * t47 + s1 * t20 + t14 * t45;
-    bias_accelerations[5 * stride] = t69;
+    const real t57 = t22 * t42;
+    const real t58 = t16 * t42 - t24 * t43;
+    const real t59 = t23 * t42 - t25 * t43;
+    const real t60 = s2 * t59 - c2 * t57;
+    bias_accelerations[0 * stride] = t60;
+    const real t61 = c1 * t58 - t46 * t57 - t44 * t59;
+    bias_accelerations[1 * stride] = t61;
+    const real t62 = t47 * t57 + s1 * t58 + t45 * t59;
+    bias_accelerations[2 * stride] = t62;
+    const real t63 = s2 * t14 - c2 * t19;
+    bias_accelerations[3 * stride] = t63;
+    const real t64 = c1 * t20 - t19 * t46 - t14 * t44;
+    bias_accelerations[4 * stride] = t64;
+    const real t65 = t19 * t47 + s1 * t20 + t14 * t45;
+    bias_accelerations[5 * stride] = t65;
 
     /* motion of tip in world axes */
-    const real t70 = t54 + (t34 + t35) * t56 - t57;
-    const real t71 = t28 + (t34 - t35) * t55 + t58;
-    const real t72 = s4 * t26 + c4 * t27 + t59 - t60;
-    const real t73 = t48 * t70 - s2 * t71 - t51 * t72;
+    const real t66 = (t29 * t29 + t41) * t54;
+    const real t67 = t56 + (t34 + t35) * t55 - t66;
+    const real t68 = (t32 * t32 + t41) * t55;
+    const real t69 = t28 + (t34 - t35) * t54 + t68;
+    const real t70 = (t36 - R(2.0) * t38 * t32) * t54;
+    const real t71 = (t37 + R(2.0) * t38 * t29) * t55;
+    const real t72 = s4 * t26 + c4 * t27 + t70 - t71;
+    const real t73 = t48 * t67 - s2 * t69 - t51 * t72;
     bias_accelerations[6 * stride] = t73;
-    const real t74 = t49 * t70 + t44 * t71 + t52 * t72;
+    const real t74 = t49 * t67 + t44 * t69 + t52 * t72;
     bias_accelerations[7 * stride] = t74;
-    const real t75 = t50 * t70 + t53 * t72 - t45 * t71;
+    const real t75 = t50 * t67 + t53 * t72 - t45 * t69;
     bias_accelerations[8 * stride] = t75;
-    const real t76 = s2 * t40 + t39 * t48 - t34 * t51;
+    const real t76 = t39 * t48 + s2 * t40 - t34 * t51;
     bias_accelerations[9 * stride] = t76;
     const real t77 = t39 * t49 + t34 * t52 - t40 * t44;
     bias_accelerations[10 * stride] = t77;
@@ -6597,12 +4699,8 @@ static INLINE void frame_bias_accelerations_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_frame_bias_accelerations(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+void quadrotor_2link_frame_bias_accelerations(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     real angle[5], sine[5], cosine[5];
     frame_bias_accelerations_angles(constants, q, v, angle, 1);
@@ -6612,17 +4710,14 @@ quadrotor_2link_frame_bias_accelerations(
 }
 #endif
 
-static WIDE void frame_bias_accelerations_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+static WIDE void frame_bias_accelerations_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane, angle
-            + lane, LANES);
+        frame_bias_accelerations_angles(OF_LANE(constants, lane), q + lane, v + lane,
+            angle + lane, LANES);
     }
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
@@ -6632,53 +4727,31 @@ static WIDE void frame_bias_accelerations_block(
     }
 }
 
-void
-BATCH(frame_bias_accelerations)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT bias_accelerations)
+void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        frame_bias_accelerations_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            bias_accelerations + block * (12 * LANES));
+        frame_bias_accelerations_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), bias_accelerations + block * (12 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        frame_bias_accelerations_block(
-            last_constants,
-            last_q,
-            last_v,
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        frame_bias_accelerations_block(last_constants, last_q, last_v,
             bias_accelerations + whole * (12 * LANES));
     }
 }
 
 /* ---- centre_of_mass ---- */
 
-static INLINE void centre_of_mass_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void centre_of_mass_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -6696,18 +4769,14 @@ static INLINE void centre_of_mass_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void centre_of_mass_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT position,
-    const int stride)
+static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT position, const int stride)
 {
-    const real k46 = CONSTANT(k46);
-    const real k51 = CONSTANT(k51);
-    const real k64 = CONSTANT(k64);
-    const real k65 = CONSTANT(k65);
+    const real k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49);
+    const real k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63);
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -6723,12 +4792,12 @@ static INLINE void centre_of_mass_lane(
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
+    const real t12 = k44 * c5;
 
     /* centre of mass from the origin */
-    const real t13 = k65 * s5;
-    const real t14 = k64 * (k51 * c3 + c4 * t12);
-    const real t15 = k64 * (k51 * s3 + s4 * t12);
+    const real t13 = k63 * s5;
+    const real t14 = k62 * (k49 * c3 + c4 * t12);
+    const real t15 = k62 * (k49 * s3 + s4 * t12);
 
     /* centre of mass in the world */
     const real t16 = c2 * t13 - s2 * t14;
@@ -6741,10 +4810,7 @@ static INLINE void centre_of_mass_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_centre_of_mass(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+void quadrotor_2link_centre_of_mass(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[5], sine[5], cosine[5];
@@ -6755,9 +4821,7 @@ quadrotor_2link_centre_of_mass(
 }
 #endif
 
-static WIDE void centre_of_mass_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
+static WIDE void centre_of_mass_block(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT position)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
@@ -6773,44 +4837,28 @@ static WIDE void centre_of_mass_block(
     }
 }
 
-void
-BATCH(centre_of_mass)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT position)
+void BATCH(centre_of_mass)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT position)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        centre_of_mass_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             position + block * (3 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        centre_of_mass_block(
-            last_constants,
-            last_q,
-            position + whole * (3 * LANES));
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        centre_of_mass_block(last_constants, last_q, position + whole * (3 * LANES));
     }
 }
 
 /* ---- centre_of_mass_jacobian ---- */
 
-static INLINE void centre_of_mass_jacobian_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT angle,
-    const int stride)
+static INLINE void centre_of_mass_jacobian_angles(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -6828,19 +4876,15 @@ static INLINE void centre_of_mass_jacobian_angles(
     angle[4 * stride] = theta_6;
 }
 
-static INLINE void centre_of_mass_jacobian_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian,
-    const int stride)
+static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
+    real *RESTRICT jacobian, const int stride)
 {
     (void)q;
-    const real k46 = CONSTANT(k46);
-    const real k51 = CONSTANT(k51);
-    const real k64 = CONSTANT(k64);
-    const real k65 = CONSTANT(k65);
+    const real k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49);
+    const real k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63);
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -6867,7 +4911,7 @@ static INLINE void centre_of_mass_jacobian_lane(
     const real t3 = -c2;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k46 * c5;
+    const real t12 = k44 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t13 = c4 * t12;
@@ -6878,22 +4922,22 @@ static INLINE void centre_of_mass_jacobian_lane(
     const real t16 = c1 * t3;
 
     /* column of joint 5 */
-    const real t17 = k64 * t13;
-    const real t18 = k64 * t14;
+    const real t17 = k62 * t13;
+    const real t18 = k62 * t14;
 
     /* centre of mass from the origin */
-    const real t19 = k65 * s5;
+    const real t19 = k63 * s5;
 
     /* column of joint 6 */
-    const real t20 = k65 * c5;
+    const real t20 = k63 * c5;
 
     /* axes of the base */
     const real t21 = t2 * s2;
     const real t22 = c1 * s2;
 
     /* centre of mass from the origin */
-    const real t23 = k64 * (k51 * c3 + t13);
-    const real t24 = k64 * (k51 * s3 + t14);
+    const real t23 = k62 * (k49 * c3 + t13);
+    const real t24 = k62 * (k49 * s3 + t14);
 
     /* columns of the base */
     const real t25 = t3 * t19 + s2 * t23;
@@ -6933,11 +4977,8 @@ static INLINE void centre_of_mass_jacobian_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_centre_of_mass_jacobian(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+void quadrotor_2link_centre_of_mass_jacobian(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     real angle[5], sine[5], cosine[5];
     centre_of_mass_jacobian_angles(constants, q, angle, 1);
@@ -6947,10 +4988,8 @@ quadrotor_2link_centre_of_mass_jacobian(
 }
 #endif
 
-static WIDE void centre_of_mass_jacobian_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+static WIDE void centre_of_mass_jacobian_block(const Constants *RESTRICT constants,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
     VECTORISE
@@ -6961,308 +5000,34 @@ static WIDE void centre_of_mass_jacobian_block(
     sine_cosine_many(5 * LANES, angle, sine, cosine);
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
-        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q
-            + lane, jacobian + lane, LANES);
+        centre_of_mass_jacobian_lane(OF_LANE(constants, lane), sine + lane, cosine + lane,
+            q + lane, jacobian + lane, LANES);
     }
 }
 
-void
-BATCH(centre_of_mass_jacobian)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    real *RESTRICT jacobian)
+void BATCH(centre_of_mass_jacobian)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, real *RESTRICT jacobian)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        centre_of_mass_jacobian_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
+        centre_of_mass_jacobian_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
             jacobian + block * (24 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        centre_of_mass_jacobian_block(
-            last_constants,
-            last_q,
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
+        centre_of_mass_jacobian_block(last_constants, last_q,
             jacobian + whole * (24 * LANES));
-    }
-}
-
-/* ---- centroidal_momentum ---- */
-
-static INLINE void centroidal_momentum_angles(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT angle,
-    const int stride)
-{
-    (void)constants;
-    (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-
-    /* angles and places of the joints */
-    const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
-}
-
-static INLINE void centroidal_momentum_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT sine,
-    const real *RESTRICT cosine,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum,
-    const int stride)
-{
-    (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k27 = CONSTANT(k27);
-    const real k33 = CONSTANT(k33);
-    const real k39 = CONSTANT(k39);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k46 = CONSTANT(k46);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real k64 = CONSTANT(k64);
-    const real k65 = CONSTANT(k65);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real v_x = v[5 * stride];
-    const real v_y = v[6 * stride];
-    const real v_z = v[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-
-    /* motion of the base */
-    const real t12 = v_theta_m1 * c2;
-    const real t13 = v_theta_1 + v_theta_m1 * s2;
-
-    /* motion of link 1 */
-    const real t14 = v_theta_5 + t13;
-    const real t15 = c4 * t12 + v_theta_0 * s4;
-
-    /* motion of link 2 */
-    const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
-
-    /* inertia of link 2, turned by the joints */
-    const real t17 = k46 * c5;
-    const real t18 = k46 * s5;
-    const real t19 = k53 * s5;
-    const real t20 = s5 * t19;
-    const real t21 = k27 - t20;
-    const real t22 = k33 + t20;
-    const real t23 = c5 * t19;
-
-    /* step from the base to link 1 */
-    const real t24 = base_arm_length * c3;
-    const real t25 = base_arm_length * s3;
-
-    /* inertia of the base, turned by the joints */
-    const real t26 = k54 * s3;
-    const real t27 = s3 * t26;
-    const real t28 = k52 + t27;
-    const real t29 = k43 - t27;
-    const real t30 = c3 * t26;
-
-    /* motion of link 1 */
-    const real t31 = v_theta_0 * c3 - s3 * t12;
-
-    /* centre of mass from the origin */
-    const real t32 = k65 * s5;
-
-    /* inertia forces of the base and links 1 and 2 */
-    const real t33 = t12 * t30;
-    const real t34 = v_theta_0 * t30;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t35 = t15 * t23;
-
-    /* motion of link 1 */
-    const real t36 = s3 * t13;
-    const real t37 = c3 * t13;
-    const real t38 = base_arm_length * t36;
-    const real t39 = base_arm_length * t37;
-
-    /* centre of mass from the origin */
-    const real t40 = k64 * (k51 * c3 + c4 * t17);
-    const real t41 = k64 * (k51 * s3 + s4 * t17);
-
-    /* motion of link 1 */
-    const real t42 = s4 * t38 + c4 * t39;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t43 = t17 * t42;
-    const real t44 = t18 * (s4 * t39 - c4 * t38);
-    const real t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16;
-    const real t46 = k46 * s5 * t16;
-    const real t47 = k46 * c5 * t16;
-    const real t48 = k46 * (s5 * t15 - c5 * t14);
-
-    /* inertia forces of links 1 and 2, about joint 5 */
-    const real t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22);
-    const real t50 = s4 * t48 - c4 * t46;
-    const real t51 = c4 * t48 + s4 * t46;
-    const real t52 = s4 * t45;
-    const real t53 = c4 * t49;
-    const real t54 = c4 * t45;
-    const real t55 = s4 * t49;
-
-    /* inertia forces of the base and links 1 and 2 */
-    const real t56 = t25 * t47;
-    const real t57 = t24 * t47;
-    const real t58 = t25 * t50;
-    const real t59 = t24 * t51;
-    const real t60 = k51 * t36 - t50;
-    const real t61 = k51 * t37 - t51;
-    const real t62 = k51 * t31 - t47;
-
-    /* momentum in world axes */
-    const real t63 = t41 * t62;
-    const real t64 = t32 * t61;
-    const real t65 = t12 * (k44 + t29);
-    const real t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53;
-    const real t67 = t40 * t62;
-    const real t68 = t32 * t60;
-    const real t69 = v_theta_0 * (k44 + t28);
-    const real t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67;
-    const real t71 = t40 * t61;
-    const real t72 = t41 * t60;
-    const real t73 = t14 * (k39 + t21);
-    const real t74 = t13 * (t28 + t29);
-    const real t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73;
-    const real t76 = c2 * t62 - s2 * t60;
-    const real t77 = k50 * v_x - c2 * t60 - s2 * t62;
-    momentum[0 * stride] = t77;
-    const real t78 = k50 * v_y + c1 * t61 + s1 * t76;
-    momentum[1 * stride] = t78;
-    const real t79 = k50 * v_z + s1 * t61 - c1 * t76;
-    momentum[2 * stride] = t79;
-    const real t80 = c2 * t75 + s2 * t66;
-    const real t81 = c2 * t66 - s2 * t75;
-    momentum[3 * stride] = t81;
-    const real t82 = c1 * t70 + s1 * t80;
-    momentum[4 * stride] = t82;
-    const real t83 = s1 * t70 - c1 * t80;
-    momentum[5 * stride] = t83;
-}
-
-#ifndef EACH
-void
-quadrotor_2link_centroidal_momentum(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    real angle[5], sine[5], cosine[5];
-    centroidal_momentum_angles(constants, q, v, angle, 1);
-    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
-    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
-    centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
-}
-#endif
-
-static WIDE void centroidal_momentum_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_angles(OF_LANE(constants, lane), q + lane, v + lane, angle +
-            lane, LANES);
-    }
-    sine_cosine_many(5 * LANES, angle, sine, cosine);
-    VECTORISE
-    for (int lane = 0; lane < LANES; ++lane) {
-        centroidal_momentum_lane(OF_LANE(constants, lane), sine + lane, cosine + lane, q +
-            lane, v + lane, momentum + lane, LANES);
-    }
-}
-
-void
-BATCH(centroidal_momentum)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT momentum)
-{
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
-    PARALLEL
-    for (size_t block = 0; block < whole; ++block) {
-        centroidal_momentum_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            momentum + block * (6 * LANES));
-    }
-    if (rest > 0) {
-        OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
-        real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        centroidal_momentum_block(
-            last_constants,
-            last_q,
-            last_v,
-            momentum + whole * (6 * LANES));
     }
 }
 
 /* ---- coordinate_rates ---- */
 
-static INLINE void coordinate_rates_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate,
-    const int stride)
+static INLINE void coordinate_rates_lane(const Constants *RESTRICT constants,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate, const int stride)
 {
     (void)constants;
     (void)q;
@@ -7285,22 +5050,15 @@ static INLINE void coordinate_rates_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_coordinate_rates(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+void quadrotor_2link_coordinate_rates(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT rate)
 {
     coordinate_rates_lane(constants, q, v, rate, 1);
 }
 #endif
 
-static WIDE void coordinate_rates_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+static WIDE void coordinate_rates_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT rate)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -7309,54 +5067,30 @@ static WIDE void coordinate_rates_block(
     }
 }
 
-void
-BATCH(coordinate_rates)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT rate)
+void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        coordinate_rates_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            rate + block * (8 * LANES));
+        coordinate_rates_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), rate + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        coordinate_rates_block(
-            last_constants,
-            last_q,
-            last_v,
-            rate + whole * (8 * LANES));
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        coordinate_rates_block(last_constants, last_q, last_v, rate + whole * (8 * LANES));
     }
 }
 
 /* ---- integrate ---- */
 
-static INLINE void integrate_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates,
-    const int stride)
+static INLINE void integrate_lane(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates, const int stride)
 {
     (void)constants;
     const real theta_m1 = q[0 * stride];
@@ -7398,22 +5132,15 @@ static INLINE void integrate_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_integrate(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+void quadrotor_2link_integrate(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates)
 {
     integrate_lane(constants, q, v, coordinates, 1);
 }
 #endif
 
-static WIDE void integrate_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+static WIDE void integrate_block(const Constants *RESTRICT constants, const real *RESTRICT q,
+    const real *RESTRICT v, real *RESTRICT coordinates)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -7422,54 +5149,30 @@ static WIDE void integrate_block(
     }
 }
 
-void
-BATCH(integrate)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q,
-    const real *RESTRICT v,
-    real *RESTRICT coordinates)
+void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT coordinates)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        integrate_block(
-            OF_BLOCK(constants, block),
-            q + block * (8 * LANES),
-            v + block * (8 * LANES),
-            coordinates + block * (8 * LANES));
+        integrate_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
+            v + block * (8 * LANES), coordinates + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q[8 * LANES];
+        fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
         real last_v[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q + whole * (8 * LANES),
-            last_q);
-        fill_lanes(
-            8,
-            rest,
-            v + whole * (8 * LANES),
-            last_v);
-        integrate_block(
-            last_constants,
-            last_q,
-            last_v,
-            coordinates + whole * (8 * LANES));
+        fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
+        integrate_block(last_constants, last_q, last_v, coordinates + whole * (8 * LANES));
     }
 }
 
 /* ---- difference ---- */
 
-static INLINE void difference_lane(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement,
-    const int stride)
+static INLINE void difference_lane(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement, const int stride)
 {
     (void)constants;
     const real q0_theta_m1 = q0[0 * stride];
@@ -7511,22 +5214,15 @@ static INLINE void difference_lane(
 }
 
 #ifndef EACH
-void
-quadrotor_2link_difference(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+void quadrotor_2link_difference(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement)
 {
     difference_lane(constants, q0, q1, displacement, 1);
 }
 #endif
 
-static WIDE void difference_block(
-    const Constants *RESTRICT constants,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+static WIDE void difference_block(const Constants *RESTRICT constants, const real *RESTRICT q0,
+    const real *RESTRICT q1, real *RESTRICT displacement)
 {
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
@@ -7535,42 +5231,23 @@ static WIDE void difference_block(
     }
 }
 
-void
-BATCH(difference)(
-    const Constants *RESTRICT constants,
-    const size_t count,
-    const real *RESTRICT q0,
-    const real *RESTRICT q1,
-    real *RESTRICT displacement)
+void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
+    const real *RESTRICT q0, const real *RESTRICT q1, real *RESTRICT displacement)
 {
     const size_t whole = count / LANES;
     const size_t rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
-        difference_block(
-            OF_BLOCK(constants, block),
-            q0 + block * (8 * LANES),
-            q1 + block * (8 * LANES),
-            displacement + block * (8 * LANES));
+        difference_block(OF_BLOCK(constants, block), q0 + block * (8 * LANES),
+            q1 + block * (8 * LANES), displacement + block * (8 * LANES));
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
         real last_q0[8 * LANES];
+        fill_lanes(8, rest, q0 + whole * (8 * LANES), last_q0);
         real last_q1[8 * LANES];
-        fill_lanes(
-            8,
-            rest,
-            q0 + whole * (8 * LANES),
-            last_q0);
-        fill_lanes(
-            8,
-            rest,
-            q1 + whole * (8 * LANES),
-            last_q1);
-        difference_block(
-            last_constants,
-            last_q0,
-            last_q1,
+        fill_lanes(8, rest, q1 + whole * (8 * LANES), last_q1);
+        difference_block(last_constants, last_q0, last_q1,
             displacement + whole * (8 * LANES));
     }
 }

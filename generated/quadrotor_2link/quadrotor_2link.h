@@ -82,9 +82,9 @@
  *
  *     base, tip
  *
- * Bodies, in order:
- *
- *     base_arm2, base_arm3, base_arm4, link1, link2
+ * The module was generated without gibbs, joint_wrenches, tip_pose, tip_jacobian,
+ * tip_bias_acceleration, centroidal_momentum, which come with --functions; and derivatives, which
+ * come with --derivatives.
  *
  * Every function has a form for any number of states, with _batch at the end of its name. Its
  * arrays are rows of blocks of LANES states, 8 of them, or 16 in single precision: entry e of
@@ -126,7 +126,7 @@ typedef double quadrotor_2link_real;
 #define QUADROTOR_2LINK_FRAMES 2
 #define QUADROTOR_2LINK_BODIES 5
 #define QUADROTOR_2LINK_PARAMETERS 11
-#define QUADROTOR_2LINK_CONSTANTS 35
+#define QUADROTOR_2LINK_CONSTANTS 32
 
 /** States in a block of the _batch functions: what the widest registers hold. */
 #ifdef QUADROTOR_2LINK_FLOAT
@@ -144,77 +144,42 @@ typedef double quadrotor_2link_real;
  * link2_rest.
  */
 enum {
-    /** m/s^2 */
-    QUADROTOR_2LINK_GRAVITY,
-    /** m */
-    QUADROTOR_2LINK_BASE_ARM_LENGTH,
-    /** kg/m */
-    QUADROTOR_2LINK_BASE_ARM_MASS_PER_LENGTH,
-    /** kg m^2 */
-    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_XX,
-    /** kg m^2 */
-    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_YY,
-    /** kg m^2 */
-    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_ZZ,
-    /** m */
-    QUADROTOR_2LINK_LINK2_LENGTH,
-    /** kg/m */
-    QUADROTOR_2LINK_LINK2_MASS_PER_LENGTH,
-    /** kg m^2 */
-    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_XX,
-    /** kg m^2 */
-    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_YY,
-    /** kg m^2 */
-    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_ZZ,
+    QUADROTOR_2LINK_GRAVITY, /**< m/s^2 */
+    QUADROTOR_2LINK_BASE_ARM_LENGTH, /**< m */
+    QUADROTOR_2LINK_BASE_ARM_MASS_PER_LENGTH, /**< kg/m */
+    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_XX, /**< kg m^2 */
+    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_YY, /**< kg m^2 */
+    QUADROTOR_2LINK_BASE_ARM_SECTION_INERTIA_ZZ, /**< kg m^2 */
+    QUADROTOR_2LINK_LINK2_LENGTH, /**< m */
+    QUADROTOR_2LINK_LINK2_MASS_PER_LENGTH, /**< kg/m */
+    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_XX, /**< kg m^2 */
+    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_YY, /**< kg m^2 */
+    QUADROTOR_2LINK_LINK2_SECTION_INERTIA_ZZ, /**< kg m^2 */
 };
 
 /** Places in q. */
 enum {
-    QUADROTOR_2LINK_Q_THETA_M1,
-    QUADROTOR_2LINK_Q_THETA_0,
-    QUADROTOR_2LINK_Q_THETA_1,
-    QUADROTOR_2LINK_Q_THETA_5,
-    QUADROTOR_2LINK_Q_THETA_6,
-    QUADROTOR_2LINK_Q_X,
-    QUADROTOR_2LINK_Q_Y,
+    QUADROTOR_2LINK_Q_THETA_M1, QUADROTOR_2LINK_Q_THETA_0, QUADROTOR_2LINK_Q_THETA_1,
+    QUADROTOR_2LINK_Q_THETA_5, QUADROTOR_2LINK_Q_THETA_6, QUADROTOR_2LINK_Q_X, QUADROTOR_2LINK_Q_Y,
     QUADROTOR_2LINK_Q_Z,
 };
 
 /** Places in v, and in a. */
 enum {
-    QUADROTOR_2LINK_V_THETA_M1,
-    QUADROTOR_2LINK_V_THETA_0,
-    QUADROTOR_2LINK_V_THETA_1,
-    QUADROTOR_2LINK_V_THETA_5,
-    QUADROTOR_2LINK_V_THETA_6,
-    QUADROTOR_2LINK_V_X,
-    QUADROTOR_2LINK_V_Y,
+    QUADROTOR_2LINK_V_THETA_M1, QUADROTOR_2LINK_V_THETA_0, QUADROTOR_2LINK_V_THETA_1,
+    QUADROTOR_2LINK_V_THETA_5, QUADROTOR_2LINK_V_THETA_6, QUADROTOR_2LINK_V_X, QUADROTOR_2LINK_V_Y,
     QUADROTOR_2LINK_V_Z,
 };
 
 /** Places in u. */
 enum {
-    QUADROTOR_2LINK_U_F_1,
-    QUADROTOR_2LINK_U_F_2,
-    QUADROTOR_2LINK_U_F_3,
-    QUADROTOR_2LINK_U_F_4,
-    QUADROTOR_2LINK_U_TAU_5,
-    QUADROTOR_2LINK_U_TAU_6,
+    QUADROTOR_2LINK_U_F_1, QUADROTOR_2LINK_U_F_2, QUADROTOR_2LINK_U_F_3, QUADROTOR_2LINK_U_F_4,
+    QUADROTOR_2LINK_U_TAU_5, QUADROTOR_2LINK_U_TAU_6,
 };
 
 /** Places in frames, also of rows in W. */
 enum {
-    QUADROTOR_2LINK_F_BASE,
-    QUADROTOR_2LINK_F_TIP,
-};
-
-/** Places in bodies. */
-enum {
-    QUADROTOR_2LINK_B_BASE_ARM2,
-    QUADROTOR_2LINK_B_BASE_ARM3,
-    QUADROTOR_2LINK_B_BASE_ARM4,
-    QUADROTOR_2LINK_B_LINK1,
-    QUADROTOR_2LINK_B_LINK2,
+    QUADROTOR_2LINK_F_BASE, QUADROTOR_2LINK_F_TIP,
 };
 
 /** What the functions need of the parameters, computed once. */
@@ -224,16 +189,15 @@ typedef struct quadrotor_2link_constants {
     quadrotor_2link_real k8;
     quadrotor_2link_real k14;
     quadrotor_2link_real k19;
-    quadrotor_2link_real k20;
     quadrotor_2link_real link2_length;
-    quadrotor_2link_real k27;
-    quadrotor_2link_real k33;
-    quadrotor_2link_real k39;
+    quadrotor_2link_real k26;
+    quadrotor_2link_real k32;
+    quadrotor_2link_real k38;
+    quadrotor_2link_real k42;
     quadrotor_2link_real k43;
     quadrotor_2link_real k44;
-    quadrotor_2link_real k45;
-    quadrotor_2link_real k46;
     quadrotor_2link_real k47;
+    quadrotor_2link_real k48;
     quadrotor_2link_real k49;
     quadrotor_2link_real k50;
     quadrotor_2link_real k51;
@@ -243,8 +207,8 @@ typedef struct quadrotor_2link_constants {
     quadrotor_2link_real k55;
     quadrotor_2link_real k56;
     quadrotor_2link_real k57;
-    quadrotor_2link_real k58;
     quadrotor_2link_real k59;
+    quadrotor_2link_real k60;
     quadrotor_2link_real k61;
     quadrotor_2link_real k62;
     quadrotor_2link_real k63;
@@ -252,8 +216,6 @@ typedef struct quadrotor_2link_constants {
     quadrotor_2link_real k65;
     quadrotor_2link_real k66;
     quadrotor_2link_real k67;
-    quadrotor_2link_real k68;
-    quadrotor_2link_real k69;
 } quadrotor_2link_constants;
 
 /** Parameters of the robot file. */
@@ -314,7 +276,7 @@ void quadrotor_2link_unpack(
  *
  * @param[in] count number of states
  * @param[in] parameters 11 of each state, in the order of their places
- * @param[out] constants 35 of each state, for functions with _batch_each
+ * @param[out] constants 32 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
 size_t quadrotor_2link_init_constants_batch(
@@ -341,33 +303,17 @@ size_t quadrotor_2link_init_constants_batch(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-quadrotor_2link_mass_matrix_and_residual(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *mass_matrix,
+void quadrotor_2link_mass_matrix_and_residual(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *mass_matrix,
     quadrotor_2link_real *residual);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_mass_matrix_and_residual_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *mass_matrix,
-    quadrotor_2link_real *residual);
-
+void quadrotor_2link_mass_matrix_and_residual_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    quadrotor_2link_real *mass_matrix, quadrotor_2link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_mass_matrix_and_residual_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *mass_matrix,
-    quadrotor_2link_real *residual);
+void quadrotor_2link_mass_matrix_and_residual_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    quadrotor_2link_real *mass_matrix, quadrotor_2link_real *residual);
 
 /**
  * @brief Mass matrix M of M a = R + B u, symmetric, both triangles filled.
@@ -384,27 +330,14 @@ quadrotor_2link_mass_matrix_and_residual_batch_each(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-quadrotor_2link_mass_matrix(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
-
+void quadrotor_2link_mass_matrix(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_mass_matrix_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
-
+void quadrotor_2link_mass_matrix_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_mass_matrix_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
+void quadrotor_2link_mass_matrix_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 
 /**
  * @brief Residual R of M a = R + B u, with the sign of a force.
@@ -425,30 +358,14 @@ quadrotor_2link_mass_matrix_batch_each(
  * @par Source
  * eqs. 5, 11 and 18, reduced to the free coordinates.
  */
-void
-quadrotor_2link_residual(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
-
+void quadrotor_2link_residual(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_residual_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
-
+void quadrotor_2link_residual_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_residual_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
+void quadrotor_2link_residual_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 
 /**
  * @brief Input matrix B of M a = R + B u.
@@ -465,27 +382,14 @@ quadrotor_2link_residual_batch_each(
  * @par Source
  * eqs. 7-13.
  */
-void
-quadrotor_2link_input_matrix(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
-
+void quadrotor_2link_input_matrix(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_input_matrix_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
-
+void quadrotor_2link_input_matrix_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_input_matrix_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
+void quadrotor_2link_input_matrix_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 
 /**
  * @brief Accelerations a of M a = R + B u.
@@ -509,33 +413,17 @@ quadrotor_2link_input_matrix_batch_each(
  * @par Source
  * eq. 19, solved for the free coordinates.
  */
-void
-quadrotor_2link_forward_dynamics(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
+void quadrotor_2link_forward_dynamics(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, const quadrotor_2link_real *u,
     quadrotor_2link_real *acceleration);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_forward_dynamics_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *acceleration);
-
+void quadrotor_2link_forward_dynamics_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *u, quadrotor_2link_real *acceleration);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_forward_dynamics_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *acceleration);
+void quadrotor_2link_forward_dynamics_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *u, quadrotor_2link_real *acceleration);
 
 /**
  * @brief Generalised forces M a - R that the motion needs; B u supplies them.
@@ -557,33 +445,17 @@ quadrotor_2link_forward_dynamics_batch_each(
  * @par Source
  * eqs. 4-6.
  */
-void
-quadrotor_2link_inverse_dynamics(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
+void quadrotor_2link_inverse_dynamics(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, const quadrotor_2link_real *a,
     quadrotor_2link_real *force);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_inverse_dynamics_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    quadrotor_2link_real *force);
-
+void quadrotor_2link_inverse_dynamics_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a, quadrotor_2link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_inverse_dynamics_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    quadrotor_2link_real *force);
+void quadrotor_2link_inverse_dynamics_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a, quadrotor_2link_real *force);
 
 /**
  * @brief Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -602,27 +474,14 @@ quadrotor_2link_inverse_dynamics_batch_each(
  * @par Source
  * eqs. 15, 18 and 19.
  */
-void
-quadrotor_2link_hybrid_mass_matrix(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
-
+void quadrotor_2link_hybrid_mass_matrix(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_hybrid_mass_matrix_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
-
+void quadrotor_2link_hybrid_mass_matrix_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_hybrid_mass_matrix_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *mass_matrix);
+void quadrotor_2link_hybrid_mass_matrix_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *mass_matrix);
 
 /**
  * @brief Residual R_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -643,30 +502,14 @@ quadrotor_2link_hybrid_mass_matrix_batch_each(
  * @par Source
  * eqs. 15, 18 and 19.
  */
-void
-quadrotor_2link_hybrid_residual(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
-
+void quadrotor_2link_hybrid_residual(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_hybrid_residual_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
-
+void quadrotor_2link_hybrid_residual_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_hybrid_residual_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *residual);
+void quadrotor_2link_hybrid_residual_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *residual);
 
 /**
  * @brief Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.
@@ -683,27 +526,14 @@ quadrotor_2link_hybrid_residual_batch_each(
  * @par Source
  * eqs. 12, 13 and 18.
  */
-void
-quadrotor_2link_hybrid_input_matrix(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
-
+void quadrotor_2link_hybrid_input_matrix(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_hybrid_input_matrix_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
-
+void quadrotor_2link_hybrid_input_matrix_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_hybrid_input_matrix_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *input_matrix);
+void quadrotor_2link_hybrid_input_matrix_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *input_matrix);
 
 /**
  * @brief Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
@@ -725,83 +555,17 @@ quadrotor_2link_hybrid_input_matrix_batch_each(
  * @par Source
  * eqs. 14 and 15.
  */
-void
-quadrotor_2link_constraint_torques(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *torque);
-
+void quadrotor_2link_constraint_torques(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, const quadrotor_2link_real *a,
+    const quadrotor_2link_real *u, quadrotor_2link_real *torque);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_constraint_torques_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *torque);
-
+void quadrotor_2link_constraint_torques_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a, const quadrotor_2link_real *u, quadrotor_2link_real *torque);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_constraint_torques_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *torque);
-
-/**
- * @brief Gibbs function S up to terms free of accelerations, in W/s.
- *
- * Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @param[out] value 1: [W/s]
- * @note 257 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eqs. 2 and 3.
- */
-void
-quadrotor_2link_gibbs(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    quadrotor_2link_real *value);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_gibbs_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    quadrotor_2link_real *value);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_gibbs_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    quadrotor_2link_real *value);
+void quadrotor_2link_constraint_torques_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
+    const quadrotor_2link_real *a, const quadrotor_2link_real *u, quadrotor_2link_real *torque);
 
 /**
  * @brief Kinetic energy in J.
@@ -818,30 +582,14 @@ quadrotor_2link_gibbs_batch_each(
  * @par Source
  * eq. 2 with rates for accelerations.
  */
-void
-quadrotor_2link_kinetic_energy(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *energy);
-
+void quadrotor_2link_kinetic_energy(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *energy);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_kinetic_energy_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *energy);
-
+void quadrotor_2link_kinetic_energy_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *energy);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_kinetic_energy_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *energy);
+void quadrotor_2link_kinetic_energy_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *energy);
 
 /**
  * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
@@ -856,27 +604,14 @@ quadrotor_2link_kinetic_energy_batch_each(
  * @par Source
  * gravity times the first moment of mass.
  */
-void
-quadrotor_2link_potential_energy(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *energy);
-
+void quadrotor_2link_potential_energy(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *energy);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_potential_energy_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *energy);
-
+void quadrotor_2link_potential_energy_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *energy);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_potential_energy_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *energy);
+void quadrotor_2link_potential_energy_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *energy);
 
 /**
  * @brief Generalised forces of gravity: gravity's part of R.
@@ -894,27 +629,14 @@ quadrotor_2link_potential_energy_batch_each(
  * @par Source
  * eqs. 5 and 6 at rest.
  */
-void
-quadrotor_2link_gravity_forces(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *force);
-
+void quadrotor_2link_gravity_forces(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *force);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_gravity_forces_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *force);
-
+void quadrotor_2link_gravity_forces_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_gravity_forces_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *force);
+void quadrotor_2link_gravity_forces_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *force);
 
 /**
  * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
@@ -934,30 +656,14 @@ quadrotor_2link_gravity_forces_batch_each(
  * @par Source
  * eq. 7.
  */
-void
-quadrotor_2link_wrench_forces(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *W,
-    quadrotor_2link_real *force);
-
+void quadrotor_2link_wrench_forces(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *W, quadrotor_2link_real *force);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_wrench_forces_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *W,
-    quadrotor_2link_real *force);
-
+void quadrotor_2link_wrench_forces_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *W, quadrotor_2link_real *force);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_wrench_forces_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *W,
-    quadrotor_2link_real *force);
+void quadrotor_2link_wrench_forces_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *W, quadrotor_2link_real *force);
 
 /**
  * @brief Accelerations a of M a = R + B u + the sum of J^T W.
@@ -980,91 +686,19 @@ quadrotor_2link_wrench_forces_batch_each(
  * @par Source
  * eq. 19, solved for the free coordinates.
  */
-void
-quadrotor_2link_forward_dynamics_with_wrenches(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
-    const quadrotor_2link_real *W,
-    quadrotor_2link_real *acceleration);
-
+void quadrotor_2link_forward_dynamics_with_wrenches(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, const quadrotor_2link_real *u,
+    const quadrotor_2link_real *W, quadrotor_2link_real *acceleration);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_forward_dynamics_with_wrenches_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
-    const quadrotor_2link_real *W,
+void quadrotor_2link_forward_dynamics_with_wrenches_batch(
+    const quadrotor_2link_constants *constants, size_t count, const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v, const quadrotor_2link_real *u, const quadrotor_2link_real *W,
     quadrotor_2link_real *acceleration);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_forward_dynamics_with_wrenches_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *u,
-    const quadrotor_2link_real *W,
+void quadrotor_2link_forward_dynamics_with_wrenches_batch_each(
+    const quadrotor_2link_real *constants, size_t count, const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v, const quadrotor_2link_real *u, const quadrotor_2link_real *W,
     quadrotor_2link_real *acceleration);
-
-/**
- * @brief The whole wrench through every joint: what the parent does to the body, at the joint.
- *
- * It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia and
- * thrusts of all that the joint carries balance it, at the given accelerations, which need not fit
- * the inputs. Where they do, its component along a joint that moves is the joint's input less
- * armature, damper and spring.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
- *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
- * @param[out] wrenches 5 x 6: [N] in the first three, [N m] in the others, a row for each of
- *     base_arm2, base_arm3, base_arm4, link1, link2
- * @note 255 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eqs. 6 and 14, all six components.
- */
-void
-quadrotor_2link_joint_wrenches(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *wrenches);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_joint_wrenches_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *wrenches);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_joint_wrenches_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    const quadrotor_2link_real *a,
-    const quadrotor_2link_real *u,
-    quadrotor_2link_real *wrenches);
 
 /**
  * @brief World positions of POINTS in m, one row each.
@@ -1079,145 +713,14 @@ quadrotor_2link_joint_wrenches_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-quadrotor_2link_positions(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
-
+void quadrotor_2link_positions(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_positions_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
-
+void quadrotor_2link_positions_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_positions_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
-
-/**
- * @brief Homogeneous transform from the tip's frame to the world.
- *
- * It is the frame of that name of the robot file. If the file has none, it is at the end of the
- * last link with that link's axes; without links, at the base centre with the base's.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] pose 4 x 4: axes [1] and position [m]
- * @note 58 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-quadrotor_2link_tip_pose(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *pose);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_tip_pose_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *pose);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_tip_pose_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *pose);
-
-/**
- * @brief Jacobian of the tip: linear rows, then angular rows, in world axes.
- *
- * It takes v to the velocity of the tip in m/s and rad/s.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] jacobian 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
- * @note 83 operations, 5 sine-cosine pairs; about 736 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-quadrotor_2link_tip_jacobian(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_tip_jacobian_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_tip_jacobian_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
-/**
- * @brief Acceleration of the tip where a is zero, gravity left out, in world axes.
- *
- * It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
- * entries first, then angular.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
- * @note 119 operations, 5 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * forward kinematics.
- */
-void
-quadrotor_2link_tip_bias_acceleration(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *bias_acceleration);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_tip_bias_acceleration_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *bias_acceleration);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_tip_bias_acceleration_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *bias_acceleration);
+void quadrotor_2link_positions_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 
 /**
  * @brief Homogeneous transforms from the frames to the world.
@@ -1232,27 +735,14 @@ quadrotor_2link_tip_bias_acceleration_batch_each(
  * @par Source
  * forward kinematics.
  */
-void
-quadrotor_2link_frame_poses(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *poses);
-
+void quadrotor_2link_frame_poses(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *poses);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_frame_poses_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *poses);
-
+void quadrotor_2link_frame_poses_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *poses);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_frame_poses_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *poses);
+void quadrotor_2link_frame_poses_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *poses);
 
 /**
  * @brief Jacobians of the frames: linear rows, then angular rows, in world axes.
@@ -1265,32 +755,19 @@ quadrotor_2link_frame_poses_batch_each(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] jacobians 2 x 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
  *     a block for each of base, tip
- * @note 99 operations, 5 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
+ * @note 99 operations, 5 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * forward kinematics.
  */
-void
-quadrotor_2link_frame_jacobians(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobians);
-
+void quadrotor_2link_frame_jacobians(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *jacobians);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_frame_jacobians_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobians);
-
+void quadrotor_2link_frame_jacobians_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *jacobians);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_frame_jacobians_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobians);
+void quadrotor_2link_frame_jacobians_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *jacobians);
 
 /**
  * @brief Velocities of the frames' origins, then angular velocities, in world axes.
@@ -1303,34 +780,20 @@ quadrotor_2link_frame_jacobians_batch_each(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] velocities 2 x 6: [m/s] in the first three, [rad/s] in the others, a row for each of
  *     base, tip
- * @note 123 operations, 5 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
+ * @note 123 operations, 5 sine-cosine pairs; about 992 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * forward kinematics.
  */
-void
-quadrotor_2link_frame_velocities(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *velocities);
-
+void quadrotor_2link_frame_velocities(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *velocities);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_frame_velocities_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_frame_velocities_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *velocities);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_frame_velocities_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_frame_velocities_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *velocities);
 
 /**
@@ -1347,34 +810,21 @@ quadrotor_2link_frame_velocities_batch_each(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_accelerations 2 x 6: [m/s^2] in the first three, [rad/s^2] in the others, a row
  *     for each of base, tip
- * @note 177 operations, 5 sine-cosine pairs; about 1056 bytes of stack for one state of doubles,
+ * @note 177 operations, 5 sine-cosine pairs; about 1040 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
  * forward kinematics.
  */
-void
-quadrotor_2link_frame_bias_accelerations(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_frame_bias_accelerations(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *bias_accelerations);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_frame_bias_accelerations_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_frame_bias_accelerations_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *bias_accelerations);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_frame_bias_accelerations_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_frame_bias_accelerations_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *bias_accelerations);
 
 /**
@@ -1390,27 +840,14 @@ quadrotor_2link_frame_bias_accelerations_batch_each(
  * @par Source
  * the first moment of mass.
  */
-void
-quadrotor_2link_centre_of_mass(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
-
+void quadrotor_2link_centre_of_mass(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_centre_of_mass_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
-
+void quadrotor_2link_centre_of_mass_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_centre_of_mass_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *position);
+void quadrotor_2link_centre_of_mass_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, quadrotor_2link_real *position);
 
 /**
  * @brief Jacobian of the centre of mass, in world axes.
@@ -1427,69 +864,14 @@ quadrotor_2link_centre_of_mass_batch_each(
  * @par Source
  * the first moment of mass.
  */
-void
-quadrotor_2link_centre_of_mass_jacobian(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
+void quadrotor_2link_centre_of_mass_jacobian(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, quadrotor_2link_real *jacobian);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_centre_of_mass_jacobian_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
+void quadrotor_2link_centre_of_mass_jacobian_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *jacobian);
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_centre_of_mass_jacobian_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    quadrotor_2link_real *jacobian);
-
-/**
- * @brief Linear momentum, then angular momentum about the centre of mass, in world axes.
- *
- * The same as Pinocchio's computeCentroidalMomentum.
- *
- * @param[in] constants what quadrotor_2link_init_constants() made, or
- *     &quadrotor_2link_default_constants
- * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
- *     theta_6 [rad], x [m], y [m], z [m]
- * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
- *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
- * @note 156 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
- *     optimised.
- * @par Source
- * eq. 6 with rates for accelerations.
- */
-void
-quadrotor_2link_centroidal_momentum(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *momentum);
-
-/** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_centroidal_momentum_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *momentum);
-
-/** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_centroidal_momentum_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *momentum);
+void quadrotor_2link_centre_of_mass_jacobian_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, quadrotor_2link_real *jacobian);
 
 /**
  * @brief Rates of the coordinates q.
@@ -1509,29 +891,15 @@ quadrotor_2link_centroidal_momentum_batch_each(
  * @par Source
  * kinematics of the base.
  */
-void
-quadrotor_2link_coordinate_rates(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
-    quadrotor_2link_real *rate);
-
+void quadrotor_2link_coordinate_rates(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v, quadrotor_2link_real *rate);
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_coordinate_rates_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_coordinate_rates_batch(const quadrotor_2link_constants *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *rate);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_coordinate_rates_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_coordinate_rates_batch_each(const quadrotor_2link_real *constants,
+    size_t count, const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *rate);
 
 /**
@@ -1552,29 +920,16 @@ quadrotor_2link_coordinate_rates_batch_each(
  * @par Source
  * sums, or the exponential map of SE(3) for a quaternion with its position.
  */
-void
-quadrotor_2link_integrate(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_integrate(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *coordinates);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_integrate_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_integrate_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *coordinates);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_integrate_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q,
-    const quadrotor_2link_real *v,
+void quadrotor_2link_integrate_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q, const quadrotor_2link_real *v,
     quadrotor_2link_real *coordinates);
 
 /**
@@ -1595,29 +950,16 @@ quadrotor_2link_integrate_batch_each(
  * @par Source
  * differences, or the logarithm of SE(3) for a quaternion with its position.
  */
-void
-quadrotor_2link_difference(
-    const quadrotor_2link_constants *constants,
-    const quadrotor_2link_real *q0,
-    const quadrotor_2link_real *q1,
+void quadrotor_2link_difference(const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q0, const quadrotor_2link_real *q1,
     quadrotor_2link_real *displacement);
-
 /** @brief The same for `count` states in blocks. */
-void
-quadrotor_2link_difference_batch(
-    const quadrotor_2link_constants *constants,
-    size_t count,
-    const quadrotor_2link_real *q0,
-    const quadrotor_2link_real *q1,
+void quadrotor_2link_difference_batch(const quadrotor_2link_constants *constants, size_t count,
+    const quadrotor_2link_real *q0, const quadrotor_2link_real *q1,
     quadrotor_2link_real *displacement);
-
 /** @brief The same where each state has its own constants, which are in blocks too. */
-void
-quadrotor_2link_difference_batch_each(
-    const quadrotor_2link_real *constants,
-    size_t count,
-    const quadrotor_2link_real *q0,
-    const quadrotor_2link_real *q1,
+void quadrotor_2link_difference_batch_each(const quadrotor_2link_real *constants, size_t count,
+    const quadrotor_2link_real *q0, const quadrotor_2link_real *q1,
     quadrotor_2link_real *displacement);
 
 #ifdef __cplusplus

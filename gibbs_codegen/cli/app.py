@@ -1,35 +1,20 @@
-"""The command line: its parser, exit codes, and what becomes of errors and output.
+"""The command line: its exit codes, and what becomes of errors and output.
 
-SymPy, NumPy and whatever else takes time to import is imported by the command that needs it, so
-that `--help` and refusals appear at once.
+A command is a module with a function `run`, imported when its words have been understood.
 """
 
 from __future__ import annotations
 
-import argparse
 import gc
 import io
 import os
 import re
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
-from gibbs_codegen.cli import (
-    export,
-    generate,
-    import_robot,
-    info,
-    new,
-    schema,
-    show,
-    simulate,
-    sweep,
-    verify,
-    view,
-)
-from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.cli.arguments import argument_parser
 from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, cause_of
-from gibbs_codegen.version import __version__
 
 
 def console() -> int:
@@ -70,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = ["--derivatives=" if word == "--derivatives" else word for word in words]
     options = parser.parse_args(words)
     try:
-        code: int = options.command(options)
+        code: int = import_module(f"gibbs_codegen.cli.{options.module}").run(options)
     except RefusedFileError as error:
         count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
         print(f"gibbs-codegen: {error.kind} rejected, {count}:\n{error}", file=sys.stderr)
@@ -82,30 +67,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("gibbs-codegen: interrupted", file=sys.stderr)
         return 130
     return code
-
-
-def argument_parser() -> argparse.ArgumentParser:
-    """Parser of the command line; `command` of what it returns runs the command."""
-    parser = Parser(
-        prog="gibbs-codegen",
-        description="Derive the equations of motion of flying robots with arms, and write them as "
-        "fast functions in NumPy and C.",
-    )
-    parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    for command in (
-        generate,
-        info,
-        show,
-        verify,
-        simulate,
-        sweep,
-        view,
-        new,
-        import_robot,
-        export,
-        schema,
-    ):
-        command.add(commands)
-    return parser

@@ -3,41 +3,472 @@
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.cli.terminal import plain_table, print_table
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.nodes import Number, count_operations
+from gibbs_codegen.robot.balance import (
+    Hover,
+    arrangement,
+    carried_rotors,
+    hover,
+    hover_lines,
+    implausible,
+    lopsided,
+    number,
+    ranks_in_motion,
+    tilt_hint,
+    wrench_matrix,
+)
+from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.description import Coordinate
+from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
+from gibbs_codegen.robot.model import AXES, BASE, Robot
+from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
+from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
+from gibbs_codegen.robot.posture import MassProperties, base_properties, whole_properties
+from gibbs_codegen.robot.wrenches import DIRECTIONS
+
+if TYPE_CHECKING:
+    from gibbs_codegen.flight.analysis.reachable_wrenches import ReachableWrenches
+
+# Of more rotors the first are listed; --json has them all.
+_MOST_LISTED = 16
 
 
-def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
-    info = commands.add_parser(
-        "info",
-        help="show a robot's base, chains, coordinates, motors and operation counts",
-    )
-    robot_argument.add_robot(info)
-    info.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    robot_argument.add_derivatives(
-        info, "count the operations of {which}, too; of a module, those that it has are counted"
-    )
-    info.set_defaults(command=_info)
-
-
-def _info(options: argparse.Namespace) -> int:
-    import json
-
+def run(options: argparse.Namespace) -> int:
+    """Print what there is to say of the robot."""
     robot, _ = robot_argument.chosen_robot(options)
-    from gibbs_codegen.derivation.derive import derive
+    from gibbs_codegen.derivation.derive import derive  # It imports SymPy.
 
-    derivatives = options.derivatives or robot_argument.derivatives_of(options.robot)
+    functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
     with terminal.progress() as progress:
-        model = derive(robot, progress=progress, derivatives=derivatives)
-
-    from rich.console import Console
-
-    from gibbs_codegen.cli.info_report import print_report, report
+        model = derive(
+            robot,
+            progress=progress,
+            derivatives=options.derivatives or False,
+            functions=functions,
+        )
 
     if options.json:
         print(json.dumps(report(model), indent=2))
     else:
         print_report(model, Console(width=terminal.width(elsewhere=100), highlight=False))
     return 0
+
+
+def machine_facts(robot: Robot) -> dict[str, Any]:
+    """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
+    base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
+    offset = float(np.hypot(base.com[0], base.com[1]))
+    warnings = [*filter(None, [lopsided(robot)]), *implausible(robot)]
+    reach = _reach(robot, found)
+    margins = None if reach is None or reach.margins is None else reach.margins.tolist()
+    return {
+        "mass": robot.total_mass,
+        "base": asdict(base) | {"offset": offset, "hover": found.thrusts},
+        "machine": asdict(whole)
+        | {"thrust_margin": found.margin}
+        | {"wrench_margins": margins and dict(zip(DIRECTIONS, margins, strict=True))},
+        "warnings": warnings,
+        "link_list": _links(robot),
+        "rotor_list": _rotors(robot),
+        "frames": [
+            {"name": frame.name, "on": _body(robot, frame.on), "xyz": list(frame.pose.xyz)}
+            | {"rpy_deg": [float(angle) for angle in frame.pose.rpy_deg]}
+            for frame in frames_of(robot)
+        ],
+    }
+
+
+def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
+    """What the rotors can add to hovering with joints at zero; None without thrusts or limits.
+
+    Only rotors that stand in the file by themselves have limits, so the base is not the paper's.
+    """
+    limits = [rotor.limits for rotor in robot.thrusters if rotor.limits]
+    if not limits or len(limits) < robot.rotors or found.thrusts is None:
+        return None
+    # With `flight` and SciPy, which robots without limits do without.
+    from gibbs_codegen.flight.analysis.reachable_wrenches import (
+        CENTRE_OF_MASS,
+        ReachableWrenches,
+        about,
+    )
+
+    columns = about(wrench_matrix(robot), np.array(whole_properties(robot).com))
+    thrusts = np.array(found.thrusts)
+    return ReachableWrenches(robot.name, CENTRE_OF_MASS, columns, np.transpose(limits), thrusts)
+
+
+def _body(robot: Robot, number: int) -> str:
+    return "base" if number == BASE else link_label(robot, number)
+
+
+def _links(robot: Robot) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": link_label(robot, i),
+            "parent": _body(robot, robot.parents[i - 1]),
+            "joint": "held" if link.constrained else link.joint,
+            "coordinate": coordinate_of(robot, i) if link.moves or link.constrained else None,
+            "axis": list(link.axis) if link.moves or link.constrained else None,
+            "mass": link.body.total_mass,
+            "limits": [link.limits.low, link.limits.high],
+            "unit": joint_terms(robot, i).unit,
+        }
+        | asdict(link.passive)
+        for i, link in enumerate(robot.links, start=1)
+    ]
+
+
+def _rotors(robot: Robot) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": rotor_label(robot, k),
+            "on": _body(robot, rotor.on),
+            "position": list(rotor.position),
+            "direction": list(rotor.direction),
+            "drag": rotor.drag,
+            "limits": rotor.limits,
+        }
+        for k, rotor in enumerate(mounted_rotors(robot), start=1)
+    ]
+
+
+def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
+    """Print what `machine_facts` says: masses, hover thrusts, warnings, and tables.
+
+    The tables are of links, rotors and frames.
+    """
+    base, whole = base_properties(robot), whole_properties(robot)
+    columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
+    print_table(_mass_table(robot, columns), console)
+    found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
+    lines = hover_lines(robot, found)
+    if margins := data["machine"]["wrench_margins"]:
+        from gibbs_codegen.flight.analysis.reachable_wrenches import CENTRE_OF_MASS, margin_lines
+
+        lines += margin_lines([*margins.values()], CENTRE_OF_MASS)
+    for line in lines:
+        console.print(line)
+    for warning in data["warnings"]:
+        console.print(f"warning: {warning}", style="bold", markup=False)
+    for table in (_link_table(data), *_place_tables(robot), _rotor_table(data), _frame_table(data)):
+        if table.row_count:
+            print_table(table, console)
+
+
+def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:
+    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
+    where = "arm 1's axes" if by_rule else "the base's axes"
+    title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
+    properties = columns.values()
+    rows = [
+        ["mass", *(number(found.mass) for found in properties)],
+        ["centre of mass", *(_listed(found.com) for found in properties)],
+        ["xx, yy, zz", *(_listed(found.inertia[:3]) for found in properties)],
+        ["xy, xz, yz", *(_listed(found.inertia[3:]) for found in properties)],
+    ]
+    return plain_table(title, "", *columns, rows=rows)
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(map(number, values))
+
+
+def _link_table(data: dict[str, Any]) -> Table:
+    # A column of its own for coordinates only where they are not called like their links.
+    own_names = any(link["coordinate"] not in (None, link["name"]) for link in data["link_list"])
+    coordinate = ("coordinate",) if own_names else ()
+    names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
+    rows = [
+        [
+            *(link["name"], link["joint"], *(link[key] or "-" for key in coordinate)),
+            *(number(link["mass"]), _range(link["limits"], link["unit"])),
+            number(link["damping"]) if link["damping"] else "-",
+        ]
+        for link in data["link_list"]
+    ]
+    return plain_table("\nLinks", *names, rows=rows)
+
+
+def _place_tables(robot: Robot) -> list[Table]:
+    """Where the joints of links are on their parents, in the form that the robot file has."""
+    posed = ("link", "parent", "position, m", "roll, pitch, yaw, °", "axis")
+    poses = plain_table("\nPlaces of the links' joints, at zero, and their axes", *posed)
+    title = "\nDenavit–Hartenberg parameters of the links (modified; the axis is z)"
+    parameters = plain_table(title, "link", "parent", "alpha, °", "a, m", "d, m", "theta, °")
+    for i, link in enumerate(robot.links, start=1):
+        carried = (link_label(robot, i), _body(robot, robot.parents[i - 1]))
+        if link.pose:
+            angles = _listed([float(angle) for angle in link.pose.rpy_deg])
+            poses.add_row(*carried, _listed(link.pose.xyz), angles, _direction(link.axis))
+        else:
+            step = joint_frame(robot, i)[1][0], link.d
+            numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
+            parameters.add_row(*carried, *map(number, numbers))
+    return [poses, parameters]
+
+
+def _rotor_table(data: dict[str, Any]) -> Table:
+    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits")
+    rotors = data["rotor_list"]
+    rows = [
+        [
+            *(rotor["name"], rotor["on"], _short(rotor["position"])),
+            *(_direction(rotor["direction"]), number(rotor["drag"])),
+            _range(rotor["limits"] or (None, None), "N"),
+        ]
+        for rotor in rotors[:_MOST_LISTED]
+    ]
+    if len(rotors) > _MOST_LISTED:
+        rows.append(["…", f"{len(rotors) - _MOST_LISTED} more; --json lists all"])
+    return plain_table("\nRotors", *names, rows=rows)
+
+
+def _frame_table(data: dict[str, Any]) -> Table:
+    names = ("frame", "on", "position, m", "roll, pitch, yaw, °")
+    rows = [
+        [frame["name"], frame["on"], _short(frame["xyz"]), _short(frame["rpy_deg"])]
+        for frame in data["frames"]
+    ]
+    return plain_table("\nFrames", *names, rows=rows)
+
+
+def _short(values: Sequence[float]) -> str:
+    return ", ".join(f"{value + 0.0:.3g}" for value in values)
+
+
+def _direction(vector: Sequence[float]) -> str:
+    """A direction as robot files have it: x, -y, or components."""
+    for name, axis in AXES.items():
+        for sign, text in ((1.0, name), (-1.0, f"-{name}")):
+            if np.allclose(vector, sign * np.array(axis), rtol=0.0, atol=1e-12):
+                return text
+    return _short(vector)
+
+
+def _range(bounds: Sequence[float | None], unit: str) -> str:
+    """Limits in words, such as "0 … 15 N"."""
+    low, high = bounds
+    if low is None:
+        return "-" if high is None else f"≤ {high:.3g} {unit}"
+    if high is None:
+        return f"≥ {low:.3g} {unit}"
+    return f"±{high:.3g} {unit}" if low == -high else f"{low:.3g} … {high:.3g} {unit}"
+
+
+def report(model: Model) -> dict[str, Any]:
+    """Everything that `info` shows of a derived robot, in values that JSON can hold."""
+    return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
+
+
+def _facts(model: Model) -> dict[str, Any]:
+    """All but the pattern of the hybrid system, which takes long for very many rotors."""
+    robot, motors, hint = model.robot, arrangement(model.robot), tilt_hint(model.robot)
+    return {
+        "name": robot.name,
+        "rotors": robot.rotors,
+        "links": len(robot.links),
+        "attitude": robot.base.attitude,
+        "origin": robot.base.origin,
+        **machine_facts(robot),
+        "chains": [
+            asdict(chain)
+            | {"massive": chain.massive, "constrained": chain.is_constrained}
+            | {"places": list(places)}
+            for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
+        ],
+        "coordinates": [asdict(c) for c in model.description.coordinates],
+        "velocities": [asdict(c) for c in model.description.velocities],
+        "inputs": [asdict(c) for c in model.description.inputs],
+        "hybrid_rows": _hybrid_rows(model),
+        "arrangement": {
+            "rank": motors.rank,
+            "condition": motors.condition if motors.rank == 6 else None,
+            "missing": list(motors.missing),
+            "moved_by_joints": [rotor_label(robot, k) for k in carried_rotors(robot)],
+            "ranks_in_motion": ranks_in_motion(robot),
+            "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
+        },
+        "operations": {
+            function.name: {"total": counts.total, **asdict(counts)}
+            for function in model.program.functions
+            for counts in [count_operations(function.nodes())]
+        },
+    }
+
+
+def _pattern(robot: Robot) -> list[list[list[int]]]:
+    """For each entry of I_H, the chains that add to it (Figs. 6–9)."""
+    from gibbs_codegen.derivation.hybrid import filled_matrix  # It imports SymPy.
+
+    return [[list(chains) for chains in row] for row in filled_matrix(robot)]
+
+
+def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
+    """For each row of the hybrid system: its unknown, the chains that add there, its inputs."""
+    robot = model.robot
+    (output,) = model.program.function("hybrid_input_matrix").outputs
+    width = output.shape[1]
+    names = [c.name for c in model.description.inputs]
+    chains = list(zip(decompose(robot), coupling_map(robot), strict=True))
+    rows = []
+    for place, unknown in enumerate(model.description.hybrid_coordinates):
+        adding = [chain.number for chain, places in chains if place in places]
+        entries = output.entries[place * width : (place + 1) * width]
+        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
+        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
+    return rows
+
+
+def print_report(model: Model, console: Console) -> None:
+    """Print the report of a derived robot in a readable layout."""
+    data, robot = _facts(model), model.robot
+    console.print(
+        f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
+        f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
+    )
+    print_machine(robot, data, console)
+    _print_arrangement(data["arrangement"], console)
+    # A rigid base by itself is one chain, of which there is nothing to tell.
+    hybrid = bool(robot.links or robot.base.rotors)
+    if hybrid:
+        print_table(_chain_table(robot, data), console)
+    print_table(_coordinate_table("Coordinates q", model.description.coordinates), console)
+    if robot.base.attitude == QUATERNION:
+        print_table(_coordinate_table("Velocities v", model.description.velocities), console)
+    print_table(_coordinate_table("Inputs u", model.description.inputs), console)
+    if hybrid:
+        print_table(_row_table(data), console)
+    # Letters of a line of the pattern: row, unknown, and a mark for each column.
+    mark = len(str(len(data["chains"]))) + 1
+    if hybrid and 5 + _label_width(data) + len(data["hybrid_rows"]) * mark <= console.width:
+        console.print(_pattern_text(data, _pattern(robot)))
+    elif hybrid:
+        console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
+    print_table(_operation_table(data), console)
+
+
+def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
+    table = plain_table(
+        "\nOpen chains (eq. 1)", "chain", "bodies", "mass of", "thrust of", "equations", "held by"
+    )
+    rotors = data["rotors"]
+    # With virtual bodies where the base is made of arms.
+    virtual, root = (["-1", "0"], "1") if robot.base.rotors else ([], "base")
+    for chain in data["chains"]:
+        rod = [str(chain["rod"])] if chain["rod"] else []
+        bodies = [*virtual, root, *rod, *(_link(robot, i) for i in chain["path"])]
+        own = [*rod, *(_link(robot, i) for i in chain["own"])]
+        massive = [root, *own] if chain["has_core"] else own
+        table.add_row(
+            str(chain["number"]),
+            " → ".join(bodies),
+            _each("arm", massive, len(bodies), "all its bodies"),
+            _each("motor", [rotor_label(robot, k) for k in chain["motors"]], rotors, "all rotors"),
+            str(len(chain["coordinates"])),
+            ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
+        )
+    return table
+
+
+def _link(robot: Robot, i: int) -> str:
+    """What a link is called: by its number as an arm, or by its name."""
+    named = robot.links[i - 1].name or not robot.base.rotors
+    return link_label(robot, i) if named else str(robot.rotors + i)
+
+
+def _each(what: str, labels: Sequence[str], count: int, every: str) -> str:
+    """Bodies or rotors by their labels, `every` if all of `count`; `what` is said of numbers."""
+    if labels and all(map(str.isdigit, labels)):
+        return f"{what} {_ranges([*map(int, labels)])}"
+    return every if len(labels) == count > 1 else ", ".join(labels) or "-"
+
+
+def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
+    rows = ([str(i), c.name, c.unit, c.meaning] for i, c in enumerate(coordinates))
+    return plain_table(f"\n{title}", "", "name", "unit", "meaning", rows=rows)
+
+
+def _row_table(data: dict[str, Any]) -> Table:
+    title = "\nRows of the hybrid system (eq. 18)"
+    table = plain_table(title, "row", "unknown", "chains that add there", "inputs that act there")
+    rotors = data["rotors"]
+    thrusts = [entry["name"] for entry in data["inputs"][:rotors]]
+    for row in data["hybrid_rows"]:
+        acting = row["inputs"]
+        if rotors > 1 and acting[:rotors] == thrusts:
+            acting = ["all thrusts", *acting[rotors:]]
+        cells = (row["unknown"], _ranges(row["chains"]), ", ".join(acting) or "-")
+        table.add_row(str(row["row"]), *cells)
+    return table
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Chain numbers; three or more that follow each other by the first and the last."""
+    first, last = numbers[0], numbers[-1]
+    if len(numbers) > 2 and last - first == len(numbers) - 1:
+        return f"{first} … {last}"
+    return ", ".join(map(str, numbers))
+
+
+def _label_width(data: dict[str, Any]) -> int:
+    return max(13, *(len(row["unknown"]) for row in data["hybrid_rows"]))
+
+
+def _pattern_text(data: dict[str, Any], pattern: list[list[list[int]]]) -> Text:
+    """I_H as a picture: the chain that fills an entry, Σ where several do, · where none does."""
+    width, room = len(str(len(data["chains"]))), _label_width(data)
+    lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
+    for row, entries in zip(data["hybrid_rows"], pattern, strict=True):
+        marks = []
+        for chains in entries:
+            mark = "·" if not chains else str(chains[0]) if len(chains) == 1 else "Σ"
+            marks.append(f"{mark:>{width}}")
+        lines.append(f"{row['row']:>4} {row['unknown']:<{room}} {' '.join(marks)}")
+    return Text("\n".join(lines), no_wrap=True, overflow="ignore")
+
+
+def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
+    if motors["rank"] == 6:
+        console.print(
+            f"\nRotors: rank 6 of 6, condition number {motors['condition']:.4g} "
+            "(N and N m about the base centre)"
+        )
+    elif motors["rank"]:
+        console.print(
+            f"\nRotors: rank {motors['rank']} of 6, so the base is underactuated; the thrusts "
+            "produce no wrench along"
+        )
+        for direction in motors["missing"]:
+            console.print(f"  {direction}", highlight=False)
+    if moved := motors["moved_by_joints"]:
+        least, most = motors["ranks_in_motion"]
+        ranks = f"{least} to {most}" if most > least else str(most)
+        console.print(
+            f"This is with the joints at zero. They move rotors {', '.join(moved)}; elsewhere the "
+            f"rank is {ranks}."
+        )
+    if motors["tilt_hint"]:
+        console.print(f"Hint: {motors['tilt_hint']['text']}")
+
+
+def _operation_table(data: dict[str, Any]) -> Table:
+    names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
+    rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
+    table = plain_table("\nOperations per call", *names, rows=rows)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    return table

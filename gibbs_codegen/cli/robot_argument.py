@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
+import re
+import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -14,58 +18,6 @@ from gibbs_codegen.errors import UsageError
 if TYPE_CHECKING:
     from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
-
-
-_ROBOT = (
-    "a robot file, the name of a robot that ships, or a generated module, given by its folder or "
-    "by its name in generated/; if a name is both, "
-)
-
-
-ROBOT_THAT_DERIVES = f"{_ROBOT}the robot that ships is taken"
-
-
-def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT, or --rotors and --links, to a command that derives."""
-    parser.add_argument("robot", nargs="?", metavar="ROBOT", help=ROBOT_THAT_DERIVES)
-    parser.add_argument(
-        "--rotors",
-        type=int,
-        metavar="N",
-        help="number of rotors, 2 to 256, of a member of the paper's family, whose base arms and "
-        "links are those of its Table 1; requires --links",
-    )
-    parser.add_argument(
-        "--links",
-        type=int,
-        metavar="n",
-        help="number of links of its arm, 0 to 64; requires --rotors",
-    )
-
-
-def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Add --derivatives to a command; its meaning there has {which} for the functions."""
-    parser.add_argument(
-        "--derivatives",
-        nargs="?",
-        const=True,
-        default=False,
-        type=lambda names: names.split(",") if names else True,
-        metavar="NAME,...",
-        help=meaning.format(
-            which="the derivatives of those names, or without a name all but the Hessians, which "
-            "are long; the name all stands for every one"
-        ),
-    )
-
-
-def add_module(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT to a command that runs a module."""
-    parser.add_argument(
-        "robot",
-        metavar="ROBOT",
-        help=f"{_ROBOT}the module is taken; if there is no module, one is generated and not kept",
-    )
 
 
 def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
@@ -92,8 +44,6 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 def warn_of_inertias(robot: Robot) -> None:
     """Warn of inertias that no body has and that the robot's file lets pass."""
     if robot.allow_impossible_inertia:
-        import sys
-
         from gibbs_codegen.robot.rigid_body import impossible_inertias
 
         for warning in impossible_inertias(robot):
@@ -122,32 +72,28 @@ def find_robot(word: str) -> tuple[Robot, str]:
     try:
         return read_robot(word)
     except UsageError as error:
-        import difflib
-
         from gibbs_codegen.runtime.load import modules_made
 
         known = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
         near = difflib.get_close_matches(word[:80], known, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
-        told = f"{error}; nor is there a module of that name in generated/{hint}"
-        raise UsageError(told) from None
+        message = f"{error}; nor is there a module of that name in generated/{hint}"
+        raise UsageError(message) from None
 
 
-def derivatives_of(word: str | None) -> tuple[str, ...]:
-    """Names of a module's derivatives; none where the word names none, as of `find_robot`."""
-    import re
-
+def functions_of(word: str | None) -> tuple[str, ...]:
+    """Names of a module's functions; none where the word names none, as of `find_robot`."""
     from gibbs_codegen.robot.file import shipped_robots
     from gibbs_codegen.runtime.load import find_module
 
     if word is None or word in shipped_robots() or os.path.isfile(word):
         return ()
     try:
-        source = find_module(Path(word)) / "numpy_module.py"
-        # The source is searched: running the module would take longer, and could run anything.
-        listed = re.search(r"^DERIVATIVES = \((.*?)^\)", source.read_text("utf-8"), re.M | re.S)
+        text = (find_module(Path(word)) / "numpy_module.py").read_text("utf-8")
     except (UsageError, OSError, UnicodeDecodeError):
         return ()
+    # The source is searched: running the module would take longer, and could run anything.
+    listed = re.search(r"^FUNCTIONS = \((.*?)^\)", text, re.M | re.S)
     return tuple(re.findall(r'"(\w+)"', listed[1])) if listed else ()
 
 
@@ -167,8 +113,6 @@ def found_module(
         yield find_module(Path(word)), True
         return
     robot, text = find_robot(word)
-    import tempfile
-
     from gibbs_codegen.pipeline import generate_robot  # It imports SymPy, which modules do without.
 
     with tempfile.TemporaryDirectory() as out:

@@ -5,73 +5,30 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
-from gibbs_codegen.files.shipped import shipped_names
-
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.record.flight import Flight
-
+from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.flight.figures.flight import check_results, write_results
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.runtime.load import load
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
-
-
-def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
-    simulate = commands.add_parser(
-        "simulate",
-        help="fly a scenario with a module, and write time series and figures",
-    )
-    robot_argument.add_module(simulate)
-    simulate.add_argument(
-        "--scenario",
-        default="paper",
-        metavar="NAME|FILE",
-        help=f"the scenario to fly: {', '.join(shipped_names('scenarios'))} or a scenario file "
-        "(default: paper)",
-    )
-    simulate.add_argument(
-        "--out",
-        default="flight",
-        metavar="DIR",
-        help="folder in which the results are written (default: flight)",
-    )
-    simulate.add_argument(
-        "--backend",
-        choices=("numpy", "c"),
-        default="c",
-        help="back end to compute with; c is compiled once, and replaced by numpy if that is not "
-        "possible (default: c)",
-    )
-    simulate.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="replace an entry of the scenario, such as start.offset=[0.2,0,0]; may be repeated",
-    )
-    simulate.add_argument("--no-figures", action="store_true", help="write the time series only")
-    simulate.add_argument(
-        "--animate", choices=("gif", "mp4"), help="write an animation as well, in this format"
-    )
-    simulate.set_defaults(command=_simulate)
+# Of inputs that are named; and the share of a limit that is too little to have left it.
+_MOST_NAMES = 12
+_ROUND_OFF = 1e-9
 
 
 @terminal.ended_by_signals()
-def _simulate(options: argparse.Namespace) -> int:
-    from gibbs_codegen.cli.limits_report import reached_limits
-    from gibbs_codegen.files.changes import changes_of
-    from gibbs_codegen.flight.figures.flight import check_results, write_results
-    from gibbs_codegen.flight.scenario.file import read_scenario
-
+def run(options: argparse.Namespace) -> int:
+    """Fly the scenario, write the results, and print what is to be said of the flight."""
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")
-    from gibbs_codegen.flight.simulation import simulate
-    from gibbs_codegen.runtime.load import load
+    from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
 
     with (
         robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
@@ -93,6 +50,8 @@ def _simulate(options: argparse.Namespace) -> int:
     _print_walls(flight, [wall.frame for wall in scenario.walls])
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
+    if joints := joints_beyond(flight):
+        print(f"beyond their limits: {printable(joints, 400)}")
     _print_timing(flight, printable(options.out))
     if flight.stopped:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
@@ -136,3 +95,54 @@ def _print_timing(flight: Flight, folder: str) -> None:
         print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
     if more := len(flight.binding) - len(times):
         print(f"  and {more} more: `binding` of {folder}/flight.npz has all")
+
+
+def reached_limits(flight: Flight) -> str:
+    """Name the inputs that were asked for their limits or more, and the one asked for the most.
+
+    Such as "F_1, F_3 (F_1 was asked for 88 N of 14 N at t = 0.03 s)"; empty if none was. Inputs
+    that their limits leave no choice, such as 0 to 0, are named only if asked for more.
+    """
+    low, high = flight.input_limits
+    # Infinite differences are limits that there are not; NaN, values after control was lost.
+    over = np.stack([low - flight.commanded_least, flight.commanded_greatest - high])
+    over = np.where(np.isfinite(over), over, -np.inf)
+    limits = np.where(np.isfinite(flight.input_limits), np.abs(flight.input_limits), 0.0)
+    share = over / np.maximum(limits.max(axis=0), _ROUND_OFF)
+    least = np.where(low == high, _ROUND_OFF, -_ROUND_OFF)
+    reached = np.flatnonzero((share >= least).any(axis=(0, 1)))
+    if not len(reached):
+        return ""
+    side, sample, place = np.unravel_index(int(share.argmax()), share.shape)
+    commanded = (flight.commanded_least, flight.commanded_greatest)[side][sample, place]
+    numbers = commanded, flight.input_limits[side, place]
+    command, limit = (f"{number:.3g} {flight.input_units[place]}" for number in numbers)
+    names = [flight.input_names[k] for k in reached[:_MOST_NAMES]]
+    more = f" and {len(reached) - len(names)} more" if len(reached) > len(names) else ""
+    past = share[side, sample, place] > _ROUND_OFF and command != limit
+    words = f"was asked for {command} of {limit}" if past else f"reached {limit}"
+    return (
+        f"{', '.join(names)}{more} ({flight.input_names[place]} {words} "
+        f"at t = {flight.time[sample]:.3g} s)"
+    )
+
+
+def joints_beyond(flight: Flight) -> str:
+    """Name each joint that left its limits, with how far it went, and when.
+
+    Such as "theta_8 came to 1.4 rad, beyond 1.2 rad, at t = 0.3 s"; empty if none did.
+    """
+    clauses = []
+    joints = flight.layout.q.joints
+    named = zip(flight.coordinates[joints], flight.coordinate_units[joints], strict=True)
+    for (name, unit), (low, high), q in zip(
+        named, flight.joint_limits.T, flight.q[:, joints].T, strict=False
+    ):
+        over = np.stack([low - q, q - high])
+        over = np.where(np.isfinite(over), over, -np.inf)  # As above.
+        side, sample = np.unravel_index(int(over.argmax()), over.shape)
+        value, limit = (f"{number:.3g} {unit}" for number in (q[sample], (low, high)[side]))
+        if over[side, sample] > 0.0 and value != limit:
+            at = f"at t = {flight.time[sample]:.3g} s"
+            clauses.append(f"{name} came to {value}, beyond {limit}, {at}")
+    return "; ".join(clauses)

@@ -8,106 +8,37 @@ import re
 import sys
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from math import isnan
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
 
 from gibbs_codegen.cli import terminal
-from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.cli.arguments import DISTRIBUTIONS
+from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.files.shipped import shipped_names
+from gibbs_codegen.flight.figures.study import write_study_figures
+from gibbs_codegen.flight.sweeps import cases
+from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
+from gibbs_codegen.flight.sweeps.study import Study
+from gibbs_codegen.flight.sweeps.sweep import sweep
 
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.sweeps.study import Study
-
-# What may stand before brackets in --vary; the functions of these names in `sweeps.sampling`.
-_FUNCTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 _MOST_INNER = 2
 _MOST_SHOWN = 60
 # What stands between commas, but for those in quotation marks and square brackets.
 _PART = re.compile(r"""(?:^|,)((?:"[^"]*"|'[^']*'|\[[^\]]*\]|[^,])*)""")
-
-
-def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
-    sweep = commands.add_parser(
-        "sweep",
-        help="fly scenarios in many variants, and measure every flight",
-    )
-    _add_cases(sweep)
-    sweep.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="replace an entry of the scenario in all flights, such as start.offset=[0.2,0,0]; may "
-        "be repeated",
-    )
-    sweep.add_argument(
-        "--measure",
-        action="append",
-        default=[],
-        metavar="NAME=SERIES.STATISTIC",
-        help="what is measured of a flight, such as worst=tip_error.max; may be repeated (default: "
-        "worst and last errors of base centre and tip)",
-    )
-    sweep.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help="processes that fly (default: one for each processor)",
-    )
-    sweep.add_argument(
-        "--out",
-        default="sweep",
-        metavar="DIR",
-        help="folder in which the results are kept; the same command goes on with what is there "
-        "(default: sweep)",
-    )
-    sweep.add_argument("--no-figures", action="store_true", help="draw no figures")
-    sweep.set_defaults(command=_sweep)
-
-
-def _add_cases(sweep: Parser) -> None:
-    """Add the options that say what is flown."""
-    sweep.add_argument(
-        "robots",
-        nargs="+",
-        metavar="ROBOT",
-        help="a robot file, the name of a robot that ships, or a generated module, given by its "
-        "folder or by its name in generated/, which comes first; of others a module is generated",
-    )
-    sweep.add_argument(
-        "--scenario",
-        action="append",
-        metavar="NAME|FILE",
-        help=f"a scenario to fly: {', '.join(shipped_names('scenarios'))} or a scenario file; may "
-        "be repeated (default: paper)",
-    )
-    sweep.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="KEY=VALUES",
-        help="what an entry of the scenario takes on: values with commas between them, which "
-        f"cross with those of other keys, or one of {', '.join(_FUNCTIONS)} of numbers in "
-        "brackets, such as uniform(0.8,1.2); may be repeated",
-    )
-    sweep.add_argument(
-        "--samples",
-        type=int,
-        default=1,
-        metavar="N",
-        help="how many times numbers are drawn for each combination of values (default: 1)",
-    )
-    sweep.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of what is drawn (default: 0)"
-    )
+# Of a measure, the worst flights and the keys that explain most; reasons that are told.
+_WORST, _MOST_KEYS, _MOST_REASONS = 3, 3, 5
+# The least share that is told.
+_LEAST = 0.02
 
 
 @terminal.ended_by_signals()
-def _sweep(options: argparse.Namespace) -> int:
-    from gibbs_codegen.cli.sweep_report import print_study
-
+def run(options: argparse.Namespace) -> int:
+    """Fly the study, draw its figures, and print what it shows."""
     if not sys.stderr.isatty():  # Lines take the place of the bar.
         log = logging.getLogger("gibbs_codegen.flight.sweeps")
         log.setLevel(logging.INFO)
@@ -121,30 +52,26 @@ def _sweep(options: argparse.Namespace) -> int:
             bar(what, share)
 
         try:
-            study = _flown(options, progress)
+            study = _study(options, progress)
         except KeyboardInterrupt:
-            told = f"interrupted when {100.0 * done:.0f} % were done, which {options.out} keeps"
+            state = f"interrupted when {100.0 * done:.0f} % were done, which {options.out} keeps"
             again = "the same command goes on from there"
-            print(f"gibbs-codegen: {printable(told, 400)}; {again}", file=sys.stderr)
+            print(f"gibbs-codegen: {printable(state, 400)}; {again}", file=sys.stderr)
             return 130
     seconds = time.perf_counter() - start
     if not options.no_figures:
-        from gibbs_codegen.flight.figures.study import write_study_figures
-
         write_study_figures(study, study.folder)
     print_study(study, seconds)
     return 1 if len(study.failures) == len(study.table) else 0
 
 
-def _flown(options: argparse.Namespace, progress: Callable[[str, float], None]) -> Study:
+def _study(options: argparse.Namespace, progress: Callable[[str, float], None]) -> Study:
     """The study that the options ask for; `progress` is as of `sweep`."""
     fixed = _pairs(options.set, "--set", "duration=5")
     parameters = _pairs(options.vary, "--vary", "motors.time_constant=0,0.01")
     if both := fixed.keys() & parameters.keys():
         raise UsageError(f"--set {printable(min(both), _MOST_SHOWN)}: --vary has this key too")
     measures = _pairs(options.measure, "--measure", "worst=tip_error.max")
-    from gibbs_codegen.flight.sweeps.sweep import sweep
-
     return sweep(
         options.robots,
         options.scenario or ["paper"],
@@ -162,7 +89,7 @@ def _flown(options: argparse.Namespace, progress: Callable[[str, float], None]) 
 def varied(text: str, key: str) -> Any:
     """What a key takes on, from the words of --vary: values with commas, or a function's call.
 
-    Returns a list, or what the function of `gibbs_codegen.flight.sweeps.sampling` returns. Raises
+    Returns a list, or what the function of `gibbs_codegen.flight.sweeps.cases` returns. Raises
     `UsageError`, which names the key, if the words mean nothing.
     """
     found = re.fullmatch(r"\s*(\w+)\s*\((.*)\)\s*", text, re.DOTALL)
@@ -170,27 +97,24 @@ def varied(text: str, key: str) -> Any:
         return _values(text)
     name, inner = found.groups()
     shown = f"--vary {printable(key)}={printable(text, _MOST_SHOWN)}"
-    if name not in _FUNCTIONS:
-        raise UsageError(f"{shown}: {name} is not one of {', '.join(_FUNCTIONS)}")
+    if name not in DISTRIBUTIONS:
+        raise UsageError(f"{shown}: {name} is not one of {', '.join(DISTRIBUTIONS)}")
     if inner.count("(") > _MOST_INNER:
         raise UsageError(f"{shown}: more brackets in brackets than mean anything")
-    from gibbs_codegen.flight.sweeps import sampling
-
     arguments = [varied(inner, key)] if "(" in inner else _values(inner)
     try:
-        return getattr(sampling, name)(*arguments)
+        return getattr(cases, name)(*arguments)
     except TypeError:
         raise UsageError(
             f"{shown}: {name} takes two numbers; scaled and together also take another of "
-            f"{', '.join(_FUNCTIONS)}, or a list in square brackets"
+            f"{', '.join(DISTRIBUTIONS)}, or a list in square brackets"
         ) from None
 
 
 def _values(text: str) -> list[Any]:
     """Values of TOML with commas between them; what is not TOML is text."""
     try:
-        found: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
-        return found
+        return tomllib.loads(f"values = [{text}]")["values"]
     except (ValueError, RecursionError):
         return [_value(part.strip()) for part in _PART.findall(text)]
 
@@ -219,3 +143,86 @@ def _pairs(entries: Sequence[str], option: str, example: str) -> dict[str, str]:
             raise UsageError(f"{option} {shown}: must be such as {example}")
         pairs[name.strip()] = value
     return pairs
+
+
+def print_study(study: Study, seconds: float) -> None:
+    """Print how measures are spread, what they depend on, the worst flights, and what failed."""
+    console = Console(width=terminal.width(), highlight=False)
+    early, failed, unmeasured = map(len, (study.stopped, study.failures, study.unmeasured))
+    print(
+        f"{printable(study.folder)}: {len(study.table)} cases in {seconds:.1f} s: "
+        f"{len(study.whole)} flights to the end, {early} ended early, {failed} failed"
+        + (f"; of {unmeasured} flights a measure could not be taken" if unmeasured else "")
+    )
+    _print_reasons("ended early", study, "stopped")
+    _print_reasons("failed", study, "failed")
+    _print_reasons("not measured", study, "unmeasured")
+    if not len(study.whole):
+        return
+    table = plain_table("flights to the end", "", "least", "5 %", "median", "95 %", "greatest")
+    for spread in study.summary():
+        numbers = (f"{value:.4g}" for value in spread[2:])
+        table.add_row(Text(printable(spread.measure)), *numbers)
+    console.print()
+    console.print(table)
+    _print_sensitivities(study, console)
+    _print_worst(study)
+
+
+def _print_worst(study: Study) -> None:
+    """Print the worst flights of each measure, and what flies the worst of all again."""
+    commands: dict[int, str] = {}
+    print("\nworst flights")
+    for measure in study.measures:
+        worst = study.worst(measure, _WORST)
+        shown = [
+            f"case {each.case} ({each.value:.4g}{', ended early' if each.stopped else ''})"
+            for each in worst
+        ]
+        print(f"  {printable(measure)}: {', '.join(shown) or 'none'}")
+        commands |= {each.case: each.command for each in worst[:1]}
+    for case, command in commands.items():
+        print(f"case {case} again:\n  {command}")
+
+
+def _print_reasons(what: str, study: Study, column: str) -> None:
+    """Print the reasons of a column, the most frequent first, each with a case that has it.
+
+    `what` is what became of the flights.
+    """
+    rows = study.table[study.table[column] != ""]
+    # Times and amounts are others in every flight.
+    kinds = [re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", str(reason)) for reason in rows[column]]
+    frequent = Counter(kinds).most_common()
+    for kind, count in frequent[:_MOST_REASONS]:
+        first = rows[kinds.index(kind)]
+        print(f"  {what}, {count}, as case {first['case']}: {printable(first[column], 300)}")
+        if column != "unmeasured":  # A command that flies it again does not measure it.
+            print(f"    {study.command(first['case'])}")
+    if more := frequent[_MOST_REASONS:]:
+        print(f"  {what}, {sum(count for _, count in more)} for other reasons, which table.csv has")
+
+
+def _print_sensitivities(study: Study, console: Console) -> None:
+    """Print what each measure depends on most, where anything can be said of it."""
+    table = plain_table("what keys explain", "", "alone", "with others", "correlation")
+    for measure in study.measures:
+        found = [each for each in study.sensitivity(measure) if _is_seen(each)]
+        for number, each in enumerate(found[:_MOST_KEYS]):
+            if number == 0:
+                table.add_row(Text(printable(measure)))  # Text: brackets in names are no markup.
+            shares = (_share(each.alone, each.alone_error), _share(each.joint, each.joint_error))
+            correlation = "" if isnan(each.correlation) else f"{each.correlation:+.2f}"
+            table.add_row(Text(f"  {printable(each.key)}"), *shares, correlation)
+    if table.row_count:
+        console.print()
+        console.print(table)
+
+
+def _is_seen(each: Sensitivity) -> bool:
+    """Whether a key explains something, and more than chance might."""
+    return each.alone > max(each.alone_error, _LEAST) or each.joint > max(each.joint_error, _LEAST)
+
+
+def _share(share: float, error: float) -> str:
+    return "" if isnan(share) else f"{share:.2f} ± {error:.2f}"

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from gibbs_codegen.errors import printable
+from rich.console import Console
+from rich.progress import Progress as Bars
+from rich.table import Table
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from gibbs_codegen.program.model import Progress
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser that wants options in full, and shows printably what it does not understand."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(allow_abbrev=False, **options)
-
-    def error(self, message: str) -> NoReturn:
-        """Print the usage and the message, and exit with 2."""
-        super().error(printable(message, 400))
 
 
 def width(elsewhere: int = 80) -> int:
@@ -36,15 +23,17 @@ def width(elsewhere: int = 80) -> int:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else elsewhere
 
 
-def plain_table(title: str, *columns: str, **style: Any) -> Table:
-    """A table without lines and rows, its title on the left, with headings of its first columns."""
-    from rich.table import Table
-
+def plain_table(
+    title: str, *columns: str, rows: Iterable[Iterable[str]] = (), **style: Any
+) -> Table:
+    """A table without lines, its title on the left, with headings of its first columns."""
     table = Table(
         title=title, title_justify="left", box=None, header_style="dim", pad_edge=False, **style
     )
     for column in columns:
         table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
@@ -67,8 +56,6 @@ def progress() -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rich.console import Console
-
     with Console(stderr=True).status("starting") as status:
         yield lambda step: status.update(step)
 
@@ -79,9 +66,6 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
     if not sys.stderr.isatty():
         yield lambda what, share: None
         return
-    from rich.console import Console
-    from rich.progress import Progress as Bars
-
     with Bars(console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
 

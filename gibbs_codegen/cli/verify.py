@@ -3,75 +3,55 @@
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import os
 import sys
-from typing import TYPE_CHECKING
+import textwrap
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import printable
+from gibbs_codegen.verification.comparison import Comparison, failure_text, shown
+from gibbs_codegen.verification.modules import verify
+from gibbs_codegen.verification.verify import Verification
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from gibbs_codegen.verification.verify import Verification
-
-
-def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
-    verify = commands.add_parser(
-        "verify",
-        help="compare a module with formulations that share no code with the derivation",
-    )
-    robot_argument.add_module(verify)
-    verify.add_argument(
-        "--states",
-        type=int,
-        default=20,
-        metavar="K",
-        help="number of random states to compare at (default: 20)",
-    )
-    verify.add_argument("--seed", type=int, default=0, help="seed of the states (default: 0)")
-    verify.add_argument(
-        "--backend",
-        choices=("numpy", "c"),
-        action="append",
-        help="a back end to verify; may be repeated (default: both)",
-    )
-    verify.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    verify.set_defaults(command=_verify)
+# Longer, a list of failures is not read.
+_MOST_FAILURES = 12
 
 
-def _verify(options: argparse.Namespace) -> int:
-    with (
-        terminal.ended_by_signals(),
-        robot_argument.found_module(options.robot, terminal.progress()) as (folder, kept),
-    ):
-        return _verify_folder(options, folder, kept)
-
-
-def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int:
-    """Verify a module, print what was found, and return the exit code.
-
-    `kept` is whether the module stays when the command has ended.
-    """
-    from gibbs_codegen.cli.verify_report import as_data, failure_lines
-    from gibbs_codegen.verification.modules import verify
-
-    backends = options.backend or ["numpy", "c"]
-    with terminal.progress() as progress:
-        found = verify(folder, options.states, options.seed, backends, progress)
-    lacking = [backend for backend in options.backend or () if backend not in found.comparisons]
-    passed = found.passed and not lacking
-    if options.json:
-        import json
-
-        print(json.dumps(as_data(found) | {"passed": passed}, indent=2))
-    else:
-        _print_found(found, passed, folder if kept else None)
+def run(options: argparse.Namespace) -> int:
+    """Verify the module, and print what was found."""
+    module = robot_argument.found_module(options.robot, terminal.progress())
+    with terminal.ended_by_signals(), module as (folder, is_kept):
+        with terminal.progress() as progress:
+            backends = options.backend or ["numpy", "c"]
+            found = verify(folder, options.states, options.seed, backends, progress)
+        lacking = [b for b in options.backend or () if b not in found.comparisons]
+        passed = found.passed and not lacking
+        if options.json:
+            print(json.dumps(as_data(found) | {"passed": passed}, indent=2))
+        else:
+            width = terminal.width()
+            print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
+            if passed:
+                name = min(str(folder), os.path.relpath(folder), key=len)
+                verdict = f": all {found.count} comparisons within their limits"
+                shortened = printable(
+                    name if is_kept else found.robot, max(width - len(verdict), 16)
+                )
+                print(shortened + verdict)
+            if passed and not is_kept:
+                print("(the module was generated for this and is not kept)")
     if passed:
         return 0
-
     lines = [f"back end {b} was asked for: {found.not_done[f'back end {b}']}" for b in lacking]
     if found.failures:
         lines.append(f"{len(found.failures)} of {found.count} comparisons failed:")
@@ -82,23 +62,127 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
     return 1
 
 
-def _print_found(found: Verification, passed: bool, folder: Path | None) -> None:
-    """Print the tables, and a line if all is well.
+def as_data(verification: Verification) -> dict[str, Any]:
+    """Everything that `verify` found in values that JSON can hold; what is not a number is null."""
+    return {
+        "robot": verification.robot,
+        "seed": verification.seed,
+        "passed": verification.passed,
+        "comparisons": verification.count,
+        "failures": len(verification.failures),
+        "not_done": verification.not_done,
+        "backends": {
+            backend: [
+                asdict(c)
+                | {"error": c.error if math.isfinite(c.error) else None}
+                | {"passed": c.passed}
+                for c in comparisons
+            ]
+            for backend, comparisons in verification.comparisons.items()
+        },
+    }
 
-    `passed` is whether it passed, and was made of all back ends that were asked for; `folder` is
-    None if the module was generated for this and is not kept.
-    """
-    from rich.console import Console
 
-    from gibbs_codegen.cli.verify_report import print_verification
+def print_verification(verification: Verification, console: Console) -> None:
+    """Print the largest errors: for each back end functions by formulations, then the rest."""
+    for backend, comparisons in verification.comparisons.items():
+        by_formulation, others = _sorted(comparisons)
+        title = f"{backend}: largest relative error of each function against …"
+        for columns in _fitting(by_formulation, console.width):
+            console.print(_formulation_table(title, columns))
+            console.print()
+            title = f"{backend}: … and against …"
+        if others:
+            console.print(_invariant_table(backend, others))
+            console.print()
+    for what, reason in verification.not_done.items():
+        console.print(Text(f"{what}: not compared: {reason}"))
 
-    width = terminal.width()
-    print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
-    if passed:
-        verdict = f": all {found.count} comparisons within their limits"
-        name = found.robot
-        if folder is not None:
-            name = min(str(folder), os.path.relpath(folder), key=len)
-        print(printable(name, max(width - len(verdict), 16)) + verdict)
-        if folder is None:
-            print("(the module was generated for this and is not kept)")
+
+def failure_lines(verification: Verification) -> list[str]:
+    """A line for each comparison that failed, the worst first; the last counts those left out."""
+    failures = sorted(verification.failures, key=lambda f: -f[1].error)
+    lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
+    if len(failures) > _MOST_FAILURES:
+        lines.append(f"and {len(failures) - _MOST_FAILURES} more")
+    return lines
+
+
+Columns = dict[str, dict[str, Comparison]]
+
+
+def _sorted(comparisons: list[Comparison]) -> tuple[Columns, list[Comparison]]:
+    """Comparisons by formulation and function where one column serves many functions; the rest."""
+    columns: Columns = {}
+    for comparison in comparisons:
+        columns.setdefault(comparison.against, {})[comparison.what] = comparison
+    wide = {
+        against: rows
+        for against, rows in columns.items()
+        if len(rows) > 6 and any(c.states for c in rows.values())
+    }
+    return wide, [c for c in comparisons if c.against not in wide]
+
+
+def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
+    """The columns shared among tables that are no wider than the terminal, one column at least."""
+    functions = {what for rows in columns.values() for what in rows}
+    room = width - max(map(len, functions), default=0)
+    some: Columns = {}
+    left = room
+    for against, rows in columns.items():
+        cells = [_cell(comparison).plain for comparison in rows.values()]
+        needed = 2 + max(map(len, [*_heading(against).split("\n"), *cells]))
+        if some and needed > left:
+            yield some
+            some, left = {}, room
+        some[against] = rows
+        left -= needed
+    if some:
+        yield some
+
+
+def _heading(against: str) -> str:
+    """A heading in short lines."""
+    return textwrap.fill(against, 12, break_long_words=False)
+
+
+def _formulation_table(title: str, columns: Columns) -> Table:
+    table = plain_table(title, padding=(0, 2, 0, 0))
+    table.add_column("function", no_wrap=True, vertical="bottom")
+    for against in columns:
+        table.add_column(_heading(against), justify="right", no_wrap=True, vertical="bottom")
+    functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
+    for function in functions:
+        table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
+    limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in columns.values()]
+    states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
+    table.add_row("limit", *limits, style="dim")
+    table.add_row("states", *states, style="dim")
+    return table
+
+
+def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
+    table = plain_table(f"{backend}: other comparisons")
+    table.add_column("what", no_wrap=True)
+    table.add_column("against", overflow="fold")
+    for column in ("states", "error", "limit"):
+        table.add_column(column, justify="right")
+    for c in comparisons:
+        limit = "exact" if c.limit == 0.0 else shown(c)[1]
+        states = str(c.states) if c.states else "-"
+        table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
+        if c.fault:
+            table.add_row("", Text(c.fault, style="red"))
+    return table
+
+
+def _cell(comparison: Comparison | None) -> Text:
+    if comparison is None:
+        return Text("-", style="dim")
+    if comparison.passed:
+        return Text(f"{comparison.error:.1e}" if comparison.error else "0")
+    error, limit = shown(comparison)
+    number = f"{error} > {limit}" if math.isfinite(comparison.error) else ""
+    # The word too, for a pipe has no colours.
+    return Text(f"FAILS {number}".strip(), style="bold red")

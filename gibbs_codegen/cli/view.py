@@ -9,50 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.runtime.load import load, require
 
 if TYPE_CHECKING:
     from gibbs_codegen.flight.viewer.view import Viewed
 
 
-def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
-    view = commands.add_parser(
-        "view",
-        help="show a robot or a flight in the browser, live or as one file",
-    )
-    view.add_argument(
-        "what",
-        metavar="ROBOT|FLIGHT",
-        help="a robot, as for `simulate`; or a folder that `simulate` wrote, or its flight.npz",
-    )
-    view.add_argument(
-        "--html",
-        metavar="FILE",
-        help="write one file that any browser opens without a request, instead of serving",
-    )
-    view.add_argument(
-        "--port",
-        type=_port,
-        default=8080,
-        metavar="P",
-        help="port of the server, or the next free one (default: 8080)",
-    )
-    view.add_argument("--no-browser", action="store_true", help="do not open the browser")
-    view.set_defaults(command=_view)
-
-
-def _port(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
-        raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
-    return int(text)
-
-
 @terminal.ended_by_signals()
-def _view(options: argparse.Namespace) -> int:
-    from gibbs_codegen.runtime.load import require
-
+def run(options: argparse.Namespace) -> int:
+    """Show the robot or the flight, or write the page."""
     # Before a module is generated.
     require("viser", "the viewer", "viewer")
     if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
@@ -79,15 +45,14 @@ def _view(options: argparse.Namespace) -> int:
 def _viewed(word: str) -> Iterator[Viewed]:
     """The flight or the module that a word names; a module that is generated goes in the end."""
     from gibbs_codegen.flight.viewer.view import flight_file
-    from gibbs_codegen.runtime.load import load
 
     if flight := flight_file(word):
         yield flight
         return
     with ExitStack() as until_shown:
-        found = robot_argument.found_module(word, terminal.progress())
+        module = robot_argument.found_module(word, terminal.progress())
         try:
-            folder, _ = until_shown.enter_context(found)
+            folder, _ = until_shown.enter_context(module)
         except UsageError as error:
             if Path(word).is_file():
                 raise

@@ -15,19 +15,18 @@ from types import MappingProxyType
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
-from gibbs_codegen.derivation.inertia_forces import link_wrench
+from gibbs_codegen.derivation.inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import link_wrench
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars, times
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
     ZERO,
     Rotation,
     Transform,
-    Vector,
     Wrench,
     moved,
 )
@@ -75,8 +74,8 @@ class SolvedJoint:
         entries = parent.entries
         if self.armature != 0:
             pairs = zip(self.ratios, entries, strict=True)
-            given = sp.Add(*(tape.let(ratio * entry) for ratio, entry in pairs))
-            relative = tape.let(self.share - given)
+            carried = sp.Add(*(tape.let(ratio * entry) for ratio, entry in pairs))
+            relative = tape.let(self.share - carried)
             entries[self.direction] = tape.let(entries[self.direction] + relative)
             return relative, Acceleration.of(entries)
         rest = [
@@ -106,9 +105,7 @@ class Articulation:
     felt: list[ArticulatedBody]
     root: ArticulatedBody
 
-    def root_responses(
-        self, tape: Scalars, loads: Sequence[Sequence[sp.Expr]]
-    ) -> list[list[sp.Expr]]:
+    def root_responses(self, tape: Scalars, loads: Sequence[Values]) -> list[list[sp.Expr]]:
         """The root's a (6), from Âa = p, for each p; `ZeroPivotError` where inertia is lacking."""
         rows = self.root.inertia.rows
         order = minimum_degree(rows)
@@ -138,8 +135,8 @@ def articulated(
     tree: SegmentTree,
     motions: Sequence[Motion],
     thrust: Wrench,
-    efforts: Sequence[sp.Expr],
-    armatures: Sequence[sp.Expr],
+    efforts: Values,
+    armatures: Values,
     loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> Articulation:
     """Solve every joint's equation, from the leaves inwards.

@@ -28,6 +28,11 @@ with ë = Ae, and V the velocity of the joint against that of the root's origin,
 couplings count from. The parent feels a wrench: of ψ by the articulated inertia, of ε by the
 coupling, of a spring or a damper by the joint's equation; and the wrench on what is carried is
 turned or moved with it.
+
+*Operational-space inertias* say how each segment gives way to a wrench on itself. The inverse Y of
+the inertia that is felt there, all joints free, passes outwards from the root's. In a frame fixed
+to the parent it only moves; a joint along s, with the ratios u of its equation and an inertia D,
+gives the segment (1 − suᵀ)·Y·(1 − usᵀ) + ssᵀ/D.
 """
 
 from __future__ import annotations
@@ -38,7 +43,6 @@ from typing import Literal, get_args
 
 import sympy as sp
 
-from gibbs_codegen.derivation.acceleration_column import AccelerationColumn, sum_of_products
 from gibbs_codegen.derivation.articulated import (
     ArticulatedBody,
     Articulation,
@@ -46,131 +50,73 @@ from gibbs_codegen.derivation.articulated import (
     SolvedJoint,
     root_turn,
 )
-from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia, Block, rotated_block
-from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.inertia import NO_COUPLING, ArticulatedInertia, VelocityCoupling
 from gibbs_codegen.derivation.motion import Acceleration, Motion
-from gibbs_codegen.derivation.operational_inertia import passed_out, response, with_joint
 from gibbs_codegen.derivation.parameters import PassiveSymbols
-from gibbs_codegen.symbolic.tape import Scalars, times
-from gibbs_codegen.symbolic.vectors import (
-    ZERO,
-    Rotation,
-    Transform,
-    Vector,
-    Z,
-    add,
-    axis_vector,
-    cross,
-    dot,
-    moved,
-    scale,
-)
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Transform, Z, axis_vector, minus, moved
+
+Rows = Sequence[Values]
+# Joints inboard of a joint, on average, beyond which its parent's inertia is taken to be shorter.
+# The operations are not counted: near the limit both ways take about as many.
+_FEW = 6
 
 
-@dataclass(frozen=True)
-class VelocityCoupling:
-    """The matrices by rows: force and moment for a rate ε."""
+def inertia_is_shorter(tree: SegmentTree) -> bool:
+    """Whether operational-space inertias are likely to take fewer operations.
 
-    force: Block
-    moment: Block
-
-    @classmethod
-    def rigid(
-        cls, tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector
-    ) -> VelocityCoupling:
-        """Of a rigid body about a point; `omega` and `velocity` are twice its ω and the point's."""
-        first = inertia.moment
-        x, y, z = add(tape, cross(tape, omega, first), scale(tape, inertia.mass, velocity))
-        spins = [cross(tape, omega, _row(inertia, i)) for i in range(3)]
-        d = [add(tape, spins[i], scale(tape, first[i], velocity)) for i in range(3)]
-
-        def entry(i: int, j: int) -> sp.Expr:
-            if i != j:
-                return -d[j][i]
-            return tape.let(d[i - 2][i - 2] + d[i - 1][i - 1])
-
-        zero = sp.S.Zero
-        return cls(
-            ((zero, z, -y), (-z, zero, x), (y, -x, zero)),
-            _block([[entry(i, j) for j in range(3)] for i in range(3)]),
-        )
-
-    @property
-    def rows(self) -> list[Vector]:
-        """All six rows."""
-        return [*self.force, *self.moment]
-
-    def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
-        """Of both subtrees about one point, in one frame."""
-        return _of_rows([add(tape, a, b) for a, b in zip(self.rows, other.rows, strict=True)])
-
-    def rotated(self, tape: Scalars, rotation: Rotation) -> VelocityCoupling:
-        """The same in another frame, to which `rotation` takes components."""
-        if rotation.is_identity:
-            return self
-        return VelocityCoupling(
-            rotated_block(tape, rotation, self.force), rotated_block(tape, rotation, self.moment)
-        )
-
-    def shifted(self, tape: Scalars, arm: Vector) -> VelocityCoupling:
-        """The same about another point; `arm` is the old point from the new one (m)."""
-        if arm == ZERO:
-            return self
-        force, moment = self.force, self.moment
-        rows = [
-            [
-                tape.let(
-                    moment[i][j]
-                    + times(arm[i - 2], force[i - 1][j])
-                    - times(arm[i - 1], force[i - 2][j])
-                )
-                for j in range(3)
-            ]
-            for i in range(3)
-        ]
-        return VelocityCoupling(force, _block(rows))
-
-    def without(
-        self, tape: Scalars, direction: int, ratios: Sequence[sp.Expr], left: Vector
-    ) -> VelocityCoupling:
-        """What the parent feels while a joint, of direction 0 … 5, is free.
-
-        `ratios` are those of its solved equation, row by row. `left` is what is left of the joint's
-        own row, zero without armature: written as a difference it would cancel.
-        """
-        own = self.rows[direction]
-        return _of_rows(
-            [
-                left if i == direction else add(tape, row, scale(tape, -ratio, own))
-                for i, (row, ratio) in enumerate(zip(self.rows, ratios, strict=True))
-            ]
-        )
+    That is estimated from how many joints are inboard of a joint; neither way is counted.
+    """
+    return sum(len(tree.path(k)) - 2 for k in range(1, len(tree.segments))) > _FEW * tree.joints
 
 
-NO_COUPLING = VelocityCoupling((ZERO,) * 3, (ZERO,) * 3)
+def passed_out(tape: Scalars, inverse: ArticulatedInertia, transform: Transform) -> Rows:
+    """Y of a segment at a child's joint: rows in the child's working frame, r̈ first.
+
+    An acceleration (ω̇, r̈) moves outwards as a wrench (force, moment) moves inwards; so does Y,
+    with ω̇ before r̈. `transform` takes what is in the child's working frame to the segment's.
+    """
+    steps = [
+        step.inverse if isinstance(step, Rotation) else minus(step) for step in reversed(transform)
+    ]
+    return _other_half_first(moved(tape, inverse, steps).rows).rows
 
 
-def _row(inertia: Inertia, i: int) -> Vector:
-    return (inertia.entry(i, 0), inertia.entry(i, 1), inertia.entry(i, 2))
+def response(tape: Scalars, rows: Rows, wrench: Values) -> Acceleration:
+    """A parent's acceleration at a joint that takes a wrench from it; rows as of `passed_out`."""
+    return Acceleration.of([-tape.sum_of_products(row, wrench) for row in rows])
 
 
-def _of_rows(rows: Sequence[Vector]) -> VelocityCoupling:
-    return VelocityCoupling((rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5]))
+def with_joint(tape: Scalars, joint: SolvedJoint, rows: Rows) -> ArticulatedInertia:
+    """Accelerations of a segment per unit of wrench, ω̇ first, from the parent's at the joint."""
+    direction, ratios = joint.direction, joint.ratios
+    rest = [sp.S.Zero if i == direction else ratio for i, ratio in enumerate(ratios)]
+    left = tape.let(times(joint.armature, joint.lightness))  # 1 − u_d, which would cancel.
+    along = [
+        tape.let(times(left, row[direction]) - tape.sum_of_products(row, rest)) for row in rows
+    ]
+    other = [sp.S.Zero if i == direction else entry for i, entry in enumerate(along)]
+    squares = times(left, along[direction]) - tape.sum_of_products(rest, other)
+    own = tape.let(squares + joint.lightness)
+
+    def entry(i: int, j: int) -> sp.Expr:
+        if i == j == direction:
+            return own
+        if direction in (i, j):
+            return along[j if i == direction else i]
+        return rows[i][j]
+
+    return _other_half_first(ArticulatedInertia.of_entries(entry).rows)
 
 
-def _block(rows: Sequence[Sequence[sp.Expr]]) -> Block:
-    x, y, z = ((a, b, c) for a, b, c in rows)
-    return (x, y, z)
-
-
-_TWO = sp.Integer(2)
+def _other_half_first(rows: Rows) -> ArticulatedInertia:
+    """A symmetric matrix with ω̇ before r̈, or back."""
+    return ArticulatedInertia.of_entries(lambda i, j: rows[(i + 3) % 6][(j + 3) % 6])
 
 
 def doubled_velocities(
-    tape: Scalars,
-    articulation: Articulation,
-    motions: Sequence[Motion],
-    rates: Sequence[sp.Expr],
+    tape: Scalars, articulation: Articulation, motions: Sequence[Motion], rates: Values
 ) -> list[Acceleration]:
     """2V and 2ω of every segment's joint against the root's origin, in its working frame.
 
@@ -178,14 +124,14 @@ def doubled_velocities(
     """
     tree = articulation.tree
     turn = root_turn(tree).inverse
-    found = [Acceleration(ZERO, scale(tape, _TWO, turn.vector(tape, motions[0].omega)))]
+    found = [Acceleration(ZERO, tape.scale(sp.Integer(2), turn.vector(tape, motions[0].omega)))]
     for k, segment in enumerate(tree.segments[1:], start=1):
         with tape.group(f"velocity of {segment.joint_name}"):
             there = found[segment.parent].passed_out(tape, articulation.transforms[k - 1])
             linear = there.linear
             if segment.joint == "prismatic":
-                linear = add(tape, linear, axis_vector(Z, tape.let(2 * rates[k - 1])))
-            found.append(Acceleration(linear, scale(tape, _TWO, motions[k].omega)))
+                linear = tape.add(linear, axis_vector(Z, tape.let(2 * rates[k - 1])))
+            found.append(Acceleration(linear, tape.scale(sp.Integer(2), motions[k].omega)))
     return found
 
 
@@ -212,8 +158,8 @@ def couplings_inward(
             if k == 0:
                 break
             joint, parent = articulation.joints[k - 1], tree.segments[k].parent
-            ratios = scale(tape, joint.lightness, whole.rows[joint.direction])
-            left = scale(tape, joint.armature, ratios)
+            ratios = tape.scale(joint.lightness, whole.rows[joint.direction])
+            left = tape.scale(joint.armature, ratios)
             freed = whole.without(tape, joint.direction, joint.ratios, left)
             felt.insert(0, (freed, ratios))
             passed = moved(tape, freed, articulation.transforms[k - 1])
@@ -223,6 +169,13 @@ def couplings_inward(
 
 _E = axis_vector(Z)
 _NO_WRENCH = [sp.S.Zero] * 6
+
+
+Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
+# What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
+# or a joint, by the index of its segment.
+Key = tuple[Kind, int]
+_KINDS = get_args(Kind)
 
 
 @dataclass(frozen=True)
@@ -241,10 +194,9 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class JointPerturbations:
-    """The changes of a joint's coordinate and of its rate; and ratios of its equation to ε."""
+    """The changes of a joint's "coordinate" and of its "rate"; and ratios of its equation to ε."""
 
-    coordinate: Perturbation
-    rate: Perturbation
+    changes: dict[Kind, Perturbation]
     turning_ratios: Vector
 
 
@@ -252,7 +204,7 @@ def convected_perturbations(
     tape: Scalars,
     articulation: Articulation,
     motions: Sequence[Motion],
-    rates: Sequence[sp.Expr],
+    rates: Values,
     accelerations: Sequence[JointAcceleration],
     passive: Sequence[PassiveSymbols],
 ) -> tuple[VelocityCoupling, list[JointPerturbations]]:
@@ -270,48 +222,39 @@ def convected_perturbations(
         carried, own = accelerations[k - 1].carried, passive[k - 1]
         is_revolute = segment.joint == "revolute"
         with tape.group(f"changes of {segment.joint_name} and of its rate"):
-            if is_revolute:
-                angle = _angle_change(tape, motions[k], doubled[k].linear, carried)
-                rate = Acceleration(cross(tape, doubled[k].linear, _E), _axis_rate(doubled[k])), _E
-            else:
-                angle = Acceleration(_axis_acceleration(tape, motions[k], carried), ZERO), ZERO
-                rate = Acceleration(_axis_rate(doubled[k]), ZERO), ZERO
+            angle, rate = _changes(tape, is_revolute, motions[k], doubled[k], carried)
             moving = _moving_along(tape, is_revolute, felt, carried)
             parts = (joint, felt, coupling)
-            found.append(
-                JointPerturbations(
-                    _perturbation(tape, *parts, *angle, -own.stiffness, moving),
-                    _perturbation(tape, *parts, *rate, -own.damping, _NO_WRENCH),
-                    ratios,
-                )
-            )
+            changes: dict[Kind, Perturbation] = {
+                "coordinate": _perturbation(tape, *parts, *angle, -own.stiffness, moving),
+                "rate": _perturbation(tape, *parts, *rate, -own.damping, _NO_WRENCH),
+            }
+            found.append(JointPerturbations(changes, ratios))
     return whole, found
 
 
-def _axis_rate(twice: Acceleration) -> Vector:
-    """ω×e, or twice that."""
-    x, y, _ = twice.angular
-    return (y, -x, sp.S.Zero)
+def _changes(
+    tape: Scalars, is_revolute: bool, motion: Motion, doubled: Acceleration, carried: Acceleration
+) -> list[tuple[Acceleration, Vector]]:
+    """ψ and ε for the coordinate of a joint, and for its rate.
 
-
-def _axis_acceleration(tape: Scalars, motion: Motion, carried: Acceleration) -> Vector:
-    """ë = Ae, with what the accelerations add to A."""
-    return add(tape, motion.gradient[Z], cross(tape, carried.angular, _E))
-
-
-def _angle_change(
-    tape: Scalars, motion: Motion, doubled: Vector, carried: Acceleration
-) -> tuple[Acceleration, Vector]:
-    """ψ and ε for the angle of a revolute joint.
-
-    `motion` is what the rates alone make of the segment, `doubled` twice the velocity of the joint,
-    and `carried` what the accelerations add, the joint's own left out; all in one frame.
+    `motion` is what the rates alone make of the segment, `doubled` 2V and 2ω of the joint, and
+    `carried` what the accelerations add, the joint's own left out; all in one frame.
     """
-    x, y, _ = motion.omega
-    turning = (y, -x, sp.S.Zero)
-    acceleration = add(tape, motion.acceleration, carried.linear)
-    linear = add(tape, cross(tape, acceleration, _E), cross(tape, doubled, turning))
-    return Acceleration(linear, _axis_acceleration(tape, motion, carried)), turning
+
+    def axis_acceleration() -> Vector:  # ë = Ae, with what the accelerations add to A.
+        return tape.add(motion.gradient[Z], tape.cross(carried.angular, _E))
+
+    (x, y, _), (twice_x, twice_y, _) = motion.omega, doubled.angular
+    turning, twice_turning = (y, -x, sp.S.Zero), (twice_y, -twice_x, sp.S.Zero)
+    if not is_revolute:
+        travel = Acceleration(axis_acceleration(), ZERO)
+        return [(travel, ZERO), (Acceleration(twice_turning, ZERO), ZERO)]
+    acceleration = tape.add(motion.acceleration, carried.linear)
+    linear = tape.add(tape.cross(acceleration, _E), tape.cross(doubled.linear, turning))
+    angle = Acceleration(linear, axis_acceleration())
+    rate = Acceleration(tape.cross(doubled.linear, _E), twice_turning)
+    return [(angle, turning), (rate, _E)]
 
 
 def _moving_along(
@@ -322,11 +265,10 @@ def _moving_along(
     A revolute joint turns the wrench; otherwise its point moves. `carried` is the joint's
     acceleration without its own.
     """
-    rows, load, given = felt.inertia.rows, felt.load.entries, carried.entries
-    wrench = [
-        tape.let(sp.Add(*(tape.let(times(e, a)) for e, a in zip(row, given, strict=True))) - p)
-        for row, p in zip(rows, load, strict=True)
-    ]
+    wrench = []
+    for row, p in zip(felt.inertia.rows, felt.load.entries, strict=True):
+        pairs = zip(row, carried.entries, strict=True)
+        wrench.append(tape.let(sp.Add(*(tape.let(times(e, a)) for e, a in pairs)) - p))
     (f_x, f_y, _, n_x, n_y, _), zero = wrench, sp.S.Zero
     if is_revolute:
         return [-f_y, f_x, zero, -n_y, n_x, zero]
@@ -341,36 +283,20 @@ def _perturbation(
     acceleration: Acceleration,
     turning: Vector,
     effort: sp.Expr,
-    moving: Sequence[sp.Expr],
+    moving: Values,
 ) -> Perturbation:
     """A change with the wrench that the parent feels of it; `acceleration` is ψ, `turning` is ε.
 
     `effort` is what a spring or a damper adds to the joint, `moving` what moves with it of the
     wrench.
     """
+    change = [*acceleration.entries, *turning, effort]
     six = zip(felt.inertia.rows, coupling.rows, joint.ratios, moving, strict=True)
-    wrench = [
-        tape.let(
-            sp.Add(
-                *(
-                    tape.let(times(e, a))
-                    for e, a in zip(inertia, acceleration.entries, strict=True)
-                ),
-                *(tape.let(times(b, e)) for b, e in zip(row, turning, strict=True)),
-                tape.let(times(ratio, effort)),
-                part,
-            )
-        )
-        for inertia, row, ratio, part in six
-    ]
+    wrench = []
+    for inertia, row, ratio, part in six:
+        pairs = zip([*inertia, *row, ratio], change, strict=True)
+        wrench.append(tape.let(sp.Add(*(tape.let(times(e, c)) for e, c in pairs), part)))
     return Perturbation(acceleration, turning, effort, wrench)
-
-
-Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
-# What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
-# or a joint, by the index of its segment.
-Key = tuple[Kind, int]
-_KINDS = get_args(Kind)
 
 
 @dataclass(frozen=True)
@@ -414,7 +340,7 @@ class ArticulatedDerivatives:
         for k in range(1, len(self._tree.segments)):
             self._pass_from_other_branches(k)
 
-    def column(self, kind: Kind, number: int) -> AccelerationColumn:
+    def column(self, kind: Kind, number: int) -> Values:
         """Accelerations by a component of a root's wrench or turning, or by something of a joint.
 
         The component is where the root's system is solved; effort, coordinate and rate are by the
@@ -422,17 +348,14 @@ class ArticulatedDerivatives:
         """
         key, zero = (kind, number), sp.S.Zero
         joints = range(1, len(self._tree.segments))
-        return AccelerationColumn(
-            Acceleration.of(self._root[key]), [self._joints.get((key, i), zero) for i in joints]
-        )
+        return [*self._root[key], *(self._joints.get((key, i), zero) for i in joints)]
 
-    def by_wrench(self, k: int, wrench: Sequence[sp.Expr]) -> AccelerationColumn:
+    def by_wrench(self, k: int, wrench: Values) -> Values:
         """Accelerations by a wrench (6) on segment k ≥ 1, about its joint in its working frame."""
         tape = self._tape
         keys: list[Key] = [("wrench", c) for c in range(6)]
         keys += [("effort", i) for i in range(1, len(self._tree.segments))]
-        powers = [sum_of_products(tape, self._reached(k, key).entries, wrench) for key in keys]
-        return AccelerationColumn(Acceleration.of(powers[:6]), powers[6:])
+        return [tape.sum_of_products(self._reached(k, key).entries, wrench) for key in keys]
 
     def _start(self, coupling: VelocityCoupling) -> ArticulatedInertia:
         """Columns of wrenches on the root and of its turning; its inverse inertia, ω̇ first."""
@@ -445,7 +368,7 @@ class ArticulatedDerivatives:
             self._at[0]["wrench", c] = _Carried(Acceleration.of(column))
         for c in range(3):
             load = [row[c] for row in coupling.rows]
-            column = [-sum_of_products(tape, row, load) for row in inverse]
+            column = [-tape.sum_of_products(row, load) for row in inverse]
             self._root["turning", c] = column
             self._at[0]["turning", c] = _Carried(Acceleration.of(column), axis_vector(c))
         return ArticulatedInertia.of_entries(lambda i, j: inverse[(i + 3) % 6][(j + 3) % 6])
@@ -470,16 +393,11 @@ class ArticulatedDerivatives:
             begun = self._begun(k)
         with tape.group(f"responses of {name} to itself"):
             self._push(k, ("effort", k), begun["effort"], ZERO, sp.S.One)
-            for kind, change in self._changes_of(k):
+            for kind, change in self._changes[k - 1].changes.items():
                 self._push(k, (kind, k), begun[kind], change.turning, change.effort)
 
     def _push(
-        self,
-        k: int,
-        key: Key,
-        arriving: Acceleration,
-        turning: Vector,
-        effort: sp.Expr = sp.S.Zero,
+        self, k: int, key: Key, arriving: Acceleration, turning: Vector, effort: sp.Expr = sp.S.Zero
     ) -> None:
         """Let joint k give way to a column.
 
@@ -488,8 +406,18 @@ class ArticulatedDerivatives:
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
         share = tape.let(times(effort, joint.lightness) + self._share(k, turning))
-        relative, own = _passed(tape, joint, arriving, share)
-        self._at[k][key] = _Carried(own, turning)
+        # What `SolvedJoint.accelerated` gives, in lines that are the same for all columns.
+        direction, entries = joint.direction, arriving.entries
+        factors = [-ratio for ratio in joint.ratios]
+        if joint.armature == 0:
+            factors[direction] = sp.S.Zero
+        relative = total = tape.sum_of_products(factors, entries, share)
+        if joint.armature != 0:
+            entries[direction] = tape.let(entries[direction] + relative)
+        else:
+            relative = tape.let(total - entries[direction])
+            entries[direction] = total
+        self._at[k][key] = _Carried(Acceleration.of(entries), turning)
         self._joints.setdefault((key, k), relative)
         if key[0] == "effort":
             self._joints.setdefault((("effort", k), key[1]), relative)
@@ -498,7 +426,7 @@ class ArticulatedDerivatives:
 
     def _share(self, k: int, turning: Vector) -> sp.Expr:
         """What a joint gives way to a turning of what it carries."""
-        return -dot(self._tape, self._changes[k - 1].turning_ratios, turning)
+        return -self._tape.dot(self._changes[k - 1].turning_ratios, turning)
 
     def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
         """What the changes at joint k do to what a column is by, by reciprocity.
@@ -506,8 +434,8 @@ class ArticulatedDerivatives:
         `arriving` is what the column does to the parent, at the joint in the segment's working
         frame.
         """
-        for kind, change in self._changes_of(k):
-            entry = -sum_of_products(self._tape, arriving.entries, change.wrench)
+        for kind, change in self._changes[k - 1].changes.items():
+            entry = -self._tape.sum_of_products(arriving.entries, change.wrench)
             if key[0] == "wrench":
                 self._root.setdefault((kind, k), []).append(entry)
             else:
@@ -520,8 +448,9 @@ class ArticulatedDerivatives:
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
         parent, transform = self._tree.segments[k].parent, self._transform(k)
-        wrenches: dict[Kind, Sequence[sp.Expr]] = {"effort": joint.ratios}
-        wrenches |= {kind: change.wrench for kind, change in self._changes_of(k)}
+        changes = self._changes[k - 1].changes
+        wrenches: dict[Kind, Values] = {"effort": joint.ratios}
+        wrenches |= {kind: change.wrench for kind, change in changes.items()}
         if self._by_inertia:
             rows = passed_out(tape, self._inertias[parent], transform)
             found = {kind: response(tape, rows, wrench) for kind, wrench in wrenches.items()}
@@ -531,7 +460,7 @@ class ArticulatedDerivatives:
                 kind: self._reached(parent, (kind, k)).passed_out(tape, transform)
                 for kind in wrenches
             }
-        for kind, change in self._changes_of(k):
+        for kind, change in changes.items():
             found[kind] = found[kind].plus(tape, change.acceleration)
         return found
 
@@ -545,8 +474,7 @@ class ArticulatedDerivatives:
         if k == 0:
             return Acceleration.of(self._root[key])
         segment, tape = self._tree.segments[k], self._tape
-        there = self._reached(segment.parent, key).passed_out(tape, self._transform(k))
-        entries = there.entries
+        entries = self._reached(segment.parent, key).passed_out(tape, self._transform(k)).entries
         entries[segment.direction] = tape.let(entries[segment.direction] + self._joints[key, k])
         return Acceleration.of(entries)
 
@@ -571,25 +499,3 @@ class ArticulatedDerivatives:
 
     def _transform(self, k: int) -> Transform:
         return self._articulation.transforms[k - 1]
-
-    def _changes_of(self, k: int) -> list[tuple[Kind, Perturbation]]:
-        changes = self._changes[k - 1]
-        return [("coordinate", changes.coordinate), ("rate", changes.rate)]
-
-
-def _passed(
-    tape: Scalars, joint: SolvedJoint, arriving: Acceleration, share: sp.Expr
-) -> tuple[sp.Expr, Acceleration]:
-    """What `SolvedJoint.accelerated` gives, in lines that are the same for all columns."""
-    direction, entries = joint.direction, arriving.entries
-    given = [-ratio for ratio in joint.ratios]
-    if joint.armature == 0:
-        given[direction] = sp.S.Zero
-    total = sum_of_products(tape, given, entries, share)
-    if joint.armature != 0:
-        relative = total
-        entries[direction] = tape.let(entries[direction] + relative)
-    else:
-        relative = tape.let(total - entries[direction])
-        entries[direction] = total
-    return relative, Acceleration.of(entries)

@@ -11,43 +11,31 @@ the rest to the residual: τ − damping·v − stiffness·(q − rest) drives a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import sympy as sp
 
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies
+from gibbs_codegen.derivation.motion import State
 from gibbs_codegen.derivation.parameters import PassiveSymbols
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.tree_dynamics import gibbs_function, whole_inertia
 from gibbs_codegen.robot.model import Vector3
 from gibbs_codegen.robot.names import rotor_identifier
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
     Matrix,
-    Vector,
     Wrench,
-    add,
     axis_vector,
-    cross,
-    scale,
     structural_number,
     zeros,
 )
 
 
-@dataclass(frozen=True)
-class MountedWrench:
-    """A wrench on a segment, about its joint and in its own frame; of segment 0 the origin's."""
-
-    segment: int
-    wrench: Wrench
-
-
 def _structural(direction: Vector3) -> Vector:
-    x, y, z = (structural_number(sp.Float(entry)) for entry in direction)
-    return (x, y, z)
+    return tuple(structural_number(sp.Float(entry)) for entry in direction)
 
 
 def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
@@ -60,29 +48,34 @@ def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tu
     tape = symbolic.tape
     if symbolic.robot.thrusters:
         frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
-        position, _ = symbolic.parameters.rotor(k)
+        position, _ = symbolic.parameters.rotors[k]
         return frame.segment, frame.point(tape, position)
     reach = axis_vector(0, symbolic.rod_reach(k))
-    return 0, add(tape, symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
+    return 0, tape.add(symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
 
 
-def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> MountedWrench:
-    """Wrench of rotor k = 1 … N per unit of thrust (1 and m).
+def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Wrench]:
+    """Segment of rotor k = 1 … N, and its wrench there per unit of thrust (1 and m).
 
-    The drag torque acts about the thrust's own direction.
+    It is about the segment's joint and in its own frame, on segment 0 about the origin.
     """
     tape = symbolic.tape
     if symbolic.robot.thrusters:
         rotor = symbolic.robot.thrusters[k - 1]
         direction = bodies.frames[rotor.on].direction(_structural(rotor.direction))
-        _, ratio = symbolic.parameters.rotor(k)
+        _, ratio = symbolic.parameters.rotors[k]
     else:
         direction = symbolic.rod_frame(k).vector(tape, rod_thrust_direction(symbolic, k))
-        ratio = symbolic.parameters.drag(k)
+        ratio = symbolic.parameters.drags[k]
     segment, position = rotor_position(symbolic, bodies, k)
-    lever = cross(tape, position, direction)
-    drag = scale(tape, ratio, direction)
-    return MountedWrench(segment, Wrench(direction, add(tape, lever, drag)))
+    return segment, _thrust_wrench(tape, position, direction, ratio)
+
+
+def _thrust_wrench(tape: Scalars, position: Vector, direction: Vector, ratio: sp.Expr) -> Wrench:
+    """Wrench of a unit of thrust at a position (m), with a drag torque about its direction."""
+    lever = tape.cross(position, direction)
+    drag = tape.scale(ratio, direction)
+    return Wrench(direction, tape.add(lever, drag))
 
 
 def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
@@ -90,56 +83,45 @@ def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
     _, y, z = rod_thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
-        return tape.let(parameters.arm(k).length * y + parameters.drag(k) * z)
+        return tape.let(parameters.arms[k].length * y + parameters.drags[k] * z)
 
 
 def rod_thrust(symbolic: SymbolicRobot, k: int) -> Wrench:
     """Wrench of motor k = 2 … N per unit of thrust on its base rod, about O₂ in the rod's frame."""
-    tape, direction = symbolic.tape, rod_thrust_direction(symbolic, k)
-    lever = cross(tape, axis_vector(0, symbolic.rod_reach(k)), direction)
-    drag = scale(tape, symbolic.parameters.drag(k), direction)
-    return Wrench(direction, add(tape, lever, drag))
+    position, drag = axis_vector(0, symbolic.rod_reach(k)), symbolic.parameters.drags[k]
+    return _thrust_wrench(symbolic.tape, position, rod_thrust_direction(symbolic, k), drag)
 
 
-def carried_in(
-    tape: Scalars, tree: SegmentTree, loads: Mapping[int, Wrench]
-) -> tuple[Wrench, dict[int, sp.Expr]]:
-    """Sum at the root of wrenches carried in from their segments, and the joints' rows on the way.
+def forces_of_wrenches(
+    symbolic: SymbolicRobot, tree: SegmentTree, loads: Mapping[int, Wrench]
+) -> list[sp.Expr]:
+    """Generalised forces (N m or N) of wrenches on segments, in the order of the tree.
 
-    `loads` are by index of the segment, about the joint in its own frame; the sum is about the root
-    in its group frame.
+    `loads` are by index of the segment, about the joint in its own frame. They are carried in to
+    the root, and have a component along each joint on the way.
     """
+    tape, root, places = symbolic.tape, symbolic.root, symbolic.root.places(tree.joints)
     carried = {k: tree.to_working_frame(tape, k, load) for k, load in loads.items()}
-    rows = {}
+    joints: list[sp.Expr] = [sp.S.Zero] * tree.joints
     for k in range(tree.joints, 0, -1):
         if k in carried:
             wrench = tree.to_group_frame(tape, k, carried[k])
-            rows[k] = tree.segments[k].row(wrench)
+            joints[k - 1] = tree.segments[k].row(wrench)
             wrench = tree.passed_in(tape, k, wrench)
             parent = tree.segments[k].parent
             carried[parent] = carried.get(parent, NO_WRENCH).plus(tape, wrench)
-    return tree.to_group_frame(tape, 0, carried.get(0, NO_WRENCH)), rows
-
-
-def generalised_forces(symbolic: SymbolicRobot, loads: Mapping[int, Wrench]) -> list[sp.Expr]:
-    """Generalised forces (N m or N), in the order of v, of wrenches as of `carried_in`."""
-    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
-    wrench, rows = carried_in(tape, tree, loads)
-    joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
-    return symbolic.places.joined(root.rows(tape, wrench), joints)
+    wrench = tree.to_group_frame(tape, 0, carried.get(0, NO_WRENCH))
+    return places.joined(root.rows(tape, wrench), joints)
 
 
 def rotor_column(
     symbolic: SymbolicRobot, tree: SegmentTree, bodies: JointedBodies, k: int
 ) -> list[sp.Expr]:
     """Generalised forces of rotor k = 1 … N per unit of thrust (eq. 13), in the tree's order."""
-    tape, root = symbolic.tape, symbolic.root
     label = rotor_identifier(symbolic.robot, k)
-    with tape.group(f"thrust direction and generalised forces of motor {label}"):
-        unit = rotor_wrench(symbolic, bodies, k)
-        wrench, rows = carried_in(tape, tree, {unit.segment: unit.wrench})
-        joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
-        return root.places(tree.joints).joined(root.rows(tape, wrench), joints)
+    with symbolic.tape.group(f"thrust direction and generalised forces of motor {label}"):
+        segment, wrench = rotor_wrench(symbolic, bodies, k)
+        return forces_of_wrenches(symbolic, tree, {segment: wrench})
 
 
 def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
@@ -150,10 +132,9 @@ def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int,
     tape, totals = symbolic.tape, {0: NO_WRENCH}
     with tape.group("force and moment of all thrusts"):
         for k, thrust in enumerate(symbolic.u[: symbolic.robot.rotors], start=1):
-            unit = rotor_wrench(symbolic, bodies, k)
-            scaled = Wrench.of(tape.let(thrust * e) for e in unit.wrench.entries)
-            total = totals.get(unit.segment, NO_WRENCH)
-            totals[unit.segment] = total.plus(tape, scaled)
+            segment, unit = rotor_wrench(symbolic, bodies, k)
+            scaled = Wrench.of(tape.let(thrust * e) for e in unit.entries)
+            totals[segment] = totals.get(segment, NO_WRENCH).plus(tape, scaled)
     return totals
 
 
@@ -161,9 +142,7 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
     """B of M a = R + B u, rows in the order of v, columns in that of u."""
     places, rotors = symbolic.places, symbolic.robot.rotors
     tree, bodies = symbolic.reduced_tree, symbolic.bodies
-    columns: list[Sequence[sp.Expr]] = [
-        rotor_column(symbolic, tree, bodies, k) for k in range(1, rotors + 1)
-    ]
+    columns: list[Values] = [rotor_column(symbolic, tree, bodies, k) for k in range(1, rotors + 1)]
     matrix = zeros(places.size, len(symbolic.u))
     for j, column in enumerate(columns):
         for i, entry in enumerate(column):
@@ -175,7 +154,7 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
 
 def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
     """Symbols of what acts by itself on each joint that moves."""
-    return [symbolic.parameters.link(i).passive for i in symbolic.robot.moving]
+    return [symbolic.parameters.links[i].passive for i in symbolic.robot.moving]
 
 
 def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -187,7 +166,7 @@ def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """Forces (N m or N) of the joints' dampers and springs: −damping·v − stiffness·(q − rest)."""
     tape = symbolic.tape
     q = symbolic.coordinates.values()
-    _, v = symbolic.places.split(symbolic.v)
+    v = symbolic.joint_state.rates
     forces = []
     with tape.group("forces of dampers and springs"):
         for joint, angle, rate in zip(passive_symbols(symbolic), q, v, strict=True):
@@ -196,28 +175,40 @@ def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
     return forces
 
 
-def passive_gibbs_function(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Terms (W/s) of armature, dampers and springs in S: ½ armature·a² − force·a."""
+def gibbs(symbolic: SymbolicRobot) -> sp.Expr:
+    """S of the robot (W/s): of the links (eqs. 2–3), and ½ armature·a² − force·a of the joints."""
     tape = symbolic.tape
-    _, a = symbolic.places.split(symbolic.a)
-    pairs = zip(a, passive_forces(symbolic), strict=True)
-    return [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
+    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
+    with tape.group("Gibbs function with armature, dampers and springs"):
+        a = symbolic.joint_state.accelerations
+        pairs = zip(a, passive_forces(symbolic), strict=True)
+        own = [*_squares(symbolic, a), *(tape.let(-force * rate) for rate, force in pairs)]
+        return tape.let(sp.Add(links, *own))
 
 
-def armature_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Terms (J) of the kinetic energy of what turns with the joints alone."""
-    return _squares(symbolic, symbolic.places.split(symbolic.v)[1])
+def kinetic_energy(symbolic: SymbolicRobot) -> sp.Expr:
+    """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates (J)."""
+    tape, state = symbolic.tape, State.resting(symbolic.v)
+    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, state)
+    with tape.group("kinetic energy with that of the armature"):
+        return tape.let(sp.Add(links, *_squares(symbolic, symbolic.joint_state.rates)))
 
 
-def spring_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Terms (J) of the potential energy of the springs, ½ stiffness·(q − rest)²."""
+def potential_energy(symbolic: SymbolicRobot) -> sp.Expr:
+    """Gravity times the first moment of mass above the world's Z = 0, and ½ stiffness·stretch²."""
     tape = symbolic.tape
-    q = symbolic.coordinates.values()
-    terms = []
-    for joint, angle in zip(passive_symbols(symbolic), q, strict=True):
-        stretch = _stretch(tape, joint, angle)
-        terms.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
-    return terms
+    composite = whole_inertia(tape, symbolic.reduced_tree)
+    with tape.group("first moment of mass above Z = 0, and its weight"):
+        height = symbolic.root.world(tape, composite.moment)[2]
+        moment = tape.let(composite.mass * symbolic.origin[2] + height)
+        weight = tape.let(symbolic.parameters.gravity * moment)
+    with tape.group("potential energy with that of the springs"):
+        springs = []
+        joints = zip(passive_symbols(symbolic), symbolic.coordinates.values(), strict=True)
+        for joint, angle in joints:
+            stretch = _stretch(tape, joint, angle)
+            springs.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
+        return tape.let(sp.Add(weight, *springs))
 
 
 def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
@@ -225,7 +216,7 @@ def _stretch(tape: Scalars, joint: PassiveSymbols, angle: sp.Expr) -> sp.Expr:
     return tape.let(angle - joint.rest) if joint.stiffness != 0 else sp.S.Zero
 
 
-def _squares(symbolic: SymbolicRobot, rates: list[sp.Expr]) -> list[sp.Expr]:
+def _squares(symbolic: SymbolicRobot, rates: Values) -> list[sp.Expr]:
     """½ armature times the square of a rate, for each joint."""
     tape = symbolic.tape
     return [

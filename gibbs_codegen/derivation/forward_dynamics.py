@@ -16,43 +16,25 @@ from dataclasses import replace
 
 import sympy as sp
 
+from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.articulated import (
     Articulation,
     accelerations_outward,
     articulated,
     root_in_group_frame,
 )
-from gibbs_codegen.derivation.composite_inertia import (
-    JointSpaceInertia,
-    joint_space_inertia,
-    with_armatures,
-)
 from gibbs_codegen.derivation.forces import armatures, passive_forces, thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
-from gibbs_codegen.derivation.inertia_forces import inward
-from gibbs_codegen.derivation.motion import Acceleration, Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion, State
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.derivation.wrenches import frame_loads
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations
-from gibbs_codegen.robot.layout import coordinate_text
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import (
-    NO_WRENCH,
-    ZERO,
-    Matrix,
-    Vector,
-    Wrench,
-    add,
-    cross,
-    dot,
-    minus,
-    scale,
-    zeros,
-)
+from gibbs_codegen.symbolic.tape import Scalars, Vector
+from gibbs_codegen.symbolic.vectors import NO_WRENCH, ZERO, Matrix, Wrench, minus, zeros
 
 # Wrenches that act on segments of the reduced tree, by their index: about the joint, or the origin,
 # in the segment's own frame (N, N m).
@@ -129,28 +111,36 @@ def factorised_dynamics(
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = about_base_centre(symbolic)
-    inertia = with_armatures(
-        tape, joint_space_inertia(tape, centred.reduced_tree), armatures(symbolic)
-    )
+    inertia = tree_dynamics.joint_space_inertia(tape, centred.reduced_tree)
+    with tape.group("mass matrix with the armature of the joints"):
+        for j, armature in enumerate(armatures(symbolic)):
+            inertia.entries[j, j] = tape.let(inertia.entries[j, j] + armature)
     composite = inertia.composite
     with tape.group("mass matrix with the translation eliminated"):
         lightness = tape.let(1 / composite.mass)
-        centre = scale(tape, lightness, composite.moment)
-        light = [scale(tape, lightness, wrench.force) for wrench in inertia.wrenches]
+        centre = tape.scale(lightness, composite.moment)
+        light = [tape.scale(lightness, wrench.force) for wrench in inertia.wrenches]
         matrix = _without_translation(tape, inertia, centre, light)
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
     if operations_to_solve(matrix, order) >= most:
         return []
-    drive, efforts = _driving_forces(centred, acting(centred))
+    loads = acting(centred)
+    thrust, motions = loads.pop(0), free_motions_of(centred)
+    bias, rows = tree_dynamics.inward(tape, centred.reduced_tree, motions, loads)
+    # What acts less velocity terms, as a wrench about the origin, and likewise for each joint.
+    with tape.group("thrusts and joint torques less inertia forces"):
+        thrust = thrust.rotated(tape, centred.root.segment_rotation)
+        efforts = [tape.let(u - row) for u, row in zip(_efforts(centred), rows, strict=True)]
+        drive = thrust.plus(tape, bias.opposite)
     with tape.group("driving forces with the translation eliminated"):
-        right = [tape.let(e - dot(tape, light[i], drive.force)) for i, e in enumerate(efforts)]
+        right = [tape.let(e - tape.dot(light[i], drive.force)) for i, e in enumerate(efforts)]
         right.extend(_about(tape, drive, centre))
     with refused_as_singular(symbolic), tape.group("accelerations of joints and base, by LDL^T"):
         solution = solve_symmetric(tape, matrix, right, order)
-    angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
+    angular = tuple(solution[n:])
     with tape.group("acceleration of the base centre"):
-        spin = cross(tape, angular, centre)
+        spin = tape.cross(angular, centre)
         shares = [[light[i][k] * solution[i] for i in range(n)] for k in range(3)]
         x, y, z = (
             tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
@@ -159,7 +149,7 @@ def factorised_dynamics(
 
 
 def _without_translation(
-    tape: Scalars, inertia: JointSpaceInertia, centre: Vector, light: Sequence[Vector]
+    tape: Scalars, inertia: tree_dynamics.JointSpaceInertia, centre: Vector, light: Sequence[Vector]
 ) -> Matrix:
     """Mass matrix of the joints and of the root's Ω about the centre of mass, without translation.
 
@@ -172,11 +162,14 @@ def _without_translation(
     for i, wrench in enumerate(inertia.wrenches):
         for j in range(i, -1, -1):
             entry = inertia.entries.get((j, i), sp.S.Zero)
-            matrix[i][j] = matrix[j][i] = tape.let(entry - dot(tape, wrench.force, light[j]))
+            matrix[i][j] = matrix[j][i] = tape.let(entry - tape.dot(wrench.force, light[j]))
     for i, wrench in enumerate(inertia.wrenches):
         for k, entry in enumerate(_about(tape, wrench, centre)):
             matrix[i][n + k] = matrix[n + k][i] = entry
-    about_centre = _about_centre_of_mass(tape, inertia.composite, centre)
+    # Second moments about the centre of mass: E − B₀ccᵀ, without mass or first moment.
+    whole = inertia.composite
+    second = [tape.let(whole.entry(i, j) - centre[i] * whole.moment[j]) for i, j in PAIRS]
+    about_centre = Inertia(sp.S.Zero, ZERO, tuple(second))
     for k in range(3):
         for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
             matrix[n + k][n + m] = entry
@@ -193,7 +186,7 @@ def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
     try:
         yield
     except ZeroPivotError as error:
-        unresisted = coordinate_text(symbolic.robot, places[error.unknown])
+        unresisted = symbolic.description.coordinate_text(places[error.unknown])
         raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
 
 
@@ -205,7 +198,8 @@ def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
     base = symbolic.robot.base
     if base.origin != "motor1":
         return symbolic
-    return replace(symbolic, robot=replace(symbolic.robot, base=replace(base, origin="centre")))
+    robot = replace(symbolic.robot, base=replace(base, origin="centre"))
+    return replace(symbolic, description=Description(robot))
 
 
 def in_coordinates(
@@ -217,9 +211,7 @@ def in_coordinates(
     """
     with symbolic.tape.group("acceleration of the origin from that of the base centre"):
         linear = at_origin(symbolic, root)
-    gravity = symbolic.parameters.gravity
-    rates, _ = symbolic.places.split(symbolic.v)
-    base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, rates, gravity)
+    base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, symbolic.base_state)
     return symbolic.places.joined(base, joints)
 
 
@@ -229,18 +221,19 @@ def at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
     Both are in the root's group frame, that of the base centre relative to free fall.
     """
     tape, root = symbolic.tape, symbolic.root
-    rates, _ = symbolic.places.split(symbolic.v)
-    still = root.frame_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
-    still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
-    omega_dot = add(tape, still.omega_dot, centre.angular)
-    base = Motion.of(tape, still.omega, omega_dot, centre.linear)
-    x, y, z = symbolic.centre
-    return base.stepped(tape, root.segment_rotation, (-x, -y, -z)).acceleration
+    base, _ = State.coasting(symbolic.v).split(symbolic.places)
+    still = root.frame_motion(tape, base)
+    still = still.spun(tape, root.segment_spin(base.rates), sp.S.Zero)
+    omega_dot = tape.add(still.omega_dot, centre.angular)
+    moved = Motion.of(tape, still.omega, omega_dot, centre.linear)
+    return moved.stepped(tape, root.segment_rotation, minus(symbolic.centre)).acceleration
 
 
 def free_motions_of(symbolic: SymbolicRobot) -> list[Motion]:
     """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
-    return free_motions(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v)
+    return tree_dynamics.free_motions(
+        symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v
+    )
 
 
 def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -251,26 +244,6 @@ def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
         return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
 
 
-def _driving_forces(
-    symbolic: SymbolicRobot, loads: dict[int, Wrench]
-) -> tuple[Wrench, list[sp.Expr]]:
-    """What acts less velocity terms, as a wrench about the origin, and likewise for each joint."""
-    tape, thrust = symbolic.tape, loads.pop(0)
-    bias, joints = inward(tape, symbolic.reduced_tree, free_motions_of(symbolic), loads)
-    with tape.group("thrusts and joint torques less inertia forces"):
-        thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
-        efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]
-        return thrust.plus(tape, bias.opposite), efforts
-
-
 def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:
     """Moment of a wrench about `centre`."""
     return wrench.shifted(tape, minus(centre)).moment
-
-
-def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> Inertia:
-    """Second moments about the centre of mass: E − B₀ccᵀ, without mass or first moment."""
-    xx, yy, zz, xy, xz, yz = (
-        tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
-    )
-    return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))

@@ -2,16 +2,29 @@
 
 By articulated bodies, in O(n²): neither M nor its inverse is ever multiplied. What a joint's change
 does to its own parent is found in one of two ways, picked by an estimate of which is shorter.
+
+The recursion knows the base by its angular velocity and the acceleration of its centre, relative to
+free fall, in the frame in which the root's system is solved. Its columns, of r̈ and ω̇ of the root
+and of θ̈, are taken to the origin of the coordinates, and the root makes rows and columns of its own
+of them.
+
+To the recursion wrenches on the frames are like thrusts: they turn with what carries them. Those
+that stay as they are in world axes turn back by ω×W against that, where ω is how fast a
+displacement turns the frame. So what they add to the columns by q follows from those by W.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import sympy as sp
 
+from gibbs_codegen.derivation import forward_dynamics
 from gibbs_codegen.derivation.articulated import (
+    Articulation,
     accelerations_outward,
     root_in_group_frame,
     root_turn,
@@ -19,21 +32,187 @@ from gibbs_codegen.derivation.articulated import (
 from gibbs_codegen.derivation.articulated_derivatives import (
     ArticulatedDerivatives,
     convected_perturbations,
+    inertia_is_shorter,
 )
-from gibbs_codegen.derivation.base_columns import BaseColumns
-from gibbs_codegen.derivation.forces import passive_symbols
-from gibbs_codegen.derivation.forward_dynamics import (
-    about_base_centre,
-    articulation_of,
-    free_motions_of,
-    in_coordinates,
-    refused_as_singular,
+from gibbs_codegen.derivation.forces import passive_symbols, rotor_wrench
+from gibbs_codegen.derivation.forward_kinematics import (
+    frame_jacobians,
+    mounted_frames,
+    segment_frames,
 )
-from gibbs_codegen.derivation.operational_inertia import inertia_is_shorter
-from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.inertia import ArticulatedInertia, rotated_block
+from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.robot.layout import Places
-from gibbs_codegen.symbolic.vectors import Matrix
+from gibbs_codegen.robot.names import rotor_identifier
+from gibbs_codegen.symbolic.tape import Values, Vector
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Matrix,
+    Rotation,
+    Wrench,
+    axis_vector,
+    minus,
+    turned_axes,
+)
+
+# A column with the rows of the base's own velocities in place of those of r̈ and ω̇.
+Conversion = Callable[[Values], Values]
+
+
+@dataclass(frozen=True)
+class BaseColumns:
+    """Columns of a robot, of which `centred` is about its base centre.
+
+    `omega` is the base's angular velocity, where the root's system is solved, and `acceleration`
+    that of the base centre in the root's group frame. In all results the rows of the base come
+    first, in the order of its velocities, and then those of the joints.
+    """
+
+    symbolic: SymbolicRobot
+    centred: SymbolicRobot
+    articulation: Articulation
+    omega: Vector
+    acceleration: Acceleration
+    columns: ArticulatedDerivatives
+
+    def by_joints(self, kind: Literal["effort", "coordinate", "rate"]) -> list[Values]:
+        """Columns by the joints' efforts, coordinates or rates."""
+        joints = range(1, len(self.articulation.tree.segments))
+        with self.symbolic.tape.group("rows of attitude and position"):
+            _, converted = self._solved
+            return [converted(self.columns.column(kind, k)) for k in joints]
+
+    def by_base(self, accelerations: Values) -> tuple[list[Values], list[Values]]:
+        """Columns in the tangent space of the base's coordinates, and those by its velocities."""
+        symbolic, tape = self.symbolic, self.symbolic.tape
+        state = replace(symbolic.base_state, accelerations=accelerations)
+        with tape.group("columns of attitude and position and of their velocities"):
+            turning, linear = (
+                self._turning(),
+                forward_dynamics.at_origin(symbolic, self.acceleration),
+            )
+            return symbolic.root.state_columns(tape, turning, linear, state)
+
+    def by_rotors(self) -> list[Values]:
+        """A column for the thrust of each rotor."""
+        symbolic, tape = self.symbolic, self.symbolic.tape
+        columns: list[Values] = []
+        for k in range(1, symbolic.robot.rotors + 1):
+            segment, wrench = rotor_wrench(self.centred, self.centred.bodies, k)
+            label = rotor_identifier(symbolic.robot, k)
+            with tape.group(f"column of the thrust of motor {label}"):
+                if segment == 0:
+                    columns.append(tape.combination(wrench.entries, self._by_wrenches))
+                    continue
+                wrench = self.articulation.tree.to_working_frame(tape, segment, wrench)
+                _, converted = self._solved
+                columns.append(converted(self.columns.by_wrench(segment, wrench.entries)))
+        return columns
+
+    @cached_property
+    def _by_wrenches(self) -> list[Values]:
+        """Columns of a unit of each component of a wrench on the base, in its own frame."""
+        tape = self.symbolic.tape
+        units = [self.columns.column("wrench", c) for c in range(6)]
+        if not self.articulation.tree.segments[0].rotation.is_identity:
+            axes, (_, converted) = turned_axes(tape, self._to_solved), self._solved
+            halves = units[:3], units[3:]
+            columns = [tape.combination(axis, half) for half in halves for axis in axes]
+            return list(map(converted, columns))
+        # Rows and columns turn together, which takes fewer operations.
+        inverse = ArticulatedInertia.of_entries(lambda i, j: units[j][i])
+        joints = [Wrench.of(row) for row in zip(*(unit[6:] for unit in units), strict=True)]
+        for turn in self.articulation.root_turns:
+            inverse = inverse.rotated(tape, turn)
+            joints = [row.rotated(tape, turn) for row in joints]
+        converted = self._conversion([], minus(self.symbolic.centre))
+        return [
+            converted([*row, *(joint.entries[c] for joint in joints)])
+            for c, row in enumerate(inverse.rows)
+        ]
+
+    def by_frames(self) -> list[Values]:
+        """Six columns for each frame, by the components of a wrench there in world axes."""
+        tape, tree = self.symbolic.tape, self.articulation.tree
+        frames = segment_frames(self.symbolic)
+        columns: list[Values] = []
+        for mounted in mounted_frames(self.centred):
+            k = mounted.segment
+            with tape.group(f"columns of the wrench on {mounted.name}"):
+                for c in range(6):
+                    along = [axis[c % 3] for axis in frames[k].own]
+                    unit = [*along, *ZERO] if c < 3 else [*ZERO, *along]
+                    wrench = Wrench.of(unit).shifted(tape, mounted.position)
+                    if k == 0:
+                        columns.append(tape.combination(wrench.entries, self._by_wrenches))
+                        continue
+                    wrench = tree.to_working_frame(tape, k, wrench)
+                    _, converted = self._solved
+                    columns.append(converted(self.columns.by_wrench(k, wrench.entries)))
+        return columns
+
+    def _turning(self) -> list[Values]:
+        """Columns of r̈ of the origin, dω/dt and the joints for a change of each component of ω.
+
+        They are in the root's group frame.
+        """
+        tape, (origin, _) = self.symbolic.tape, self._solved
+        columns = []
+        for k in range(3):
+            unit, column = axis_vector(k), self.columns.column("turning", k)
+            angular = tape.add(tuple(column[3:6]), tape.cross(unit, self.omega))
+            root = Acceleration(tuple(column[:3]), angular).passed_out(tape, [origin])
+            swung = tape.add(
+                tape.cross(unit, tape.cross(self.omega, origin)),
+                tape.cross(self.omega, tape.cross(unit, origin)),
+            )
+            columns.append([*tape.add(root.linear, swung), *angular, *column[6:]])
+        rows = tuple(zip(*columns, strict=True))
+        linear, angular_rows, joints = rows[:3], rows[3:6], rows[6:]
+        for turn in self.articulation.root_turns:
+            linear = rotated_block(tape, turn, linear)
+            angular_rows = rotated_block(tape, turn, angular_rows)
+            joints = tuple(turn.vector(tape, row) for row in joints)
+        return list(zip(*linear, *angular_rows, *joints, strict=True))
+
+    @cached_property
+    def _solved(self) -> tuple[Vector, Conversion]:
+        """The origin of the coordinates from the base centre where the root's system is solved.
+
+        Then comes how columns are converted from that frame.
+        """
+        origin = minus(self.symbolic.centre)
+        for rotation in self._to_solved:
+            origin = rotation.vector(self.symbolic.tape, origin)
+        return origin, self._conversion(self.articulation.root_turns, origin)
+
+    def _conversion(self, turns: Sequence[Rotation], origin: Vector) -> Conversion:
+        """From accelerations about the base centre to those of the base's velocities.
+
+        `turns` lead from the frame of the former to the root's group frame; `origin` is that of the
+        coordinates from the base centre.
+        """
+        tape = self.symbolic.tape
+        rows = self.symbolic.root.acceleration_rows(tape, turns)
+
+        def converted(column: Values) -> Values:
+            root = Acceleration.of(column[:6]).passed_out(tape, [origin])
+            return [*rows(root), *column[6:]]
+
+        return converted
+
+    @cached_property
+    def _to_solved(self) -> list[Rotation]:
+        """Rotations from the base's own frame to that in which the root's system is solved."""
+        tree, tape = self.articulation.tree, self.symbolic.tape
+        if tree.works_in_own_frame(0):
+            return []
+        own, solved = tree.segments[0].rotation, root_turn(tree).inverse
+        if own.is_identity or solved.is_identity:
+            return [own, solved]
+        cos, sin = own.turned(tape, solved.cos, solved.sin)
+        return [Rotation(own.axis, cos, sin)]
 
 
 @dataclass(frozen=True)
@@ -49,6 +228,13 @@ class ForwardDynamicsDerivatives:
     acceleration_du: Matrix
 
 
+@dataclass(frozen=True)
+class LoadedDynamicsDerivatives(ForwardDynamicsDerivatives):
+    """The same under wrenches on the frames; `acceleration_dW` has six columns for each of them."""
+
+    acceleration_dW: Matrix  # noqa: N815
+
+
 def forward_dynamics_derivatives(
     symbolic: SymbolicRobot, by_inertia: bool | None = None
 ) -> ForwardDynamicsDerivatives:
@@ -57,16 +243,55 @@ def forward_dynamics_derivatives(
     `by_inertia` is as of `ArticulatedDerivatives`; None: as `inertia_is_shorter` estimates. Raises
     `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
+    found, _ = _differentiated(symbolic, forward_dynamics.thrusts, by_inertia)
+    return found
+
+
+def loaded_dynamics_derivatives(symbolic: SymbolicRobot) -> LoadedDynamicsDerivatives:
+    """Accelerations a of M a = R + B u + ΣJᵀW and their derivatives, with W in world axes.
+
+    Raises what `forward_dynamics_derivatives` does.
+    """
     tape, places = symbolic.tape, symbolic.places
-    centred = about_base_centre(symbolic)
-    motions = free_motions_of(centred)
-    with refused_as_singular(symbolic):
-        articulation = articulation_of(centred)
+    found, base = _differentiated(symbolic, forward_dynamics.thrusts_and_wrenches, None)
+    by_wrenches = _matrix(places, base.by_frames())
+    turned: list[list[sp.Expr]] = []
+    for j in range(places.size):
+        back: list[sp.Expr] = []
+        for place, jacobian in enumerate(frame_jacobians(symbolic)):
+            turning = tuple(row[j] for row in jacobian[3:])
+            with tape.group("wrenches that do not turn with the frames"):
+                for first in (6 * place, 6 * place + 3):
+                    half = tuple(symbolic.W[first : first + 3])
+                    back += tape.cross(half, turning)
+        turned.append(back)
+    with tape.group("columns by q, with wrenches that do not turn"):
+        by_place = [
+            [
+                tape.sum_of_products(row, back, entry)
+                for entry, back in zip(entries, turned, strict=True)
+            ]
+            for row, entries in zip(by_wrenches, found.acceleration_dq, strict=True)
+        ]
+    return LoadedDynamicsDerivatives(
+        found.acceleration, by_place, found.acceleration_dv, found.acceleration_du, by_wrenches
+    )
+
+
+def _differentiated(
+    symbolic: SymbolicRobot, acting: forward_dynamics.Acting, by_inertia: bool | None
+) -> tuple[ForwardDynamicsDerivatives, BaseColumns]:
+    """Derivatives under what acts besides gravity and turns with the bodies; and more columns."""
+    tape, places = symbolic.tape, symbolic.places
+    centred = forward_dynamics.about_base_centre(symbolic)
+    motions = forward_dynamics.free_motions_of(centred)
+    with forward_dynamics.refused_as_singular(symbolic):
+        articulation = forward_dynamics.articulation_of(centred, acting)
         root, joints = accelerations_outward(tape, articulation)
     tree, relative = articulation.tree, [joint.relative for joint in joints]
     in_group_frame = root_in_group_frame(tape, articulation, root)
-    acceleration = in_coordinates(symbolic, relative, in_group_frame)
-    _, rates = places.split(symbolic.v)
+    acceleration = forward_dynamics.in_coordinates(symbolic, relative, in_group_frame)
+    rates = symbolic.joint_state.rates
     passive = passive_symbols(symbolic)
     coupling, changes = convected_perturbations(tape, articulation, motions, rates, joints, passive)
     if by_inertia is None:
@@ -75,12 +300,13 @@ def forward_dynamics_derivatives(
     omega = root_turn(tree).inverse.vector(tape, motions[0].omega)
     base = BaseColumns(symbolic, centred, articulation, omega, in_group_frame, columns)
     by_place, by_velocity = base.by_base(places.split(acceleration)[0])
-    return ForwardDynamicsDerivatives(
+    found = ForwardDynamicsDerivatives(
         acceleration,
         _matrix(places, places.joined(by_place, base.by_joints("coordinate"))),
         _matrix(places, places.joined(by_velocity, base.by_joints("rate"))),
         _matrix(places, [*base.by_rotors(), *base.by_joints("effort")]),
     )
+    return found, base
 
 
 def _matrix(places: Places, columns: Sequence[Values]) -> Matrix:

@@ -1,4 +1,8 @@
-"""Where the robot's points and frames are and how they move, in world axes."""
+"""Where the robot's points, frames and centre of mass are and how they move, in world axes.
+
+Mass as a whole comes from composite bodies, in one pass inwards over the tree: the centre of mass
+and its Jacobian, gravity, and the momentum about the centre.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +11,19 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.forces import rotor_position
-from gibbs_codegen.derivation.motion import Acceleration
-from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.motion import Acceleration, State
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import State, free_motions, motions_about_origin
 from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.model import BASE
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
-from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import (
-    NO_ROTATION,
-    ZERO,
-    Matrix,
-    Rotation,
-    Vector,
-    add,
-    axis_vector,
-    cross,
-    minus,
-    scale,
-)
+from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Rotation, axis_vector, minus
 
-Frame = tuple[Vector, Vector, Vector]
+Frame = tuple[Vector, ...]
 
 
 @dataclass(frozen=True)
@@ -47,23 +39,20 @@ class SegmentFrame:
     own: Frame
 
 
-def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[SegmentFrame]:
+def segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
     """Frames of all segments, from the root to the leaves, in world axes from the origin."""
+    tape, tree = symbolic.tape, symbolic.reduced_tree
     with tape.group("axes of the base"):
-        group: Frame = (
-            root.world(tape, axis_vector(0)),
-            root.world(tape, axis_vector(1)),
-            root.world(tape, axis_vector(2)),
-        )
+        group = tuple([symbolic.root.world(tape, axis_vector(axis)) for axis in range(3)])
         frames = [SegmentFrame(ZERO, group, _turned(tape, group, tree.segments[0].rotation))]
     for segment in tree.segments[1:]:
         parent = frames[segment.parent]
         with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
             axes = _turned(tape, parent.own, segment.turn)
-            position = add(tape, parent.position, combined(tape, axes, segment.step))
+            position = tape.add(parent.position, combined(tape, axes, segment.step))
             starts = segment.starts_group
             group = _turned(tape, axes, segment.twist) if starts else parent.group
-            position = add(tape, position, scale(tape, segment.d, group[2]))
+            position = tape.add(position, tape.scale(segment.d, group[2]))
             frames.append(SegmentFrame(position, group, _turned(tape, group, segment.rotation)))
     return frames
 
@@ -81,58 +70,47 @@ class MountedFrame:
         """Its origin from the origin of the coordinates, in world axes (m)."""
         frame = frames[self.segment]
         with tape.group(f"position of {self.name}"):
-            return add(tape, frame.position, combined(tape, frame.own, self.position))
+            return tape.add(frame.position, combined(tape, frame.own, self.position))
 
 
-def mounted_frames(symbolic: SymbolicRobot) -> list[MountedFrame]:
-    """The frames of a robot, in the order of FRAMES."""
+def mounted_frames(symbolic: SymbolicRobot, name: str | None = None) -> list[MountedFrame]:
+    """The frames of a robot, in the order of FRAMES, or only that of a name."""
     tape, robot = symbolic.tape, symbolic.robot
     mounted = []
     for frame in frames_of(robot):
         body = symbolic.bodies.frames[frame.on]
         if frame in robot.frames:
-            place = symbolic.parameters.frame(frame.name)
+            place = symbolic.parameters.frames[frame.name]
         elif frame.on != BASE:  # The tip: the end of the last link.
-            place = axis_vector(0, symbolic.parameters.link(frame.on).body.length)
+            place = axis_vector(0, symbolic.parameters.links[frame.on].body.length)
         else:
             place = ZERO
         with tape.group("places of the frames", Stage.PARAMETER):
             position = body.point(tape, place)
         turn = product(body.turn, turned_by_rpy(frame.pose.rpy_deg))
         mounted.append(MountedFrame(identifier(frame.name), body.segment, position, turn))
-    return mounted
+    return [frame for frame in mounted if name in (None, frame.name)]
 
 
 def combined(tape: Scalars, frame: Frame, vector: Vector) -> Vector:
     """A vector of a frame, in the axes that those of the frame are given in."""
-    return add(
-        tape, *(scale(tape, length, axis) for length, axis in zip(vector, frame, strict=True))
-    )
+    return tape.add(*(tape.scale(length, axis) for length, axis in zip(vector, frame, strict=True)))
 
 
 def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
     """Axes of the frame that `rotation` turns out of `frame`."""
     p, q = rotation.plane
     axes = list(frame)
-    axes[p] = _mixed(tape, rotation.cos, frame[p], rotation.sin, frame[q])
-    axes[q] = _mixed(tape, -rotation.sin, frame[p], rotation.cos, frame[q])
-    return (axes[0], axes[1], axes[2])
-
-
-def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:
-    """The linear combination pa + qb; p and q are a cosine and a sine with signs."""
-    x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
-    return (x, y, z)
-
-
-def _segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
-    return segment_frames(symbolic.tape, symbolic.root, symbolic.reduced_tree)
+    cos, sin, pairs = rotation.cos, rotation.sin, list(zip(frame[p], frame[q], strict=True))
+    axes[p] = tuple([tape.let(cos * a + sin * b) for a, b in pairs])
+    axes[q] = tuple([tape.let(cos * b - sin * a) for a, b in pairs])
+    return tuple(axes)
 
 
 def positions(symbolic: SymbolicRobot) -> list[Vector]:
     """World positions (m) of POINTS: the base, the rotors, the joints and the frames."""
     tape, robot = symbolic.tape, symbolic.robot
-    frames = _segment_frames(symbolic)
+    frames = segment_frames(symbolic)
     named = [
         mounted.from_origin(tape, frames)
         for mounted in mounted_frames(symbolic)
@@ -144,71 +122,58 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
         for k in range(1, robot.rotors + 1):
             segment, place = rotor_position(symbolic, symbolic.bodies, k)
             point = combined(tape, frames[segment].own, place)
-            rotors.append(add(tape, frames[segment].position, point) if segment else point)
-    joints = [_joint_position(tape, symbolic, frames, i) for i in robot.moving]
+            rotors.append(tape.add(frames[segment].position, point) if segment else point)
+    joints = []
+    for body in map(symbolic.bodies.frames.__getitem__, robot.moving):
+        frame, joint = frames[body.segment], symbolic.reduced_tree.segments[body.segment]
+        with tape.group(f"position of {joint.joint_name}"):
+            place = combined(tape, frame.own, body.origin)
+            joints.append(tape.add(frame.position, place))
     base = [rotors[0], centre] if robot.base.rotors else [centre]
     with tape.group("positions in the world"):
-        return [add(tape, symbolic.origin, point) for point in [*base, *rotors, *joints, *named]]
+        return [tape.add(symbolic.origin, point) for point in [*base, *rotors, *joints, *named]]
 
 
-def _joint_position(
-    tape: Scalars, symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], i: int
-) -> Vector:
-    """The file's frame of link i from the origin of the coordinates, in world axes (m)."""
-    body = symbolic.bodies.frames[i]
-    frame = frames[body.segment]
-    with tape.group(f"position of {symbolic.reduced_tree.segments[body.segment].joint_name}"):
-        return add(tape, frame.position, combined(tape, frame.own, body.origin))
+def frame_poses(symbolic: SymbolicRobot, name: str | None = None) -> list[Matrix]:
+    """Homogeneous transforms of the frames, or of one, 4×4 by rows; positions in m."""
+    tape, mounted, poses = symbolic.tape, mounted_frames(symbolic, name), []
+    frames = segment_frames(symbolic)
+    for frame in mounted:
+        with tape.group(f"position of {frame.name}"):
+            position = tape.add(symbolic.origin, frame.from_origin(tape, frames))
+        with tape.group(f"axes of {frame.name}"):
+            own, columns = frames[frame.segment].own, zip(*frame.turn, strict=True)
+            axes = [combined(tape, own, column) for column in columns]
+        rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
+        poses.append([*rows, [*ZERO, sp.S.One]])
+    return poses
 
 
-def frame_poses(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
-    """Homogeneous transforms of frames, 4×4 by rows; positions in m."""
-    frames = _segment_frames(symbolic)
-    return [_pose(symbolic, frames, frame) for frame in mounted]
-
-
-def _pose(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame) -> Matrix:
-    """Homogeneous transform of a frame, 4×4 by rows."""
-    tape, own = symbolic.tape, frames[mounted.segment].own
-    with tape.group(f"position of {mounted.name}"):
-        position = add(tape, symbolic.origin, mounted.from_origin(tape, frames))
-    with tape.group(f"axes of {mounted.name}"):
-        columns = zip(*mounted.turn, strict=True)
-        axes = [combined(tape, own, (x, y, z)) for x, y, z in columns]
-    rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
-    zero = sp.S.Zero
-    return [*rows, [zero, zero, zero, sp.S.One]]
-
-
-def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
-    """Jacobians of frames, 6 rows each, linear and then angular, in world axes.
+def frame_jacobians(symbolic: SymbolicRobot, name: str | None = None) -> list[Matrix]:
+    """Jacobians of the frames, or of one, 6 rows each, linear and then angular, in world axes.
 
     Columns are in the order of v; a joint that does not support the frame has a column of zeros.
     """
-    frames = _segment_frames(symbolic)
-    return [_jacobian(symbolic, frames, frame) for frame in mounted]
-
-
-def _jacobian(
-    symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame
-) -> Matrix:
-    """Jacobian of a frame, 6 rows in world axes; columns in the order of v."""
-    tape, tree = symbolic.tape, symbolic.reduced_tree
-    point = mounted.from_origin(tape, frames)
-    with tape.group("columns of the base"):
-        base = symbolic.root.velocities_at(tape, point)
-    joints = [(ZERO, ZERO)] * tree.joints
-    for k in reversed(tree.path(mounted.segment)[:-1]):
-        segment, frame = tree.segments[k], frames[k]
-        axis = frame.group[2]
-        if segment.joint == "revolute":
-            with tape.group(f"column of {segment.joint_name}"):
-                arm = add(tape, point, minus(frame.position))
-                joints[k - 1] = (cross(tape, axis, arm), axis)
-        else:
-            joints[k - 1] = (axis, ZERO)
-    columns = symbolic.places.joined(base, joints)
-    return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+    tape, tree, mounted = symbolic.tape, symbolic.reduced_tree, mounted_frames(symbolic, name)
+    frames, jacobians = segment_frames(symbolic), []
+    for each in mounted:
+        point = each.from_origin(tape, frames)
+        with tape.group("columns of the base"):
+            base = symbolic.root.velocities_at(tape, point)
+        joints = [(ZERO, ZERO)] * tree.joints
+        for k in reversed(tree.path(each.segment)[:-1]):
+            segment, frame = tree.segments[k], frames[k]
+            axis = frame.group[2]
+            if segment.joint == "revolute":
+                with tape.group(f"column of {segment.joint_name}"):
+                    arm = tape.add(point, minus(frame.position))
+                    joints[k - 1] = (tape.cross(axis, arm), axis)
+            else:
+                joints[k - 1] = (axis, ZERO)
+        columns = symbolic.places.joined(base, joints)
+        rows = [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+        jacobians.append(rows)
+    return jacobians
 
 
 def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
@@ -216,13 +181,12 @@ def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     They are the accelerations at rest, with v for a.
     """
-    zeros = [sp.S.Zero] * len(symbolic.v)
-    return _accelerations(symbolic, State(zeros, symbolic.v, sp.S.Zero))
+    return _accelerations(symbolic, State.resting(symbolic.v))
 
 
 def frame_bias_accelerations(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """J̇ v of all frames' Jacobians, linear and then angular in world axes: theirs where a = 0."""
-    return _accelerations(symbolic, State(symbolic.v, (), sp.S.Zero).unaccelerated)
+    return _accelerations(symbolic, State.coasting(symbolic.v))
 
 
 def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
@@ -230,8 +194,8 @@ def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]
 
     `state` is without gravity.
     """
-    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _segment_frames(symbolic)
-    motions = motions_about_origin(tape, symbolic.root, tree, state)
+    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, segment_frames(symbolic)
+    motions = tree_dynamics.motions_about_origin(tape, symbolic.root, tree, state)
     origin = symbolic.origin_acceleration(state)
     rows = []
     for mounted in mounted_frames(symbolic):
@@ -241,20 +205,21 @@ def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]
             rotation = NO_ROTATION if own else tree.segments[k].rotation
             motion = motions[k].displaced(tape, rotation.vector(tape, mounted.position))
             axes = frame.own if own else frame.group
-            linear = add(tape, origin, combined(tape, axes, motion.acceleration))
+            linear = tape.add(origin, combined(tape, axes, motion.acceleration))
             rows.append([*linear, *combined(tape, axes, motion.omega_dot)])
     return rows
 
 
-def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[sp.Expr]:
-    """J̇ v of a frame's Jacobian: linear and angular acceleration where a = 0, in world axes.
+def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """J̇ v of the tip's Jacobian: linear and angular acceleration where a = 0, in world axes.
 
-    What each segment on the path to the frame adds is summed from there inwards and turned towards
+    What each segment on the path to the tip adds is summed from there inwards and turned towards
     the world on the way: passed outwards, the sum would be turned twice.
     """
+    (mounted,) = mounted_frames(symbolic, "tip")
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
-    motions = free_motions(tape, root, tree, symbolic.v)
-    base_rates, rates = symbolic.places.split(symbolic.v)
+    motions = tree_dynamics.free_motions(tape, root, tree, symbolic.v)
+    base_state, joints = State.coasting(symbolic.v).split(symbolic.places)
     reach = mounted.position
     end = Acceleration(ZERO, motions[mounted.segment].omega_dot)
     for k in tree.path(mounted.segment):
@@ -267,12 +232,84 @@ def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> l
             step = (x, y, tape.let(z + segment.d))
             motion = replace(motions[k], acceleration=end.linear).displaced(tape, step)
             if segment.joint == "prismatic":
-                motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
+                motion = motion.slid(tape, joints.rates[k - 1], sp.S.Zero)
             end = Acceleration(motion.acceleration, end.angular)
             end = end.rotated(tape, working_to_group).rotated(tape, segment.twist)
             end = end.rotated(tape, segment.turn)
             reach = segment.turn.vector(tape, segment.step)
     with tape.group(f"acceleration of {mounted.name} in world axes"):
-        base = root.frame_motion(tape, base_rates, [sp.S.Zero] * len(base_rates), sp.S.Zero)
-        linear = add(tape, end.linear, base.acceleration)
+        base = root.frame_motion(tape, base_state)
+        linear = tape.add(end.linear, base.acceleration)
         return [*root.world(tape, linear), *root.world(tape, end.angular)]
+
+
+def centre_of_mass(symbolic: SymbolicRobot) -> Vector:
+    """World position of the centre of mass (m)."""
+    tape = symbolic.tape
+    centre = _centre(symbolic, tree_dynamics.whole_inertia(tape, symbolic.reduced_tree))
+    with tape.group("centre of mass in the world"):
+        return tape.add(symbolic.origin, symbolic.root.world(tape, centre))
+
+
+def _centre(symbolic: SymbolicRobot, whole: Inertia) -> Vector:
+    """The centre of mass from the origin of the coordinates, in the root's group frame."""
+    tape = symbolic.tape
+    with tape.group("centre of mass from the origin"):
+        return tape.scale(tape.let(1 / whole.mass), whole.moment)
+
+
+def centre_of_mass_jacobian(symbolic: SymbolicRobot) -> Matrix:
+    """Jacobian of the centre of mass: 3 rows in world axes, columns in the order of v.
+
+    A joint moves the composite body that it carries, whose linear momentum is the force of its
+    column of the mass matrix.
+    """
+    _, columns = _columns(symbolic)
+    return [[column[i] for column in columns] for i in range(3)]
+
+
+def _columns(symbolic: SymbolicRobot) -> tuple[sp.Expr, list[Vector]]:
+    """The mass of the robot, and columns of the centre of mass's Jacobian in the order of v."""
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    frames, composites = segment_frames(symbolic), dict(tree_dynamics.composites_inward(tape, tree))
+    whole = composites[0]
+    centre = _centre(symbolic, whole)
+    with tape.group("columns of the base"):
+        centre = root.world(tape, centre)
+        base = [linear for linear, _ in root.velocities_at(tape, centre)]
+    joints = []
+    for k, segment in enumerate(tree.segments[1:], start=1):
+        with tape.group(f"column of {segment.joint_name}"):
+            force = composites[k].response(tape, segment.direction).force
+            share = tape.scale(tape.let(1 / whole.mass), force)
+            joints.append(combined(tape, frames[k].group, share))
+    return whole.mass, symbolic.places.joined(base, joints)
+
+
+def gravity_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Generalised forces of gravity (N m or N): the weight at the centre of mass."""
+    tape = symbolic.tape
+    mass, columns = _columns(symbolic)
+    with tape.group("weight at the centre of mass"):
+        weight = tape.let(symbolic.parameters.gravity * mass)
+        return [-tape.let(weight * height) for _, _, height in columns]
+
+
+def centroidal_momentum(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Linear and angular momentum about the centre of mass, in world axes (kg m/s, kg m²/s).
+
+    They are inertia forces at rest, with v for a. The motion of the origin adds to the linear
+    momentum alone.
+    """
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    state = State.resting(symbolic.v)
+    momentum, _ = tree_dynamics.inward(
+        tape, tree, tree_dynamics.motions_about_origin(tape, root, tree, state)
+    )
+    whole = tree_dynamics.whole_inertia(tape, tree)
+    centre = _centre(symbolic, whole)
+    with tape.group("momentum in world axes"):
+        angular = momentum.shifted(tape, minus(centre)).moment
+        origin = tape.scale(whole.mass, symbolic.origin_acceleration(state))
+        linear = tape.add(origin, root.world(tape, momentum.force))
+        return [*linear, *root.world(tape, angular)]

@@ -59,8 +59,7 @@ def inertia_matrix() -> sp.Matrix:
 @cache
 def link_gibbs_function() -> sp.Expr:
     """S of one link up to terms free of accelerations (eq. 2), in the link's own frame."""
-    expression: sp.Expr = _gibbs_function().as_expr()
-    return expression
+    return _gibbs_function().as_expr()
 
 
 @cache

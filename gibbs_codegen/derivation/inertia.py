@@ -1,20 +1,31 @@
-"""Inertia of a link or of several as one: rotated, shifted and added.
+"""Inertias and moments of velocity: all of them are rotated, shifted and added alike.
 
 Seen from its parent, a link is a Gibbs function in the parent's accelerations with other B's. That
 one rule serves the composites of the mass matrix, the merging of the rigid base arms, and
 regrouping.
+
+What a segment feels of its subtree while the joints there are free is an *articulated inertia*. It
+is a Gibbs function too, ½aᵀÂa in a = (r̈, ω̇), and moves by the same rules; but a free joint takes
+its direction out of it, so Â is any symmetric 6×6 matrix.
+
+With ẋ the velocity of a point against the origin of the coordinates, in axes that do not turn, and
+ρ its place about a joint, the moments P = ∫ẋ dm and D = ∫ρẋᵀdm are to velocities what the first and
+second moments are to places. Derivatives need their doubles alone, which cost no more: what is
+doubled is a parameter, or a rate that others have doubled too. A *velocity coupling* is the
+Coriolis force of a body that turns at an additional rate ε: the force ε×2P and the moment
+2(tr D·1 − Dᵀ)ε, two matrices from which a free joint takes its direction out as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link_mass_block
-from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector, Wrench
+from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link_mass_block, skew
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench
 
 # Where r̈ and ω̇ begin among the accelerations of a link.
 LINEAR, ANGULAR = 0, 3
@@ -22,7 +33,8 @@ LINEAR, ANGULAR = 0, 3
 # Rows and columns of the entries of a symmetric matrix, in the order of robot files.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
-SecondMoments = tuple[sp.Expr, sp.Expr, sp.Expr, sp.Expr, sp.Expr, sp.Expr]
+SecondMoments = tuple[sp.Expr, ...]
+Block = tuple[Vector, ...]
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,10 @@ class Inertia:
     def entry(self, i: int, j: int) -> sp.Expr:
         """E_ij (kg m²), i and j from 0."""
         return self.second[_index(i, j)]
+
+    def row(self, i: int) -> Vector:
+        """Row i of E (kg m²), from 0."""
+        return tuple(self.entry(i, j) for j in range(3))
 
     @classmethod
     def of(cls, entries: Iterable[sp.Expr]) -> Inertia:
@@ -129,3 +145,241 @@ def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
 
 def _index(i: int, j: int) -> int:
     return PAIRS.index((min(i, j), max(i, j)))
+
+
+def _block(entry: Callable[[int, int], sp.Expr]) -> Block:
+    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))
+
+
+def _symmetric(entry: Callable[[int, int], sp.Expr]) -> Block:
+    entries = {(i, j): entry(i, j) for i, j in PAIRS}
+    return _block(lambda i, j: entries[min(i, j), max(i, j)])
+
+
+def rotated_block(tape: Scalars, rotation: Rotation, block: Block) -> Block:
+    """RMRᵀ: a 3×3 matrix, of any symmetry, where `rotation` takes components."""
+    r, (p, q) = rotation.axis, rotation.plane
+    c, s = rotation.cos, rotation.sin
+    pp, pq, qp, qq = block[p][p], block[p][q], block[q][p], block[q][q]
+    turned = {(r, r): block[r][r]}
+    turned[r, p], turned[r, q] = rotation.turned(tape, block[r][p], block[r][q])
+    turned[p, r], turned[q, r] = rotation.turned(tape, block[p][r], block[q][r])
+    if c == 0:  # A quarter turn swaps and signs, a half turn leaves the rest as it is.
+        turned |= {(p, p): qq, (q, q): pp, (p, q): -qp, (q, p): -pq}
+    elif s == 0:
+        turned |= {(p, p): pp, (q, q): qq, (p, q): pq, (q, p): qp}
+    else:
+        # With w = s(M_pp − M_qq) + c(M_pq + M_qp) it takes four products instead of sixteen.
+        w = tape.let(s * tape.let(pp - qq) + c * tape.let(pq + qp))
+        sine, cosine = tape.let(s * w), tape.let(c * w)
+        turned[p, p], turned[q, q] = tape.let(pp - sine), tape.let(qq + sine)
+        turned[p, q], turned[q, p] = tape.let(cosine - qp), tape.let(cosine - pq)
+    return _block(lambda i, j: turned[i, j])
+
+
+@dataclass(frozen=True)
+class ArticulatedInertia:
+    """The blocks of Â by rows: r̈ with r̈, r̈ with ω̇, ω̇ with ω̇."""
+
+    linear: Block
+    coupling: Block
+    angular: Block
+
+    @classmethod
+    def rigid(cls, tape: Scalars, inertia: Inertia) -> ArticulatedInertia:
+        """Â of a rigid body: the Hessian of its Gibbs function (eq. 2)."""
+        hessian, values = link_mass_block(), inertia.values
+        return cls.of_entries(lambda i, j: tape.let(evaluated(hessian[i, j], values)))
+
+    @classmethod
+    def of_entries(cls, entry: Callable[[int, int], sp.Expr]) -> ArticulatedInertia:
+        """The symmetric Â by its entries (i, j ≥ i), 0 … 5; r̈ comes before ω̇."""
+        return cls(
+            _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
+            _block(lambda i, j: entry(LINEAR + i, ANGULAR + j)),
+            _symmetric(lambda i, j: entry(ANGULAR + i, ANGULAR + j)),
+        )
+
+    @property
+    def rows(self) -> list[list[sp.Expr]]:
+        """The whole matrix."""
+        upper = [[*self.linear[i], *self.coupling[i]] for i in range(3)]
+        transposed = zip(*self.coupling, strict=True)
+        return upper + [[*c, *a] for c, a in zip(transposed, self.angular, strict=True)]
+
+    def plus(self, tape: Scalars, other: ArticulatedInertia) -> ArticulatedInertia:
+        """The sum of two Â about one point, in one frame."""
+        mine, theirs = self.rows, other.rows
+        return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
+
+    def without(
+        self,
+        tape: Scalars,
+        direction: int,
+        ratios: tuple[sp.Expr, ...],
+        armature: sp.Expr = sp.S.Zero,
+    ) -> ArticulatedInertia:
+        """Â − U·Uᵀ/D, with one direction, 0 … 5, eliminated: the Schur complement without armature.
+
+        `ratios` are U/D, column U of the direction over its pivot D, which includes the armature.
+        In row and column of the direction that is U − U(D − J)/D, which cancels where the armature
+        J is little; UJ/D is the same to the last digit, and zero without armature.
+        """
+        rows = self.rows
+        column = rows[direction]
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if direction in (i, j):
+                return tape.let(times(armature, ratios[j if i == direction else i]))
+            return tape.let(rows[i][j] - tape.let(ratios[i] * column[j]))
+
+        return self.of_entries(entry)
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
+        """Â in another frame, to which `rotation` takes components: each block M is RMRᵀ there."""
+        if rotation.is_identity:
+            return self
+        linear, coupling, angular = (
+            rotated_block(tape, rotation, block)
+            for block in (self.linear, self.coupling, self.angular)
+        )
+        return ArticulatedInertia(linear, coupling, angular)
+
+    def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedInertia:
+        """Â about another point: with H the coupling, H' = H − Lr̃ and J' = J + r̃H' + (r̃H)ᵀ.
+
+        `arm` is r, the old point from the new one (m).
+        """
+        if arm == ZERO:
+            return self
+        lever = skew(arm)
+        old = self.coupling
+        new = _block(
+            lambda i, j: tape.let(
+                old[i][j] - sp.Add(*(tape.let(self.linear[i][k] * lever[k, j]) for k in range(3)))
+            )
+        )
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if i == j:
+                gain = sp.Add(*(lever[i, k] * (old[k][i] + new[k][i]) for k in range(3)))
+            else:  # Of J'_ij and J'_ji the shorter, since joints eliminate the last direction, z.
+                k = 3 - i - j
+                gain = lever[j, i] * (new[i][i] - old[j][j])
+                gain += lever[j, k] * new[k][i] + lever[i, k] * old[k][j]
+            return tape.let(self.angular[i][j] + gain)
+
+        return ArticulatedInertia(self.linear, new, _symmetric(entry))
+
+
+NO_ARTICULATED_INERTIA = ArticulatedInertia((ZERO,) * 3, (ZERO,) * 3, (ZERO,) * 3)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """2P, and the rows of 2D about a point."""
+
+    momentum: Vector
+    rows: Block
+
+    def plus(self, tape: Scalars, other: Moments) -> Moments:
+        """Moments of both bodies about their common point, in one frame."""
+        rows = [tape.add(mine, its) for mine, its in zip(self.rows, other.rows, strict=True)]
+        return Moments(tape.add(self.momentum, other.momentum), tuple(rows))
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Moments:
+        """The same in another frame, to which `rotation` takes components: P' = RP, D' = RDRᵀ."""
+        if rotation.is_identity:
+            return self
+        rows = rotated_block(tape, rotation, self.rows)
+        return Moments(rotation.vector(tape, self.momentum), rows)
+
+    def shifted(self, tape: Scalars, arm: Vector) -> Moments:
+        """The moments about another point: D' = D + rPᵀ; r, `arm`, is the old from the new (m)."""
+        first, second, third = (
+            tape.add(row, tape.scale(r, self.momentum))
+            for r, row in zip(arm, self.rows, strict=True)
+        )
+        return Moments(self.momentum, (first, second, third))
+
+
+NO_MOMENTS = Moments(ZERO, (ZERO, ZERO, ZERO))
+
+
+@dataclass(frozen=True)
+class VelocityCoupling:
+    """The matrices by rows: force and moment for a rate ε."""
+
+    force: Block
+    moment: Block
+
+    @classmethod
+    def rigid(
+        cls, tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector
+    ) -> VelocityCoupling:
+        """Of a rigid body about a point; `omega` and `velocity` are twice its ω and the point's."""
+        first = inertia.moment
+        x, y, z = tape.add(tape.cross(omega, first), tape.scale(inertia.mass, velocity))
+        spins = [tape.cross(omega, inertia.row(i)) for i in range(3)]
+        d = [tape.add(spins[i], tape.scale(first[i], velocity)) for i in range(3)]
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if i != j:
+                return -d[j][i]
+            return tape.let(d[i - 2][i - 2] + d[i - 1][i - 1])
+
+        zero = sp.S.Zero
+        return cls(((zero, z, -y), (-z, zero, x), (y, -x, zero)), _block(entry))
+
+    @classmethod
+    def of(cls, rows: Sequence[Vector]) -> VelocityCoupling:
+        """The coupling by its six rows."""
+        return cls(tuple(rows[:3]), tuple(rows[3:]))
+
+    @property
+    def rows(self) -> list[Vector]:
+        """All six rows."""
+        return [*self.force, *self.moment]
+
+    def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
+        """Of both subtrees about one point, in one frame."""
+        return self.of([tape.add(a, b) for a, b in zip(self.rows, other.rows, strict=True)])
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> VelocityCoupling:
+        """The same in another frame, to which `rotation` takes components."""
+        if rotation.is_identity:
+            return self
+        return VelocityCoupling(
+            rotated_block(tape, rotation, self.force), rotated_block(tape, rotation, self.moment)
+        )
+
+    def shifted(self, tape: Scalars, arm: Vector) -> VelocityCoupling:
+        """The same about another point; `arm` is the old point from the new one (m)."""
+        if arm == ZERO:
+            return self
+        force, moment = self.force, self.moment
+
+        def entry(i: int, j: int) -> sp.Expr:
+            gain = times(arm[i - 2], force[i - 1][j]) - times(arm[i - 1], force[i - 2][j])
+            return tape.let(moment[i][j] + gain)
+
+        return VelocityCoupling(force, _block(entry))
+
+    def without(
+        self, tape: Scalars, direction: int, ratios: Values, left: Vector
+    ) -> VelocityCoupling:
+        """What the parent feels while a joint, of direction 0 … 5, is free.
+
+        `ratios` are those of its solved equation, row by row. `left` is what is left of the joint's
+        own row, zero without armature: written as a difference it would cancel.
+        """
+        own = self.rows[direction]
+        return self.of(
+            [
+                left if i == direction else tape.add(row, tape.scale(-ratio, own))
+                for i, (row, ratio) in enumerate(zip(self.rows, ratios, strict=True))
+            ]
+        )
+
+
+NO_COUPLING = VelocityCoupling((ZERO,) * 3, (ZERO,) * 3)

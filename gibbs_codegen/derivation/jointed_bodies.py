@@ -40,8 +40,8 @@ from gibbs_codegen.symbolic.structural import (
     turned_by_rpy,
     z_onto,
 )
-from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import ZERO, Vector, X, Z, axis_vector, cos_sin_deg
+from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
+from gibbs_codegen.symbolic.vectors import ZERO, X, Z, axis_vector, cos_sin_deg
 
 # Sliding along an axis that is nearly parallel to the one before would go very far.
 _LEAST_SINE = 0.1
@@ -202,7 +202,7 @@ def _by_parameters(link: PlacedLink, parent: BodyFrame) -> JointedLink:
 
     The frame of its parent is not turned.
     """
-    given = link.parameters or _AT_PARENT
+    parameters = link.parameters or _AT_PARENT
     x, y, z = parent.origin
     return JointedLink(
         parent=link.parent,
@@ -210,10 +210,10 @@ def _by_parameters(link: PlacedLink, parent: BodyFrame) -> JointedLink:
         joint=link.joint,
         coordinate=link.coordinate,
         turn_deg=Fraction(0),
-        step=(given.a + x, y, z),
-        alpha_deg=given.alpha_deg,
-        d=given.d,
-        theta_deg=given.theta_deg,
+        step=(parameters.a + x, y, z),
+        alpha_deg=parameters.alpha_deg,
+        d=parameters.d,
+        theta_deg=parameters.theta_deg,
         name=link.name,
         joint_name=link.joint_name,
     )
@@ -255,7 +255,7 @@ def jointed_bodies(
     placed: list[PlacedLink] = []
     belonging: list[list[Inertia]] = [[]]
     for i in sorted(links):
-        link, symbols = robot.links[i - 1], parameters.link(i)
+        link, symbols = robot.links[i - 1], parameters.links[i]
         mount = mounts[robot.parents[i - 1]]
         inertia = symbols.body.inertia if i in massive else NO_INERTIA
         if i in coordinates:
@@ -268,7 +268,7 @@ def jointed_bodies(
                 mounts[i] = _pose(link, symbols).within(tape, mount)
                 belonging[mount.segment].append(mounts[i].inertia(tape, inertia))
     heavy = [
-        replace(link, inertia=_together(tape, link.name, parts))
+        replace(link, inertia=_inertia_with_welded(tape, link.name, parts))
         for link, parts in zip(placed, belonging[1:], strict=True)
     ]
     base = BodyFrame(0, origin=centre)
@@ -277,7 +277,7 @@ def jointed_bodies(
         bodies = {i: mount.within(tape, frames[mount.segment]) for i, mount in mounts.items()}
         on_base = [base.inertia(tape, part) for part in belonging[0]]
     return JointedBodies(
-        tuple(numbers), tuple(jointed), bodies, _together(tape, "the base", on_base)
+        tuple(numbers), tuple(jointed), bodies, _inertia_with_welded(tape, "the base", on_base)
     )
 
 
@@ -287,7 +287,7 @@ def label(robot: Robot, i: int) -> str:
     return identifier(name) if name else f"link {i}"
 
 
-def _together(tape: Scalars, name: str, parts: list[Inertia]) -> Inertia:
+def _inertia_with_welded(tape: Scalars, name: str, parts: list[Inertia]) -> Inertia:
     """Inertia about its joint, in its frame, of a link and of what is welded to it."""
     if len(parts) == 1:
         return parts[0]
@@ -296,21 +296,16 @@ def _together(tape: Scalars, name: str, parts: list[Inertia]) -> Inertia:
 
 
 def _placed(
-    tape: Scalars,
-    robot: Robot,
-    i: int,
-    symbols: LinkSymbols,
-    mount: BodyFrame,
-    coordinate: sp.Expr,
+    tape: Scalars, robot: Robot, i: int, symbols: LinkSymbols, mount: BodyFrame, coordinate: sp.Expr
 ) -> PlacedLink:
     """Link i on the segment that carries it, without inertia.
 
     `mount` is the frame of the body that it is on, in the file's frame of the segment's link.
     """
     link = robot.links[i - 1]
-    given = None
+    parameters = None
     if link.pose is None and mount == BodyFrame(mount.segment):
-        given = DenavitHartenberg(link.alpha_deg, symbols.a, symbols.d, link.theta_deg)
+        parameters = _denavit_hartenberg(link, symbols)
     with tape.group("angles and places of the joints", Stage.PARAMETER):
         pose = _pose(link, symbols).within(tape, mount)
     name = link.name
@@ -322,7 +317,7 @@ def _placed(
         turn=pose.turn,
         step=pose.origin,
         axis=link.axis,
-        parameters=given,
+        parameters=parameters,
         name=label(robot, i),
         joint_name=f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}",
     )
@@ -332,5 +327,9 @@ def _pose(link: Link, symbols: LinkSymbols) -> BodyFrame:
     """Where a link's frame is in that of the body that carries it, the joint at zero."""
     if link.pose is not None:
         return BodyFrame(0, turned_by_rpy(link.pose.rpy_deg), symbols.position)
-    given = DenavitHartenberg(link.alpha_deg, symbols.a, symbols.d, link.theta_deg)
-    return BodyFrame(0, given.turn, given.step)
+    parameters = _denavit_hartenberg(link, symbols)
+    return BodyFrame(0, parameters.turn, parameters.step)
+
+
+def _denavit_hartenberg(link: Link, symbols: LinkSymbols) -> DenavitHartenberg:
+    return DenavitHartenberg(link.alpha_deg, symbols.a, symbols.d, link.theta_deg)

@@ -8,15 +8,45 @@ on parallel axes, whose motions are kept in one frame, share most of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Transform, Vector, add, cross, scale
+from gibbs_codegen.robot.layout import Places
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
+from gibbs_codegen.symbolic.vectors import Rotation, Transform
 
-Gradient = tuple[Vector, Vector, Vector]
+Gradient = tuple[Vector, ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """Velocities and their rates in the order of the tree's coordinates, and gravity."""
+
+    rates: Values
+    accelerations: Values
+    gravity: sp.Expr
+
+    @classmethod
+    def coasting(cls, rates: Values, gravity: sp.Expr = sp.S.Zero) -> State:
+        """The state with θ̈ = 0 at some rates, without gravity unless it is given."""
+        return cls(rates, [sp.S.Zero] * len(rates), gravity)
+
+    @classmethod
+    def resting(cls, accelerations: Values) -> State:
+        """The state at rest, weightless: with velocities for θ̈, accelerations are velocities."""
+        return cls([sp.S.Zero] * len(accelerations), accelerations, sp.S.Zero)
+
+    @property
+    def unaccelerated(self) -> State:
+        """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+        return State.coasting(self.rates, self.gravity)
+
+    def split(self, places: Places) -> tuple[State, State]:
+        """The state of the base, attitude first, and that of the joints."""
+        pairs = zip(places.split(self.rates), places.split(self.accelerations), strict=True)
+        base, joints = (State(rates, accelerations, self.gravity) for rates, accelerations in pairs)
+        return base, joints
 
 
 @dataclass(frozen=True)
@@ -32,18 +62,16 @@ class Motion:
     def of(cls, tape: Scalars, omega: Vector, omega_dot: Vector, acceleration: Vector) -> Motion:
         """Motion with the gradient A that belongs to ω and dω/dt, and r̈ (m/s²) of the joint."""
         products = [[tape.let(p * q) for q in omega] for p in omega]
-        columns = []
-        for j in range(3):
-            column = []
-            for i in range(3):
-                if i == j:
-                    k, m = (j + 1) % 3, (j + 2) % 3
-                    column.append(tape.let(-products[k][k] - products[m][m]))
-                else:
-                    sign = 1 if (i - j) % 3 == 1 else -1
-                    column.append(tape.let(products[i][j] + sign * omega_dot[3 - i - j]))
-            columns.append((column[0], column[1], column[2]))
-        return cls(omega, omega_dot, acceleration, (columns[0], columns[1], columns[2]))
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if i == j:
+                k, m = (j + 1) % 3, (j + 2) % 3
+                return tape.let(-products[k][k] - products[m][m])
+            sign = 1 if (i - j) % 3 == 1 else -1
+            return tape.let(products[i][j] + sign * omega_dot[3 - i - j])
+
+        columns = [tuple([entry(i, j) for i in range(3)]) for j in range(3)]
+        return cls(omega, omega_dot, acceleration, tuple(columns))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Motion:
         """The same motion in another frame, to which `rotation` takes components."""
@@ -71,8 +99,8 @@ class Motion:
         """Motion of another point, `length` (m) along the x axis of a frame turned about z."""
         if length == 0:
             return self
-        step = scale(tape, length, self.along_x(tape, rotation))
-        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
+        step = tape.scale(length, self.along_x(tape, rotation))
+        return Motion(self.omega, self.omega_dot, tape.add(self.acceleration, step), self.gradient)
 
     def stepped(self, tape: Scalars, rotation: Rotation, step: Vector) -> Motion:
         """Motion of another point of the same link, in this one's frame.
@@ -104,16 +132,8 @@ class Motion:
         spin_dot = let(z_dot + acceleration)
         omega_dot = (let(let(y * spin) - yz), let(xz - let(x * spin)), spin_dot)
         product, square = let(x * y), let(spin * spin)
-        first = (
-            let(-let(y * y) - square),
-            let(product + spin_dot),
-            let(let(2 * x) * spin - xz),
-        )
-        second = (
-            let(product - spin_dot),
-            let(-let(x * x) - square),
-            let(let(2 * y) * spin - yz),
-        )
+        first = (let(-let(y * y) - square), let(product + spin_dot), let(let(2 * x) * spin - xz))
+        second = (let(product - spin_dot), let(-let(x * x) - square), let(let(2 * y) * spin - yz))
         return Motion((x, y, spin), omega_dot, self.acceleration, (first, second, (xz, yz, zz)))
 
     def slid(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
@@ -121,7 +141,7 @@ class Motion:
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
         gain = (tape.let(twice * y), -tape.let(twice * x), acceleration)
-        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, gain), self.gradient)
+        return Motion(self.omega, self.omega_dot, tape.add(self.acceleration, gain), self.gradient)
 
 
 @dataclass(frozen=True)
@@ -132,7 +152,7 @@ class Acceleration:
     angular: Vector
 
     @classmethod
-    def of(cls, entries: Sequence[sp.Expr]) -> Acceleration:
+    def of(cls, entries: Values) -> Acceleration:
         """An acceleration by its six components, r̈ and then ω̇."""
         x, y, z, p, q, r = entries
         return cls((x, y, z), (p, q, r))
@@ -144,8 +164,8 @@ class Acceleration:
 
     def plus(self, tape: Scalars, other: Acceleration) -> Acceleration:
         """Sum of two accelerations of one point, in one frame."""
-        linear = add(tape, self.linear, other.linear)
-        return Acceleration(linear, add(tape, self.angular, other.angular))
+        linear = tape.add(self.linear, other.linear)
+        return Acceleration(linear, tape.add(self.angular, other.angular))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
         """The same acceleration in another frame, to which `rotation` takes components."""
@@ -158,6 +178,6 @@ class Acceleration:
             if isinstance(step, Rotation):
                 here = here.rotated(tape, step.inverse)
             else:
-                gain = cross(tape, here.angular, step)
-                here = Acceleration(add(tape, here.linear, gain), here.angular)
+                gain = tape.cross(here.angular, step)
+                here = Acceleration(tape.add(here.linear, gain), here.angular)
         return here

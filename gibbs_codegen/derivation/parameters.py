@@ -7,6 +7,7 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -14,8 +15,8 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.symbolic.vectors import ZERO, Vector
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
+from gibbs_codegen.symbolic.vectors import ZERO
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,9 @@ class Parameters:
     """Symbols for the numbers of a robot file, with their defaults in `defaults`, units in `units`.
 
     `folded` names those that are zero in the file and therefore structural.
+    `arms`, with the `drags` of their motors (m), `links` and placed `rotors`, with position (m) and
+    drag (m), are by number, from 1, `frames` by name: positions in the frame of the body that they
+    are on (m). `central_body` is its inertia about the base centre, None where there is none.
     """
 
     def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
@@ -70,40 +74,16 @@ class Parameters:
         # All at once, in the order of the file, whatever the derivation asks for first.
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
         arms = range(1, robot.base.rotors + 1)
-        self._drags = [self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms]
-        self._arms = [self._body(self._arm_prefix(k), robot.base.arm(k)) for k in arms]
-        self._central = self._body("base", robot.base.body) if robot.base.body else None
-        self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
-        self._rotors = [self._rotor(k) for k in range(1, len(robot.thrusters) + 1)]
-        self._frames = {
+        self.drags = {k: self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms}
+        self.arms = {k: self._body(self._arm_prefix(k), robot.base.arm(k)) for k in arms}
+        central = self._body("base", robot.base.body) if robot.base.body else None
+        self.central_body = central.inertia if central else None
+        self.links = {i: self._link(i) for i in range(1, len(robot.links) + 1)}
+        self.rotors = {k: self._rotor(k) for k in range(1, len(robot.thrusters) + 1)}
+        self.frames = {
             frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
             for frame in robot.frames
         }
-
-    def arm(self, k: int) -> BodySymbols:
-        """Length of base arm k = 1 … N, and its inertia about its start, in its own frame."""
-        return self._arms[k - 1]
-
-    @property
-    def central_body(self) -> Inertia | None:
-        """Inertia of the central body about the base centre, if there is one."""
-        return self._central.inertia if self._central else None
-
-    def rotor(self, k: int) -> tuple[Vector, sp.Expr]:
-        """Position (m) of rotor k = 1 … N in the frame of the body that it is on; its drag (m)."""
-        return self._rotors[k - 1]
-
-    def frame(self, name: str) -> Vector:
-        """Position of a named frame in the frame of the body that it is on (m)."""
-        return self._frames[name]
-
-    def drag(self, k: int) -> sp.Expr:
-        """Reaction torque of motor k = 1 … N per unit of thrust (m)."""
-        return self._drags[k - 1]
-
-    def link(self, i: int) -> LinkSymbols:
-        """Symbols of link i = 1 … n of the arm."""
-        return self._links[i - 1]
 
     def _arm_prefix(self, k: int) -> str:
         return "base_arm" if self.robot.base.shares_one_arm else f"base_arm{k}"
@@ -142,12 +122,12 @@ class Parameters:
         link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
         if not link.moves:
             return NOT_PASSIVE
-        given, turns = link.passive, link.joint == "revolute"
+        passive, turns = link.passive, link.joint == "revolute"
         return PassiveSymbols(
-            self._value(f"{prefix}_damping", given.damping, "N m s/rad" if turns else "N s/m"),
-            self._value(f"{prefix}_armature", given.armature, "kg m^2" if turns else "kg"),
-            self._value(f"{prefix}_stiffness", given.stiffness, "N m/rad" if turns else "N/m"),
-            self._value(f"{prefix}_rest", given.rest, "rad" if turns else "m"),
+            self._value(f"{prefix}_damping", passive.damping, "N m s/rad" if turns else "N s/m"),
+            self._value(f"{prefix}_armature", passive.armature, "kg m^2" if turns else "kg"),
+            self._value(f"{prefix}_stiffness", passive.stiffness, "N m/rad" if turns else "N/m"),
+            self._value(f"{prefix}_rest", passive.rest, "rad" if turns else "m"),
         )
 
     def _rotor(self, k: int) -> tuple[Vector, sp.Expr]:
@@ -157,11 +137,14 @@ class Parameters:
         return position, self._value(f"{prefix}_drag", rotor.drag, "m")
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:
-        x, y, z = (
-            self._value(f"{prefix}_{axis}", value, "m")
-            for axis, value in zip("xyz", values, strict=True)
-        )
-        return (x, y, z)
+        return self._values(prefix, ("x", "y", "z"), values, "m")
+
+    def _values(
+        self, prefix: str, names: Sequence[str], values: Sequence[float], unit: str
+    ) -> tuple[sp.Expr, ...]:
+        """Symbols of several numbers of one unit, by the ends of their names."""
+        pairs = zip(names, values, strict=True)
+        return tuple(self._value(f"{prefix}_{name}", value, unit) for name, value in pairs)
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")
@@ -176,10 +159,8 @@ class Parameters:
         It is about the rod's start, in its own frame; `prefix` begins its parameters' names.
         """
         density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
-        x, y, z = (
-            self._value(f"{prefix}_section_inertia_{axis}", value, "kg m^2")
-            for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
-        )
+        diagonal = ("xx", "yy", "zz")
+        x, y, z = self._values(f"{prefix}_section_inertia", diagonal, rod.section_inertia, "kg m^2")
         zero = sp.S.Zero
         excess = self._half_excess
         along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
@@ -190,19 +171,14 @@ class Parameters:
     def _rigid_body(self, prefix: str, body: RigidBody) -> Inertia:
         """The parallel-axis rule on a body given about its centre of mass."""
         mass = self._value(f"{prefix}_mass", body.mass, "kg")
-        com = [
-            self._value(f"{prefix}_com_{axis}", value, "m")
-            for axis, value in zip("xyz", body.com, strict=True)
-        ]
-        xx, yy, zz, xy, xz, yz = (
-            self._value(f"{prefix}_inertia_{name}", value, "kg m^2")
-            for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
-        )
+        com = self._vector(f"{prefix}_com", body.com)
+        names = ("xx", "yy", "zz", "xy", "xz", "yz")
+        xx, yy, zz, xy, xz, yz = self._values(f"{prefix}_inertia", names, body.inertia, "kg m^2")
         zero = sp.S.Zero
         excess = self._half_excess
         second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
         about_com = Inertia(mass, (zero, zero, zero), second)
-        return about_com.shifted(InlineTape(), (com[0], com[1], com[2]))
+        return about_com.shifted(InlineTape(), com)
 
     def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
         """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.

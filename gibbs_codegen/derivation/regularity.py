@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
-from gibbs_codegen.robot.layout import coordinate_text, layout_of
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Body, Link, Robot, Rod
-from gibbs_codegen.robot.placement import arm_frame, joint_frame, turn_about
+from gibbs_codegen.robot.placement import Array, arm_frame, joint_frame, turn_about
 from gibbs_codegen.robot.rigid_body import size_fault
 
-Array = NDArray[np.float64]
 Motion = tuple[str, ...]
 
 # Smallest eigenvalue of the mass matrix with a unit diagonal: rounding leaves up to 3e-16 of a
@@ -67,7 +66,7 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
         if least >= _SMALLEST:
             return
         found.append((least, coordinate))
-    largest = coordinate_text(robot, max(found)[1])
+    largest = Description(robot).coordinate_text(max(found)[1])
     raise SingularRobotError(robot.name, [(largest,)], ill_conditioned=True)
 
 
@@ -152,8 +151,9 @@ def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
 
 def _named(robot: Robot, motion: list[int]) -> Motion:
     """Names of the coordinates of a motion of the base's twist and the joints."""
-    q, joints = layout_of(robot).q, layout_of(robot).v.joint_places
-    names = [coordinate_text(robot, joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
+    description = Description(robot)
+    q, joints = description.layout.q, description.layout.v.joint_places
+    names = [description.coordinate_text(joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
     if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
         return (*names, f"the attitude ({', '.join(q.names[q.attitude])})")
     if any(k < 3 for k in motion):
@@ -185,8 +185,9 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
             place = place.moved(link, columns[i], positions[i], scale)
         places.append(place)
         swarm.add(link.body, place)
-    momenta = [*swarm.momenta, *_armatures(robot, columns)]
-    return np.vstack(momenta), swarm.levers
+    # A row for each joint with armature, which resists it whatever it carries.
+    resisted = [columns[i] for i in columns if robot.links[i - 1].passive.armature > 0.0]
+    return np.vstack([*swarm.momenta, np.eye(_JOINTS + joints)[resisted]]), swarm.levers
 
 
 def _longest(robot: Robot) -> float:
@@ -194,13 +195,6 @@ def _longest(robot: Robot) -> float:
     rods = [robot.base.arm(k).length for k in range(1, robot.base.rotors + 1)]
     steps = [float(np.linalg.norm(joint_frame(robot, i + 1)[1])) for i in range(len(robot.links))]
     return max([*rods, *steps, *(link.body.length for link in robot.links)], default=0.0) or 1.0
-
-
-def _armatures(robot: Robot, columns: Mapping[int, int]) -> list[Array]:
-    """A row for each joint with armature, which resists it whatever it carries."""
-    size = _JOINTS + len(columns)
-    with_armature = [i for i in columns if robot.links[i - 1].passive.armature > 0.0]
-    return [np.eye(size)[[columns[i]]] for i in with_armature]
 
 
 class _Place:
@@ -219,8 +213,7 @@ class _Place:
     @property
     def turning(self) -> NDArray[np.bool_]:
         """Which coordinates turn the body."""
-        turning: NDArray[np.bool_] = np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
-        return turning
+        return np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
 
     def stepped(self, step: Array) -> _Place:
         """Another point of the same body, a step away in its own axes."""

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
-from gibbs_codegen.derivation.group_passage import regrouped
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.jointed_bodies import JointedBodies, jointed_bodies
+from gibbs_codegen.derivation.motion import State
 from gibbs_codegen.derivation.parameters import Parameters
-from gibbs_codegen.derivation.root.choice import root_of
-from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, tree_of_links
-from gibbs_codegen.derivation.tree_dynamics import State
+from gibbs_codegen.derivation.root import Root, root_of
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree, regrouped, tree_of_links
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import Places, layout_of, local_names
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Rotation, Vector, axis_vector, gather
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Values, Vector
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    ZERO,
+    Matrix,
+    Rotation,
+    axis_vector,
+    gather,
+    identity,
+    minus,
+)
 
 
 @dataclass(frozen=True)
@@ -29,11 +37,12 @@ class SymbolicRobot:
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
     the inputs, in the orders of `robot/layout`, `W` those of the wrenches on the frames, row
-    by row, `q0` and `q1` the coordinates of two configurations, `w` weights, `q_dot` to `u_dot`
-    directions of q, v, a and u, `h` the length of a step.
+    by row, `q0` and `q1` the coordinates of two configurations, `w` weights of a vector,
+    `w_input_matrix` and `w_jacobian` of a matrix, row by row, `q_dot` to `W_dot` directions of q,
+    v, a, u and W, `h` the length of a step.
     """
 
-    robot: Robot
+    description: Description
     tape: Scalars
     parameters: Parameters
     root: Root
@@ -50,27 +59,36 @@ class SymbolicRobot:
     a_dot: tuple[sp.Symbol, ...]
     u_dot: tuple[sp.Symbol, ...]
     h: tuple[sp.Symbol, ...]
+    W_dot: tuple[sp.Symbol, ...]
+    w_input_matrix: tuple[sp.Symbol, ...]
+    w_jacobian: tuple[sp.Symbol, ...]
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
         """Introduce a robot's symbols on `tape`; `keep_zeros`: also of parameters that are zero."""
-        names = local_names(robot)
-        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names["q"])
-        v, a, u, wrenches = (
-            tuple(tape.symbol(name, Stage.MOTION) for name in names[letter]) for letter in "vauW"
-        )
-        q1, q0 = (  # First what differences are taken of.
-            tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names[place])
-            for place in ("q1", "q0")
-        )
+        description = Description(robot)
+
+        def symbols(*arguments: str) -> dict[str, tuple[sp.Symbol, ...]]:
+            found = {}
+            for argument in arguments:
+                stage = Stage.CONFIGURATION if argument in ("q", "q0", "q1") else Stage.MOTION
+                names = description.local_names[argument]
+                found[argument] = tuple(tape.symbol(name, stage) for name in names)
+            return found
+
+        # Of q₀ and q₁ first what differences are taken of.
+        entries = symbols("q", "v", "a", "u", "W", "q1", "q0")
         with tape.group("attitude"):
-            root = root_of(robot, tape, q)
+            root = root_of(description.layout, tape, entries["q"])
         parameters = Parameters(robot, tape, keep_zeros)
-        others = (
-            tuple(tape.symbol(name, Stage.MOTION) for name in names[argument])
-            for argument in ("w", "q_dot", "v_dot", "a_dot", "u_dot", "h")
-        )
-        return cls(robot, tape, parameters, root, q, v, a, u, wrenches, q0, q1, *others)
+        entries |= symbols("w", "q_dot", "v_dot", "a_dot", "u_dot", "h", "W_dot")
+        entries |= symbols("w_input_matrix", "w_jacobian")
+        return cls(description, tape, parameters, root, **entries)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as plain data."""
+        return self.description.robot
 
     @property
     def joints(self) -> int:
@@ -87,43 +105,88 @@ class SymbolicRobot:
         """Rates, accelerations and gravity, as the tree of the reduced system takes them."""
         return State(self.v, self.a, self.parameters.gravity)
 
-    def state_of(self, bodies: JointedBodies) -> State:
-        """The state as a tree of some bodies takes it: joints that are held have no rates."""
+    @property
+    def base_state(self) -> State:
+        """The base's share of the state, attitude first."""
+        return self.state.split(self.places)[0]
 
-        def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+    @property
+    def joint_state(self) -> State:
+        """The share of the state that the joints have which move."""
+        return self.state.split(self.places)[1]
+
+    def state_with(self, state: State, links: Sequence[int]) -> State:
+        """A state as a tree takes it that has the joints of these links, which need not move."""
+
+        def spread(values: Values) -> list[sp.Expr]:
             base, joints = self.places.split(values)
             moving = dict(zip(self.robot.moving, joints, strict=True))
-            own = [moving.get(i, sp.S.Zero) for i in bodies.numbers]
+            own = [moving.get(i, sp.S.Zero) for i in links]
             return self.root.places(len(own)).joined(base, own)
 
-        return State(spread(self.v), spread(self.a), self.parameters.gravity)
+        return State(spread(state.rates), spread(state.accelerations), state.gravity)
 
-    def coordinate_rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
+    def coordinate_rates(self, velocities: Values) -> list[sp.Expr]:
         """Rates in the order of q, from velocities in that of v."""
-        places = layout_of(self.robot)
+        places = self.description.layout
         base, _ = places.q.split(self.q)
         rates, joints = places.v.split(velocities)
         with self.tape.group("rates of attitude and position"):
             moved = self.root.coordinate_rates(self.tape, base, rates)
         return places.q.joined(moved, joints)
 
+    def integrated(self) -> list[sp.Expr]:
+        """Coordinates after the displacement v: q ⊕ v."""
+        places = self.description.layout
+        base, joints = places.q.split(self.q)
+        step, turns = places.v.split(self.v)
+        with self.tape.group("attitude and position after the displacement"):
+            moved = self.root.integrated(self.tape, base, step)
+        with self.tape.group("joints after the displacement"):
+            turned = [self.tape.let(q + v) for q, v in zip(joints, turns, strict=True)]
+        return places.q.joined(moved, turned)
+
+    def integrated_by(self, block: Callable[[Scalars, Values], Matrix]) -> Matrix:
+        """A derivative of q ⊕ v: the base's block for its displacement, beside an identity."""
+        places = self.description.layout.v
+        step, _ = places.split(self.v)
+        return _with_block(identity(places.size), places, block(self.tape, step))
+
+    def difference_by(
+        self, block: Callable[[Scalars, Values, Values], Matrix], joints: int
+    ) -> Matrix:
+        """A derivative of `difference`: the base's block, beside ±1 for `joints`."""
+        places = self.description.layout
+        start, _ = places.q.split(self.q0)
+        end, _ = places.q.split(self.q1)
+        matrix = [[joints * entry for entry in row] for row in identity(places.v.size)]
+        return _with_block(matrix, places.v, block(self.tape, start, end))
+
+    def difference(self) -> list[sp.Expr]:
+        """The displacement v with q₀ ⊕ v = q₁."""
+        places = self.description.layout
+        start, from_joints = places.q.split(self.q0)
+        end, to_joints = places.q.split(self.q1)
+        with self.tape.group("displacement of attitude and position"):
+            step = self.root.difference(self.tape, start, end)
+        with self.tape.group("displacements of the joints"):
+            turns = [self.tape.let(q - p) for p, q in zip(from_joints, to_joints, strict=True)]
+        return places.v.joined(step, turns)
+
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
-        x, y, z = self.q[layout_of(self.robot).q.position]
-        return (x, y, z)
+        return self.q[self.description.layout.q.position]
 
     def origin_acceleration(self, state: State) -> Vector:
         """Acceleration of the origin of the coordinates in world axes (m/s²)."""
-        rates, _ = self.places.split(state.rates)
-        accelerations, _ = self.places.split(state.accelerations)
-        coordinates, _ = layout_of(self.robot).q.split(self.q)
+        base, _ = state.split(self.places)
+        coordinates, _ = self.description.layout.q.split(self.q)
         with self.tape.group("motion of the origin in world axes"):
-            linear = self.root.origin_acceleration(self.tape, rates, accelerations, state.gravity)
+            linear = self.root.origin_acceleration(self.tape, base)
             # Linear velocities may count along the base's axes; then its components do as well.
-            along = [*accelerations[:3], *linear]
-            *_, x, y, z = self.root.coordinate_rates(self.tape, coordinates, along)
-        return (x, y, z)
+            along = [*base.accelerations[:3], *linear]
+            return tuple(self.root.coordinate_rates(self.tape, coordinates, along)[-3:])
 
     @cached_property
     def centre(self) -> Vector:
@@ -131,8 +194,7 @@ class SymbolicRobot:
         base = self.robot.base
         if base.origin != "motor1":
             return ZERO
-        x, y, z = self.rod_frame(1).vector(InlineTape(), axis_vector(0, self.rod_reach(1)))
-        return (-x, -y, -z)
+        return minus(self.rod_frame(1).vector(InlineTape(), axis_vector(0, self.rod_reach(1))))
 
     def rod_frame(self, k: int) -> Rotation:
         """Axes of base rod k = 1 … N against those of the base, turned about its normal.
@@ -149,7 +211,7 @@ class SymbolicRobot:
 
         It is the rod's length; for rod 1 by the paper's rule its opposite.
         """
-        length = self.parameters.arm(k).length
+        length = self.parameters.arms[k].length
         return -length if k == 1 and self.robot.base.azimuth_deg is None else length
 
     def core_inertia(self) -> Inertia:
@@ -159,7 +221,7 @@ class SymbolicRobot:
         """
         inline, base, parts = InlineTape(), self.robot.base, []
         if base.rotors:
-            rod = self.parameters.arm(1).inertia
+            rod = self.parameters.arms[1].inertia
             if base.azimuth_deg is not None:
                 rod = rod.rotated(inline, self.rod_frame(1)).shifted(inline, self.centre)
             elif base.origin != "motor1":
@@ -176,7 +238,7 @@ class SymbolicRobot:
         """
         inline = InlineTape()
         rods = [
-            self.parameters.arm(k).inertia.rotated(inline, self.rod_frame(k))
+            self.parameters.arms[k].inertia.rotated(inline, self.rod_frame(k))
             for k in range(2, self.robot.base.rotors + 1)
         ]
         parts = [self.core_inertia()]
@@ -188,14 +250,13 @@ class SymbolicRobot:
     @property
     def coordinates(self) -> dict[int, sp.Symbol]:
         """Coordinate of each link whose joint moves, by the link's number."""
-        joints = self.q[layout_of(self.robot).q.joints]
+        joints = self.q[self.description.layout.q.joints]
         return dict(zip(self.robot.moving, joints, strict=True))
 
     @property
-    def held(self) -> dict[int, sp.Expr]:
+    def hybrid_coordinates(self) -> dict[int, sp.Expr]:
         """Coordinates as before, and zeros for the links that constraint torques hold."""
-        held: dict[int, sp.Expr] = dict.fromkeys(self.robot.constrained, sp.S.Zero)
-        return held | self.coordinates
+        return {**dict.fromkeys(self.robot.constrained, sp.S.Zero), **self.coordinates}
 
     def _bodies(self, coordinates: Mapping[int, sp.Expr]) -> JointedBodies:
         every = range(1, len(self.robot.links) + 1)
@@ -207,9 +268,9 @@ class SymbolicRobot:
         return self._bodies(self.coordinates)
 
     @cached_property
-    def held_bodies(self) -> JointedBodies:
+    def hybrid_bodies(self) -> JointedBodies:
         """The links with the joints that move and those that constraint torques hold."""
-        return self._bodies(self.held)
+        return self._bodies(self.hybrid_coordinates)
 
     @cached_property
     def all_bodies(self) -> JointedBodies:
@@ -223,9 +284,9 @@ class SymbolicRobot:
         return regrouped(self.tape, self._tree(self.base_inertia(), self.bodies))
 
     @cached_property
-    def held_tree(self) -> SegmentTree:
+    def hybrid_tree(self) -> SegmentTree:
         """The links on the rigid base, with the joints that constraint torques hold."""
-        return self._tree(self.base_inertia(), self.held_bodies)
+        return self._tree(self.base_inertia(), self.hybrid_bodies)
 
     @cached_property
     def whole_tree(self) -> SegmentTree:
@@ -251,7 +312,7 @@ class SymbolicRobot:
             self.tape,
             self.parameters,
             self.centre,
-            {i: coordinate for i, coordinate in self.held.items() if i in chain.path},
+            {i: c for i, c in self.hybrid_coordinates.items() if i in chain.path},
             chain.path,
             chain.own,
         )
@@ -273,7 +334,7 @@ class SymbolicRobot:
     def _rod_segment(self, k: int) -> Segment:
         name = f"base arm {k}"
         with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
-            inertia = self.parameters.arm(k).inertia.mapped(self.tape.let)
+            inertia = self.parameters.arms[k].inertia.mapped(self.tape.let)
         return Segment(
             inertia=inertia,
             rotation=self.rod_frame(k),
@@ -282,3 +343,11 @@ class SymbolicRobot:
             name=name,
             joint_name=f"joint {k}",
         )
+
+
+def _with_block(matrix: Matrix, places: Places, block: Matrix) -> Matrix:
+    """A matrix in the order of v, with the base's block set."""
+    for i, row in zip(places.base, block, strict=True):
+        for j, entry in zip(places.base, row, strict=True):
+            matrix[i][j] = entry
+    return matrix

@@ -15,26 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated_inertia import Moments
-from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.inertia import NO_MOMENTS, Inertia, Moments
 from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.symbolic.tape import Scalars, times
-from gibbs_codegen.symbolic.vectors import (
-    ZERO,
-    Rotation,
-    Vector,
-    Wrench,
-    Z,
-    add,
-    axis_vector,
-    cross,
-    minus,
-    moved,
-    scale,
-)
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector, times
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Wrench, Z, axis_vector, minus, moved
 
 
 @dataclass(frozen=True)
@@ -56,29 +45,29 @@ class UnitMotion:
         `velocity` is 2V, twice that of the origin, in the frame (m/s).
         """
         direction = axis_vector(axis)
-        rate = cross(tape, motion.omega, direction)
-        falling = cross(tape, motion.acceleration, direction)
+        rate = tape.cross(motion.omega, direction)
+        falling = tape.cross(motion.acceleration, direction)
         return cls(
             axis=direction,
             rate=rate,
-            twice_rate=scale(tape, sp.Integer(2), rate),
+            twice_rate=tape.scale(sp.Integer(2), rate),
             acceleration=motion.gradient[axis],
             linear=ZERO,
-            linear_rate=cross(tape, velocity, direction),
-            linear_acceleration=add(tape, falling, cross(tape, velocity, rate)),
+            linear_rate=tape.cross(velocity, direction),
+            linear_acceleration=tape.add(falling, tape.cross(velocity, rate)),
         )
 
     @classmethod
     def sliding(cls, tape: Scalars, motion: Motion) -> UnitMotion:
         """A displacement along z of a frame that moves, about any point."""
         direction = axis_vector(Z)
-        rate = scale(tape, sp.Integer(2), cross(tape, motion.omega, direction))
+        rate = tape.scale(sp.Integer(2), tape.cross(motion.omega, direction))
         return cls(ZERO, ZERO, ZERO, ZERO, direction, rate, motion.gradient[2])
 
     def about(self, tape: Scalars, arm: Vector) -> UnitMotion:
         """The same by its linear parts about another point; `arm`: the old from the new (m)."""
         linear, rate, acceleration = (
-            add(tape, part, minus(cross(tape, turning, arm)))
+            tape.add(part, minus(tape.cross(turning, arm)))
             for part, turning in (
                 (self.linear, self.axis),
                 (self.linear_rate, self.twice_rate),
@@ -94,10 +83,10 @@ class UnitMotion:
         """
         return replace(
             STILL,
-            linear=add(tape, self.linear, minus(other.linear)),
-            linear_rate=add(tape, self.linear_rate, minus(other.linear_rate)),
-            linear_acceleration=add(
-                tape, self.linear_acceleration, minus(other.linear_acceleration)
+            linear=tape.add(self.linear, minus(other.linear)),
+            linear_rate=tape.add(self.linear_rate, minus(other.linear_rate)),
+            linear_acceleration=tape.add(
+                self.linear_acceleration, minus(other.linear_acceleration)
             ),
         )
 
@@ -166,36 +155,32 @@ class Column:
 def column(tape: Scalars, motion: UnitMotion, body: MovingBody) -> Column:
     """The column of a coordinate by its motion and the body that it moves, about one point."""
     inertia, moments, wrench = body.inertia, body.moments, body.wrench
-    second = tuple(tuple(inertia.entry(i, j) for j in range(3)) for i in range(3))
+    second = [inertia.row(i) for i in range(3)]
     rows, columns = moments.rows, tuple(zip(*moments.rows, strict=True))
 
-    def taken(turning: Vector, linear: Vector, *others: Wrench) -> Wrench:
-        force = (cross(tape, turning, inertia.moment), scale(tape, inertia.mass, linear))
-        moment = (_rest(tape, second, turning), cross(tape, inertia.moment, linear))
+    def wrench_of(turning: Vector, linear: Vector, *others: Wrench) -> Wrench:
+        force = (tape.cross(turning, inertia.moment), tape.scale(inertia.mass, linear))
+        moment = (_rest(tape, second, turning), tape.cross(inertia.moment, linear))
         return Wrench(
-            add(tape, *force, *(other.force for other in others)),
-            add(tape, *moment, *(other.moment for other in others)),
+            tape.add(*force, *(other.force for other in others)),
+            tape.add(*moment, *(other.moment for other in others)),
         )
 
     def moving(turning: Vector) -> Wrench:
-        return Wrench(cross(tape, turning, moments.momentum), _rest(tape, rows, turning))
+        return Wrench(tape.cross(turning, moments.momentum), _rest(tape, rows, turning))
 
     displaced = Wrench(
-        cross(tape, motion.axis, wrench.force),
-        add(
-            tape, cross(tape, motion.axis, wrench.moment), cross(tape, motion.linear, wrench.force)
-        ),
+        tape.cross(motion.axis, wrench.force),
+        tape.add(tape.cross(motion.axis, wrench.moment), tape.cross(motion.linear, wrench.force)),
     )
     return Column(
-        mass=taken(motion.axis, motion.linear),
-        rate=taken(motion.twice_rate, motion.linear_rate, moving(motion.axis)),
-        angle=taken(
+        mass=wrench_of(motion.axis, motion.linear),
+        rate=wrench_of(motion.twice_rate, motion.linear_rate, moving(motion.axis)),
+        angle=wrench_of(
             motion.acceleration, motion.linear_acceleration, moving(motion.rate), displaced
         ),
-        couple=add(
-            tape,
-            _rest(tape, columns, motion.axis),
-            cross(tape, moments.momentum, motion.linear),
+        couple=tape.add(
+            _rest(tape, columns, motion.axis), tape.cross(moments.momentum, motion.linear)
         ),
     )
 
@@ -205,7 +190,7 @@ def dot_products(*pairs: tuple[Vector, Vector]) -> sp.Expr:
     return sp.Add(*(times(p, q) for a, b in pairs for p, q in zip(a, b, strict=True)))
 
 
-def _rest(tape: Scalars, rows: Sequence[Sequence[sp.Expr]], vector: Vector) -> Vector:
+def _rest(tape: Scalars, rows: Sequence[Values], vector: Vector) -> Vector:
     """(tr X·1 − Xᵀ) applied to a vector; X by rows."""
     entries = []
     for i in range(3):
@@ -218,5 +203,96 @@ def _rest(tape: Scalars, rows: Sequence[Sequence[sp.Expr]], vector: Vector) -> V
                 - times(rows[k][i], vector[k])
             )
         )
-    x, y, z = entries
-    return (x, y, z)
+    return tuple(entries)
+
+
+def link_moments(
+    tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector, fixed: bool
+) -> Moments:
+    """Moments of one link about its joint: 2P = ω×2C + B₀2V, and row i of 2D is ω×2E_i + C_i2V.
+
+    `velocity` is 2V, twice the velocity of the joint; `fixed` says that the inertia is of
+    parameters alone, which are doubled for nothing.
+    """
+    rows = [inertia.row(i) for i in range(3)]
+    moment = inertia.moment
+    if fixed:
+        moment = tape.scale(sp.Integer(2), moment)
+        rows = [tape.scale(sp.Integer(2), row) for row in rows]
+    else:
+        omega = tape.scale(sp.Integer(2), omega)
+    momentum = tape.add(tape.cross(omega, moment), tape.scale(inertia.mass, velocity))
+    pairs = zip(rows, inertia.moment, strict=True)
+    spun = [tape.add(tape.cross(omega, row), tape.scale(c, velocity)) for row, c in pairs]
+    return Moments(momentum, tuple(spun))
+
+
+class JointVelocity(NamedTuple):
+    """2V, twice the velocity of a joint against the origin (m/s).
+
+    `before` is that of the point on the axis before the joint moves, in the segment's group frame,
+    and `after` that of the segment's own point, in its working frame.
+    """
+
+    before: Vector
+    after: Vector
+
+
+def joint_velocities(
+    tape: Scalars,
+    tree: SegmentTree,
+    before: Sequence[Motion],
+    motions: Sequence[Motion],
+    rates: Values,
+) -> list[JointVelocity]:
+    """2V of all joints; `before` and `motions` are the segments' before and after joints move."""
+    velocities = [JointVelocity(ZERO, ZERO)]
+    for k, segment in enumerate(tree.segments[1:], start=1):
+        with tape.group(f"velocity of {segment.joint_name}"):
+            parent = velocities[segment.parent].after
+            velocity = after = _passed_out(
+                tape, tree, k, (motions[segment.parent].omega, before[k].omega), parent
+            )
+            if segment.joint == "prismatic":
+                after = tape.add(velocity, axis_vector(Z, tape.let(2 * rates[k])))
+            if tree.works_in_own_frame(k):
+                after = segment.rotation.inverse.vector(tape, after)
+        velocities.append(JointVelocity(velocity, after))
+    return velocities
+
+
+def _passed_out(
+    tape: Scalars, tree: SegmentTree, k: int, turning: tuple[Vector, Vector], velocity: Vector
+) -> Vector:
+    """2V of joint k ≥ 1 before it moves, in the group frame of segment k, from its parent's (m/s).
+
+    `turning` is ω of the parent in its working frame and in that group frame (rad/s); `velocity` is
+    2V of the parent in its working frame.
+    """
+    segment, two = tree.segments[k], sp.Integer(2)
+    omega, omega_in_group = turning
+    if not segment.starts_group:
+        arm = tree.step_in_group(tape, k)
+        return tape.add(velocity, tape.cross(tape.scale(two, omega), arm))
+    omega = segment.turn.inverse.vector(tape, omega)
+    velocity = segment.turn.inverse.vector(tape, velocity)
+    velocity = tape.add(velocity, tape.cross(omega, tape.scale(two, segment.step)))
+    velocity = segment.twist.inverse.vector(tape, velocity)
+    along = axis_vector(Z, tape.let(2 * segment.d))
+    return tape.add(velocity, tape.cross(omega_in_group, along))
+
+
+def subtree_moments(
+    tape: Scalars, tree: SegmentTree, motions: Sequence[Motion], velocities: Sequence[JointVelocity]
+) -> list[Moments]:
+    """Moments of each segment and all that it supports, about its joint in its group frame."""
+    moments = [NO_MOMENTS for _ in tree.segments]
+    for k in range(tree.joints, -1, -1):
+        with tape.group(f"moments of velocity of {tree.subtree_about_joint(k)}"):
+            fixed = tree.works_in_own_frame(k)
+            inertia = tree.working_inertia(tape, k)
+            own = link_moments(tape, inertia, motions[k].omega, velocities[k].after, fixed)
+            for child in tree.children[k]:
+                own = own.plus(tape, tree.passed_in(tape, child, moments[child]))
+            moments[k] = tree.to_group_frame(tape, k, own)
+    return moments

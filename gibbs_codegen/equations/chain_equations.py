@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import sympy as sp
 
+from gibbs_codegen.derivation import tree_dynamics
 from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT, link_gibbs_function
-from gibbs_codegen.derivation.tree_dynamics import (
-    generalised_inertia_forces,
-    mass_matrix,
-    tree_motions,
-)
 from gibbs_codegen.equations.definitions import Definition, Definitions, step_names
-from gibbs_codegen.equations.normal_form import TooLongError, collected
+from gibbs_codegen.equations.normal_form import collected
 from gibbs_codegen.equations.readable_chain import (
     ReadableChain,
     closed_system,
@@ -124,7 +120,7 @@ class ItemMotions:
             state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
         self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
-        motions = tree_motions(self._tape, root, self._serial, self._state)[:-1]
+        motions = tree_dynamics.tree_motions(self._tape, root, self._serial, self._state)[:-1]
         for k, motion in enumerate(motions):
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
@@ -158,7 +154,7 @@ class ItemMotions:
     def linear_system(self) -> tuple[Matrix, list[sp.Expr], list[Definition]]:
         """I_j, R_j and definitions (eq. 15), of motions without accelerations."""
         root = self.readable.symbolic.root
-        matrix = self._without_last(mass_matrix(self._tape, root, self._serial))
+        matrix = self._without_last(tree_dynamics.mass_matrix(self._tape, root, self._serial))
         rows = [self._without_last(row) for row in matrix]
         residual = [-entry for entry in self._inertia_forces()]
         size = len(residual)
@@ -171,7 +167,9 @@ class ItemMotions:
 
     def _inertia_forces(self) -> list[sp.Expr]:
         root = self.readable.symbolic.root
-        forces = generalised_inertia_forces(self._tape, root, self._serial, self._state)
+        forces = tree_dynamics.generalised_inertia_forces(
+            self._tape, root, self._serial, self._state
+        )
         return self._without_last(forces)
 
     def _definitions(self, values: Sequence[sp.Expr]) -> Definitions:
@@ -204,10 +202,9 @@ def gibbs_function(readable: ReadableChain, most: int) -> ChainEquation:
     robot, chain = readable.robot, readable.chain.number
     total, accelerations = sp.Symbol("S"), readable.state.accelerations
     steps: list[Definition] = []
-    try:
-        matrix, residual = closed_system(robot, chain, most)
-        closed, names, meaning = True, readable.names, "Gibbs function (J/s²)"
-        half = sp.Rational(1, 2)
+    half = sp.Rational(1, 2)
+    if system := closed_system(robot, chain, most):
+        (matrix, residual), names, meaning = system, readable.names, "Gibbs function (J/s²)"
         terms = [
             sp.Mul(half if i == j else 1, entry, accelerations[i], accelerations[j])
             for i, row in enumerate(matrix)
@@ -216,9 +213,9 @@ def gibbs_function(readable: ReadableChain, most: int) -> ChainEquation:
         ]
         for entry, acceleration in zip(residual, accelerations, strict=True):
             terms += [-term * acceleration for term in sp.Add.make_args(entry)]
-    except TooLongError:
+    else:
         motions = ItemMotions(robot, chain)
-        closed, names, meaning = False, motions.names, ""
+        names, meaning = motions.names, ""
         shares, steps = motions.gibbs_functions()
         terms = []
         for item, share in shares.items():
@@ -228,12 +225,27 @@ def gibbs_function(readable: ReadableChain, most: int) -> ChainEquation:
             steps.append((symbol, share))
             terms.append(symbol)
         for (armature, force), a in zip(readable.passive, accelerations, strict=True):
-            terms += [sp.Rational(1, 2) * armature * a**2, -force * a]
+            terms += [half * armature * a**2, -force * a]
     lines = (*readable.definitions, *steps, (total, sp.Add(*terms)))
-    names = {**names, total: name("S", str(chain), Kind.RESULT, meaning)} | step_names(lines)
-    title = f"Gibbs function of chain {chain}"
+    names = {**names, total: name("S", str(chain), Kind.RESULT, meaning)}
+    return _equation(readable, 2, "Gibbs function", names, lines, closed=system is not None)
+
+
+def _equation(
+    readable: ReadableChain,
+    number: int,
+    what: str,
+    names: dict[sp.Symbol, Name],
+    lines: Sequence[Definition],
+    **parts: Any,
+) -> ChainEquation:
+    """An equation of a chain, with names for what its lines number."""
+    chain = readable.chain.number
     return ChainEquation(
-        robot.name, chain, 2, title, names, lines, closed=closed, quasi=readable.quasi
+        *(readable.robot.name, chain, number, f"{what} of chain {chain}"),
+        *(names | step_names(lines), tuple(lines)),
+        quasi=readable.quasi,
+        **parts,
     )
 
 
@@ -243,20 +255,20 @@ def gibbs_partials(readable: ReadableChain, most: int) -> ChainEquation:
     If I_j and R_j have more than `most` terms together, it is definitions.
     """
     robot, chain = readable.robot, readable.chain.number
-    closed, names, accelerations = True, readable.names, readable.state.accelerations
+    names, accelerations = readable.names, readable.state.accelerations
     steps: Sequence[Definition] = ()
-    try:
-        matrix, residual = closed_system(robot, chain, most)
+    if system := closed_system(robot, chain, most):
+        matrix, residual = system
         rows = [
             sp.Add(*(entry * a for entry, a in zip(row, accelerations, strict=True)), -rest)
             for row, rest in zip(matrix, residual, strict=True)
         ]
-    except TooLongError:
+    else:
         motions = ItemMotions(robot, chain)
-        closed, names = False, motions.names
+        names = motions.names
         rows, steps = motions.partials()
-        given = zip(rows, readable.passive, accelerations, strict=True)
-        rows = [row + armature * a - force for row, (armature, force), a in given]
+        parts = zip(rows, readable.passive, accelerations, strict=True)
+        rows = [row + armature * a - force for row, (armature, force), a in parts]
     lines = [*readable.definitions, *steps]
     shown = dict(names)
     for a, row in zip(accelerations, rows, strict=True):
@@ -264,11 +276,8 @@ def gibbs_partials(readable: ReadableChain, most: int) -> ChainEquation:
         latex = f"\\frac{{\\partial S_{{{chain}}}}}{{\\partial {by.latex}}}"
         shown[symbol] = Name(latex, f"∂S_{chain}/∂{by.text}", Kind.RESULT, "")
         lines.append((symbol, row))
-    title = f"Partial derivatives of the Gibbs function of chain {chain}"
-    shown |= step_names(lines)
-    return ChainEquation(
-        robot.name, chain, 5, title, shown, tuple(lines), closed=closed, quasi=readable.quasi
-    )
+    what = "Partial derivatives of the Gibbs function"
+    return _equation(readable, 5, what, shown, lines, closed=system is not None)
 
 
 def equations_of_motion(readable: ReadableChain, most: int) -> ChainEquation:
@@ -278,57 +287,39 @@ def equations_of_motion(readable: ReadableChain, most: int) -> ChainEquation:
     """
     robot, chain = readable.robot, readable.chain.number
     forces = [collected(f, readable.symbolic.u, 1000) for f in generalised_forces(readable)]
-    closed, names = True, readable.names
+    names = dict(readable.names)
     steps: Sequence[Definition] = ()
-    try:
-        matrix, residual = closed_system(robot, chain, most)
-    except TooLongError:
+    if system := closed_system(robot, chain, most):
+        matrix, residual = system
+    else:
         motions = ItemMotions(robot, chain, accelerated=False)
-        closed, names = False, motions.names
+        names = motions.names
         matrix, residual, steps = motions.linear_system()
         for i, (armature, force) in enumerate(readable.passive):
             matrix[i][i] += armature
             residual[i] += force
-    named = _NamedEntries(chain, dict(names), [*readable.definitions, *steps])
-    places = range(len(residual))
-    symbols = {
-        (i, j): named.entry("I", (i, j), matrix[i][j]) for i in places for j in places if i <= j
-    }
-    shown_residual = tuple(named.entry("R", (i,), residual[i]) for i in places)
-    shown_forces = tuple(named.entry("F", (i,), forces[i]) for i in places)
-    return ChainEquation(
-        robot.name,
-        chain,
-        15,
-        f"Equations of motion of chain {chain}",
-        named.names | step_names(named.lines),
-        tuple(named.lines),
-        tuple(readable.state.accelerations),
-        readable.torques,
-        readable.held,
-        tuple(tuple(symbols[min(i, j), max(i, j)] for j in places) for i in places),
-        shown_residual,
-        shown_forces,
-        closed=closed,
-        quasi=readable.quasi,
-    )
+    lines = [*readable.definitions, *steps]
 
-
-class _NamedEntries:
-    """Entries of I_j, R_j and F_j, defined line by line."""
-
-    def __init__(self, chain: int, names: dict[sp.Symbol, Name], lines: list[Definition]) -> None:
-        self._chain = chain
-        self.names = names
-        self.lines = lines
-
-    def entry(self, letter: str, places: Iterable[int], value: sp.Expr) -> sp.Expr:
+    def entry(letter: str, places: tuple[int, ...], value: sp.Expr) -> sp.Expr:
         """Symbol of an entry of I, R or F at its places from 0, which it defines, or zero."""
         if value == 0:
             return value
         text = ",".join(str(place + 1) for place in places)
         symbol = sp.Symbol(f"{letter}({text})")
-        latex = f"{letter}_{{{self._chain}}}^{{({text})}}"
-        self.names[symbol] = Name(latex, f"{letter}_{self._chain}({text})", Kind.RESULT, "")
-        self.lines.append((symbol, value))
+        latex = f"{letter}_{{{chain}}}^{{({text})}}"
+        names[symbol] = Name(latex, f"{letter}_{chain}({text})", Kind.RESULT, "")
+        lines.append((symbol, value))
         return symbol
+
+    places = range(len(residual))
+    upper = {(i, j): entry("I", (i, j), matrix[i][j]) for i in places for j in places if i <= j}
+    return _equation(
+        *(readable, 15, "Equations of motion", names, lines),
+        accelerations=tuple(readable.state.accelerations),
+        torques=readable.torques,
+        held=readable.held,
+        matrix=tuple(tuple(upper[min(i, j), max(i, j)] for j in places) for i in places),
+        residual=tuple(entry("R", (i,), residual[i]) for i in places),
+        forces=tuple(entry("F", (i,), forces[i]) for i in places),
+        closed=system is not None,
+    )

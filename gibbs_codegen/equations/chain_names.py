@@ -12,7 +12,6 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forces import MountedWrench
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
@@ -20,14 +19,11 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.typeset import Kind, Name, hybrid_name, name, parameter_name
 from gibbs_codegen.robot.chains import Chain
-from gibbs_codegen.robot.layout import (
+from gibbs_codegen.robot.description import (
+    Description,
+    constrained_arms,
+    constrained_coordinate,
     constraint_torque,
-    free_unknowns,
-    held_arms,
-    held_coordinate,
-    inputs,
-    layout_of,
-    reduced_coordinates,
 )
 from gibbs_codegen.robot.model import Robot, Rod
 from gibbs_codegen.robot.names import (
@@ -49,14 +45,15 @@ def hybrid_names(robot: Robot) -> dict[str, Name]:
 
     They are by the names that generated modules have, with bodies by their numbers.
     """
-    free, acting = free_unknowns(robot), inputs(robot)
-    own = layout_of(robot).v
+    description = Description(robot)
+    free, acting = description.free_unknowns, description.inputs
+    own = description.layout.v
     numbers = [f"{_letter(robot, i)}_{robot.rotors + i}" for i in robot.moving]
     base = [free[place].name for place in own.base]
-    plain = dict(zip((c.name for c in free), own.joined(base, numbers), strict=True))
-    found = {c.name: hybrid_name(plain[c.name], c.meaning) for c in free}
-    for arm in held_arms(robot):
-        angle, torque = held_coordinate(robot, arm), constraint_torque(robot, arm)
+    numbered = dict(zip((c.name for c in free), own.joined(base, numbers), strict=True))
+    found = {c.name: hybrid_name(numbered[c.name], c.meaning) for c in free}
+    for arm in constrained_arms(robot):
+        angle, torque = constrained_coordinate(robot, arm), constraint_torque(robot, arm)
         found[angle.name] = hybrid_name(f"theta_{arm}", angle.meaning)
         found[torque.name] = hybrid_name(f"tau_prime_{arm}", torque.meaning)
     drives = [f"F_{k}" for k in range(1, robot.rotors + 1)]
@@ -75,7 +72,7 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     robot = symbolic.robot
     base = list(_base_names(symbolic, chain.number))
     # As among the velocities: joints before the position, but after the twist of a quaternion.
-    first = len(base) if layout_of(robot).is_quaternion else len(base) // 2
+    first = len(base) if symbolic.description.layout.is_quaternion else len(base) // 2
     names = dict(base[:first])
     names |= _joint_names(symbolic, chain)
     names |= base[first:]
@@ -91,14 +88,15 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
 
 def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbol, Name]]:
     """Symbols and names of the base's coordinates, velocities and accelerations in a chain."""
-    layout, coordinates = layout_of(symbolic.robot), reduced_coordinates(symbolic.robot)
+    layout, coordinates = symbolic.description.layout, symbolic.description.coordinates
     if layout.is_quaternion:
         for place in layout.q.base:
             entry = coordinates[place]
             letter, axis = ("q", entry.name[1]) if entry.name.startswith("q") else (entry.name, "")
-            yield symbolic.q[place], name(letter, axis, Kind.COORDINATE, _with_unit(entry.meaning))
+            meaning = entry.meaning if letter == "q" else f"{entry.meaning} (m)"
+            yield symbolic.q[place], name(letter, axis, Kind.COORDINATE, meaning)
         for place in layout.v.base:
-            entry = free_unknowns(symbolic.robot)[place]
+            entry = symbolic.description.free_unknowns[place]
             letter = "omega" if entry.name[0] == "w" else "v"
             index, unit = f"{number},{entry.name[1]}", entry.unit
             yield symbolic.v[place], name(letter, index, Kind.RATE, f"{entry.meaning} ({unit})")
@@ -114,16 +112,8 @@ def _base_names(symbolic: SymbolicRobot, number: int) -> Iterator[tuple[sp.Symbo
         yield from _moving(symbols, letter, index, entry.meaning, entry.unit)
 
 
-def _with_unit(meaning: str) -> str:
-    return meaning if "quaternion" in meaning else f"{meaning} (m)"
-
-
 def _moving(
-    symbols: tuple[sp.Symbol, sp.Symbol, sp.Symbol],
-    letter: str,
-    index: str,
-    meaning: str,
-    unit: str,
+    symbols: Sequence[sp.Symbol], letter: str, index: str, meaning: str, unit: str
 ) -> Iterator[tuple[sp.Symbol, Name]]:
     """Symbols and names of a coordinate, its rate and its acceleration."""
     kinds = (
@@ -142,18 +132,18 @@ def jointed_links(robot: Robot, chain: Chain) -> list[int]:
 
 def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Symbol, Name]]:
     """Names of the joints' coordinates, rates and accelerations, or the constraint torque."""
-    robot, layout = symbolic.robot, layout_of(symbolic.robot)
-    coordinates = {c.name: c for c in reduced_coordinates(robot)}
+    robot, layout = symbolic.robot, symbolic.description.layout
+    coordinates = {c.name: c for c in symbolic.description.coordinates}
     jointed = [robot.rotors + i for i in jointed_links(robot, chain)]
     for item, arm in enumerate([chain.rod] if chain.rod else jointed, start=4):
         index = f"{chain.number},{item}"
-        if arm in chain.held:
-            held, torque = held_coordinate(robot, arm), constraint_torque(robot, arm)
+        if arm in chain.constrained:
+            coordinate, torque = constrained_coordinate(robot, arm), constraint_torque(robot, arm)
             # A held link is at zero, where the robot file puts it.
             angle = float(robot.base.arm_angle_deg(arm)) if chain.rod else 0.0
-            meaning = f"{held.meaning}, held at {angle:.6g}°".replace("-", "−")
-            symbols = tuple(sp.Symbol(f"{mark}{held.name}") for mark in ("", "v_", "a_"))
-            yield from _moving(symbols, "theta", index, meaning, held.unit)
+            meaning = f"{coordinate.meaning}, held at {angle:.6g}°".replace("-", "−")
+            symbols = tuple(sp.Symbol(f"{mark}{coordinate.name}") for mark in ("", "v_", "a_"))
+            yield from _moving(symbols, "theta", index, meaning, coordinate.unit)
             meaning = f"{torque.meaning} ({torque.unit})"
             yield sp.Symbol(torque.name), name("tau", index, Kind.INPUT, meaning, prime=True)
             continue
@@ -168,7 +158,7 @@ def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Sym
 
 def _input_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Symbol, Name]]:
     """Names of what acts in a chain: thrusts of rods by the item, others by the rotor."""
-    robot, acting = symbolic.robot, inputs(symbolic.robot)
+    robot, acting = symbolic.robot, symbolic.description.inputs
     for k in chain.motors:
         index = str(k)
         if k <= robot.base.rotors:
@@ -198,18 +188,18 @@ def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.
         for k, rotor in enumerate(robot.thrusters, start=1)
     ]
     of_bodies: dict[str, tuple[str, str]] = {}
-    for kind, number, given, words in bodies:
+    for kind, number, own_name, words in bodies:
         pairs = zip(
-            parameter_names(kind, given or number), parameter_names(kind, number), strict=True
+            parameter_names(kind, own_name or number), parameter_names(kind, number), strict=True
         )
-        of_bodies |= {own: (plain, words if given else "") for own, plain in pairs}
+        of_bodies |= {own: (numbered, words if own_name else "") for own, numbered in pairs}
     of_frames = {name for frame in robot.frames for name in parameter_names("frame", frame.name)}
     for internal, default in parameters.defaults.items():
         if internal in of_frames:
             continue
-        plain, whose = of_bodies.get(internal, (internal, ""))
+        numbered, whose = of_bodies.get(internal, (internal, ""))
         unit = parameters.units[internal]
-        yield sp.Symbol(internal), parameter_name(plain, robot.rotors, default, unit, whose)
+        yield sp.Symbol(internal), parameter_name(numbered, robot.rotors, default, unit, whose)
 
 
 # Entries of a symmetric matrix, in order.
@@ -230,7 +220,7 @@ def defined_inertias(symbolic: SymbolicRobot, chain: Chain) -> list[Inertia]:
     """
     core = symbolic.core_inertia() if chain.has_core else NO_INERTIA
     if chain.rod is not None:
-        return [core, symbolic.parameters.arm(chain.rod).inertia]
+        return [core, symbolic.parameters.arms[chain.rod].inertia]
     bodies = symbolic.chain_bodies(chain)
     core = core.plus(InlineTape(), bodies.on_base)
     return [core, *(link.inertia for link in bodies.links)]
@@ -306,13 +296,13 @@ class Made:
         d = self._constant("p", f"{item}", link.d, meaning)
         return replace(link, step=(step[0], step[1], step[2]), d=d)
 
-    def wrench(self, k: int, mounted: MountedWrench) -> MountedWrench:
-        """Wrench of rotor k ≥ 1 per unit of thrust, numbers of the file in it named."""
-        item = 3 + mounted.segment
+    def wrench(self, k: int, segment: int, wrench: Wrench) -> Wrench:
+        """Wrench of rotor k ≥ 1, on a segment, per unit of thrust, numbers of the file named."""
+        item = 3 + segment
         parts = {
-            "e": (mounted.wrench.force, f"direction of thrust {k} in the frame of item {item}"),
+            "e": (wrench.force, f"direction of thrust {k} in the frame of item {item}"),
             "n": (
-                mounted.wrench.moment,
+                wrench.moment,
                 f"torque of a unit of thrust {k} about the joint of item {item}, in its frame (m)",
             ),
         }
@@ -323,7 +313,7 @@ class Made:
             ]
             for letter, (values, words) in parts.items()
         )
-        return replace(mounted, wrench=Wrench.of([*force, *moment]))
+        return Wrench.of([*force, *moment])
 
     def _constant(
         self, letter: str, index: str, value: sp.Expr, meaning: str, numeric: bool = False

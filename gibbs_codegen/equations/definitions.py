@@ -56,11 +56,9 @@ class Definitions:
         return value.xreplace(leaves)
 
     def _value(self, symbol: sp.Symbol) -> sp.Expr:
-        if symbol not in self._tape.statements:
-            return symbol
-        if symbol not in self._values:
+        if symbol in self._tape.statements and symbol not in self._values:
             self._values[symbol] = self._read(symbol)
-        return self._values[symbol]
+        return self._values.get(symbol, symbol)
 
     def _read(self, symbol: sp.Symbol) -> sp.Expr:
         statement = self._tape.statements[symbol]

@@ -37,7 +37,7 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
     expansion = _Expansion(leaves, most)
     places = [leaves.index(key) for key in keys if key in leaves]
     groups: dict[Monomial, Terms] = defaultdict(dict)
-    for monomial, number in expansion.terms(expression).items():
+    for monomial, number in expansion.polynomial(expression).items():
         powers = [0] * len(leaves)
         for place in places:
             powers[place] = monomial[place]
@@ -111,11 +111,8 @@ class _Expansion:
         self._roots = [(place[leaf], int(leaf.base)) for leaf in leaves if leaf.is_Pow]
         self._known: dict[sp.Expr, Any] = {}
 
-    def terms(self, expression: sp.Expr) -> Terms:
+    def polynomial(self, expression: sp.Expr) -> Any:
         """Numbers by monomials."""
-        return dict(self._polynomial(expression))
-
-    def _polynomial(self, expression: sp.Expr) -> Any:
         known = self._known.get(expression)
         if known is None:
             known = self._made(expression)
@@ -130,13 +127,13 @@ class _Expansion:
         if expression.is_Rational:
             return self._ring(sp.QQ(expression.p, expression.q))
         if expression.is_Add:
-            return sum(map(self._polynomial, expression.args), self._ring.zero)
+            return sum(map(self.polynomial, expression.args), self._ring.zero)
         if expression.is_Mul:
-            factors = [self._polynomial(argument) for argument in expression.args]
+            factors = [self.polynomial(argument) for argument in expression.args]
         elif expression.is_Pow and expression.exp == sp.Rational(1, 2):
             factors = [self._gens[sp.sqrt(p)] for p in sp.factorint(expression.base)]
         elif expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:
-            factors = [self._polynomial(expression.base)] * int(expression.exp)
+            factors = [self.polynomial(expression.base)] * int(expression.exp)
         else:
             raise TypeError(f"no polynomial: {type(expression).__name__}: {expression}")
         product = self._ring.one

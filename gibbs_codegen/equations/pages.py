@@ -13,19 +13,10 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
+from gibbs_codegen.equations import typeset
 from gibbs_codegen.equations.chain_equations import ChainEquation
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.show import AT_REST, COLUMNS, FORMS, FRAMES, WHY_DEFINITIONS
-from gibbs_codegen.equations.typeset import (
-    LATEX,
-    TEXT,
-    Dialect,
-    Kind,
-    Name,
-    Writer,
-    filled,
-    text_width,
-)
 from gibbs_codegen.errors import UsageError
 
 # A wider matrix does not fit a page; its entries are listed in any case.
@@ -43,7 +34,7 @@ class Page(ABC):
     Lines of equations are at most `width` letters wide.
     """
 
-    dialect: Dialect
+    dialect: typeset.Dialect
     width: int
     between = "\n\n"  # What parts of the page are joined by.
 
@@ -51,10 +42,10 @@ class Page(ABC):
         if len({(equation.robot, equation.chain) for equation in equations}) != 1:
             raise UsageError("equations of one chain of one robot can be laid out together")
         self._equations = equations
-        self._names: dict[sp.Symbol, Name] = {}
+        self._names: dict[sp.Symbol, typeset.Name] = {}
         for equation in equations:
             self._names |= equation.names
-        self._writer = Writer(self._names, self.dialect)
+        self._writer = typeset.Writer(self._names, self.dialect)
 
     def document(self) -> str:
         """The equations, one after the other, and the legend."""
@@ -68,7 +59,12 @@ class Page(ABC):
             if equation.lines:
                 blocks.append(self._definitions(equation.lines))
             if equation.places:
-                blocks.append(self._coupling(equation))
+                rows = [["item", "in the chain", "in the hybrid system", "row"]]
+                for place in equation.places:
+                    pair = map(self.dialect.symbol, (place.unknown, place.hybrid))
+                    rows.append([str(place.item), *pair, str(place.row)])
+                rows += [["", *map(self.dialect.symbol, pair), ""] for pair in equation.inputs]
+                blocks.append(self._coupling(rows))
         blocks.append([*self._heading("Symbols"), *self._legend(self._legend_entries())])
         return self.between.join("\n".join(block) for block in blocks) + "\n"
 
@@ -94,9 +90,20 @@ class Page(ABC):
     @abstractmethod
     def _heading(self, title: str) -> list[str]: ...
 
-    @abstractmethod
     def _form(self, equation: ChainEquation) -> list[str]:
         """The equation in the paper's own form."""
+        if equation.number == 15:
+            return self._display(self._motion(equation))
+        form = FORMS[equation.number]
+        text = form.latex if self.dialect is typeset.LATEX else form.text
+        return self._display([filled_form(text, equation)])
+
+    @abstractmethod
+    def _display(self, rows: Iterable[str]) -> list[str]: ...
+
+    @abstractmethod
+    def _motion(self, equation: ChainEquation) -> list[str]:
+        """Eq. 15 in blocks and, where that fits a page, entry by entry."""
 
     @abstractmethod
     def _remark(self, text: str) -> list[str]: ...
@@ -104,9 +111,9 @@ class Page(ABC):
     @abstractmethod
     def _definitions(self, definitions: Iterable[Definition]) -> list[str]: ...
 
-    @abstractmethod
-    def _coupling(self, equation: ChainEquation) -> list[str]:
+    def _coupling(self, rows: list[list[str]]) -> list[str]:
         """The table of eq. 18."""
+        return self._table(rows)
 
     @abstractmethod
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]: ...
@@ -120,7 +127,7 @@ class Page(ABC):
         left = self.dialect.symbol(self._names[symbol])
         room = self.width - self.dialect.visible(left) - 3
         terms = [self._cut(term) for term in self._writer.terms(value)]
-        return left, filled(terms, room, self.width - 8, self.dialect.visible)
+        return left, typeset.filled(terms, room, self.width - 8, self.dialect.visible)
 
     def _cut(self, term: list[str]) -> list[str]:
         """A term in pieces that fit on a line, where its own may be too long for that."""
@@ -131,7 +138,7 @@ class Page(ABC):
 
         Symbols of one meaning share an entry.
         """
-        is_latex = self.dialect is LATEX
+        is_latex = self.dialect is typeset.LATEX
         grouped: dict[str, list[str]] = {}
         for entry in _explained(self._equations):
             grouped.setdefault(entry.meaning, []).append(self.dialect.symbol(entry))
@@ -139,10 +146,9 @@ class Page(ABC):
         for index, angle in sorted(self._writer.angles.items()):
             symbols = [f"{letter}{self.dialect.index(index)}" for letter in "sc"]
             written = self._writer.angle(angle)
-            entries.append(
-                (symbols, f"sine and cosine of {f'${written}$' if is_latex else written}")
-            )
-        if any(name.kind is Kind.STEP for name in self._names.values()):
+            written = f"${written}$" if is_latex else written
+            entries.append((symbols, f"sine and cosine of {written}"))
+        if any(name.kind is typeset.Kind.STEP for name in self._names.values()):
             steps = [self.dialect.index(k) for k in "12"]
             meaning = "intermediate results, numbered anew in each equation"
             entries.append(([f"h{k}" for k in steps], meaning))
@@ -151,22 +157,23 @@ class Page(ABC):
             symbol = latex if is_latex else text
             if symbol not in known:
                 entries.append(([symbol], meaning))
-        return [(_abridged(symbols), meaning) for symbols, meaning in entries]
-
-
-def _abridged(symbols: list[str]) -> list[str]:
-    if len(symbols) <= _MOST_NAMED:
-        return symbols
-    return [*symbols[:3], "…", *symbols[-3:]]
+        return [
+            (
+                symbols if len(symbols) <= _MOST_NAMED else [*symbols[:3], "…", *symbols[-3:]],
+                meaning,
+            )
+            for symbols, meaning in entries
+        ]
 
 
 def _form_legend(equations: Sequence[ChainEquation]) -> list[tuple[str, str, str]]:
     """Symbols of the paper's own forms: LaTeX, text and meaning."""
     entries = []
     for equation in equations:
-        for latex, text, meaning in FORMS[equation.number].legend:
-            latex, text = filled_form(latex, equation), filled_form(text, equation)
-            entries.append((latex, text, meaning))
+        entries += [
+            (filled_form(latex, equation), filled_form(text, equation), meaning)
+            for latex, text, meaning in FORMS[equation.number].legend
+        ]
         for index, place in zip(held_indices(equation), equation.held, strict=True):
             if equation.matrix:
                 meaning = f"unit column with a 1 in row {place + 1}, for a constrained joint"
@@ -188,9 +195,9 @@ def held_indices(equation: ChainEquation) -> list[str]:
     return [equation.names[torque].index for torque in equation.torques]
 
 
-def _explained(equations: Sequence[ChainEquation]) -> list[Name]:
+def _explained(equations: Sequence[ChainEquation]) -> list[typeset.Name]:
     """Names to be explained, in order, each once: those that occur and mean something."""
-    found: dict[Name, None] = {}
+    found: dict[typeset.Name, None] = {}
     for equation in equations:
         occurring = {*equation.accelerations, *equation.torques}
         occurring |= {symbol for row in equation.frames for e in row for symbol in e.free_symbols}
@@ -206,7 +213,7 @@ def _explained(equations: Sequence[ChainEquation]) -> list[Name]:
 class LatexPage(Page):
     """A page in LaTeX."""
 
-    dialect = LATEX
+    dialect = typeset.LATEX
     width = 66
     between = "\n"  # A display after a blank line would begin a paragraph.
 
@@ -225,11 +232,6 @@ class LatexPage(Page):
     def _display(self, rows: Iterable[str]) -> list[str]:
         """An aligned display."""
         return [r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"]
-
-    def _form(self, equation: ChainEquation) -> list[str]:
-        if equation.number == 15:
-            return self._display(self._motion(equation))
-        return self._display([filled_form(FORMS[equation.number].latex, equation)])
 
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
@@ -273,15 +275,6 @@ class LatexPage(Page):
             rows.append(f"{left} &= {first}")
             rows += [f"&\\q{'q' * depth}uad {{}}{line}" for depth, line in rest]
         return self._display(rows)
-
-    def _coupling(self, equation: ChainEquation) -> list[str]:
-        rows = [r"\text{item} & \text{in the chain} & \text{in the hybrid system} & \text{row}"]
-        rows += [
-            f"{p.item} & {p.unknown.latex} & {p.hybrid.latex} & {p.row}" for p in equation.places
-        ]
-        rows += [f" & {own.latex} & {hybrid.latex} & " for own, hybrid in equation.inputs]
-        body = " \\\\\n".join(rows)
-        return self._display([f"\\begin{{array}}{{cccc}}\n{body}\n\\end{{array}}"])
 
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
         return [";\n".join(_explanations(entries)) + "."]
@@ -330,7 +323,7 @@ def _explanations(entries: Iterable[LegendEntry]) -> list[str]:
 class TextPage(Page):
     """A page of plain text, at most `width` letters wide."""
 
-    dialect = TEXT
+    dialect = typeset.TEXT
 
     def __init__(self, equations: Sequence[ChainEquation], width: int) -> None:
         super().__init__(equations)
@@ -340,16 +333,14 @@ class TextPage(Page):
         return [[head], *self._introduction()]
 
     def _table(self, rows: list[list[str]]) -> list[str]:
-        widths = [max(map(text_width, column)) + 2 for column in zip(*rows, strict=True)]
+        widths = [max(map(typeset.text_width, column)) + 2 for column in zip(*rows, strict=True)]
         return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
 
     def _heading(self, title: str) -> list[str]:
         return [title, "-" * len(title)]
 
-    def _form(self, equation: ChainEquation) -> list[str]:
-        if equation.number == 15:
-            return self._motion(equation)
-        return [filled_form(FORMS[equation.number].text, equation)]
+    def _display(self, rows: Iterable[str]) -> list[str]:
+        return [*rows]
 
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
@@ -384,19 +375,16 @@ class TextPage(Page):
         # Products that are too long are cut before a multiplication sign.
         pieces = []
         for piece in term:
-            first, *factors = piece.split(TEXT.times)
+            first, *factors = piece.split(typeset.TEXT.times)
             pieces.append(first)
-            for factor in (TEXT.times + factor for factor in factors):
-                if text_width(pieces[-1] + factor) <= self.width - 9:
+            for factor in (typeset.TEXT.times + factor for factor in factors):
+                if typeset.text_width(pieces[-1] + factor) <= self.width - 9:
                     pieces[-1] += factor
                 else:
                     pieces.append(factor)
         return pieces
 
-    def _coupling(self, equation: ChainEquation) -> list[str]:
-        rows = [("item", "in the chain", "in the hybrid system", "row")]
-        rows += [(str(p.item), p.unknown.text, p.hybrid.text, str(p.row)) for p in equation.places]
-        rows += [("", own.text, hybrid.text, "") for own, hybrid in equation.inputs]
+    def _coupling(self, rows: list[list[str]]) -> list[str]:
         return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
 
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
@@ -415,7 +403,7 @@ class TextPage(Page):
 
 def _padded(text: str, width: int) -> str:
     """Text filled with spaces to a width; dots above letters take no room."""
-    return text + " " * (width - text_width(text))
+    return text + " " * (width - typeset.text_width(text))
 
 
 # The matrices of eq. 15 need the one; wider than the other lines are hard to read.

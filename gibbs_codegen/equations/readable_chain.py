@@ -15,13 +15,13 @@ from functools import lru_cache, partial
 import sympy as sp
 
 from gibbs_codegen.derivation.forces import (
-    MountedWrench,
     armatures,
-    carried_in,
+    forces_of_wrenches,
     passive_forces,
     rotor_wrench,
 )
 from gibbs_codegen.derivation.inertia import NO_INERTIA
+from gibbs_codegen.derivation.motion import State
 from gibbs_codegen.derivation.segment_tree import (
     JointedLink,
     Segment,
@@ -31,7 +31,6 @@ from gibbs_codegen.derivation.segment_tree import (
 )
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
-    State,
     generalised_inertia_forces,
     gibbs_function,
     mass_matrix,
@@ -42,23 +41,11 @@ from gibbs_codegen.equations.normal_form import TooLongError, collected, count_t
 from gibbs_codegen.equations.typeset import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import held_coordinate, layout_of
+from gibbs_codegen.robot.description import constrained_coordinate
 from gibbs_codegen.robot.model import AXES, Robot
 from gibbs_codegen.robot.names import coordinate_of
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.symbolic.vectors import (
-    NO_ROTATION,
-    Matrix,
-    Rotation,
-    Vector,
-    Wrench,
-    X,
-    Z,
-    add,
-    axis_vector,
-    cross,
-    scale,
-)
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, Matrix, Rotation, Wrench, X, Z, axis_vector
 
 
 @dataclass(frozen=True)
@@ -77,7 +64,7 @@ class ReadableChain:
     links: tuple[JointedLink, ...]
     serial: SegmentTree
     state: State
-    wrenches: dict[int, MountedWrench]
+    wrenches: dict[int, tuple[int, Wrench]]
     passive: tuple[tuple[sp.Expr, sp.Expr], ...]
     definitions: tuple[Definition, ...]
     names: dict[sp.Symbol, Name]
@@ -96,13 +83,13 @@ class ReadableChain:
     @property
     def held(self) -> tuple[int, ...]:
         """Places of what they hold among the coordinates."""
-        names = [held_coordinate(self.robot, arm).name for arm in self.chain.held]
+        names = [constrained_coordinate(self.robot, arm).name for arm in self.chain.constrained]
         return tuple(map(self.chain.coordinates.index, names))
 
     @property
     def quasi(self) -> bool:
         """Whether the base's accelerations are rates of quasi-velocities."""
-        return layout_of(self.robot).is_quaternion
+        return self.symbolic.description.layout.is_quaternion
 
 
 def check_chain(robot: Robot, number: int) -> None:
@@ -143,7 +130,10 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
             for item, (segment, inertia) in enumerate(pairs, start=3)
         )
     )
-    wrenches = {k: made.wrench(k, _motor_wrench(plain, chain, k)) for k in chain.motors}
+    wrenches = {}
+    for k in chain.motors:
+        segment, wrench = _motor_wrench(plain, chain, k)
+        wrenches[k] = segment, made.wrench(k, segment, wrench)
     return ReadableChain(
         symbolic,
         chain,
@@ -216,14 +206,10 @@ def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     """F_j (eqs. 7, 12, 16): Ψ of every motor of the chain times its thrust, and joint torques."""
     chain, symbolic, serial = readable.chain, readable.symbolic, readable.serial
-    tape, u = symbolic.tape, symbolic.u
-    places = symbolic.root.places(serial.joints)
-    forces = [sp.S.Zero] * places.size
+    u = symbolic.u
+    forces = [sp.S.Zero] * len(chain.coordinates)
     for k in chain.motors:
-        unit = readable.wrenches[k]
-        wrench, rows = carried_in(tape, serial, {unit.segment: unit.wrench})
-        joints = [rows.get(i, sp.S.Zero) for i in range(1, serial.joints + 1)]
-        own = places.joined(symbolic.root.rows(tape, wrench), joints)
+        own = forces_of_wrenches(symbolic, serial, dict([readable.wrenches[k]]))
         forces = [force + row * u[k - 1] for force, row in zip(forces, own, strict=True)]
     efforts = dict(zip(symbolic.robot.moving, u[symbolic.robot.rotors :], strict=True))
     for i in chain.own:
@@ -232,7 +218,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     return forces
 
 
-def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> MountedWrench:
+def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, Wrench]:
     """Wrench of motor k ≥ 1 per unit of thrust, in the frame of what it is on (1 and m).
 
     That of a rod's motor is about the rod's joint; for motor 1 it is about the origin of the
@@ -244,11 +230,11 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> MountedWrenc
     lever = axis_vector(X, symbolic.rod_reach(k))
     direction = _thrust_direction(symbolic.robot, k)
     if k == 1:
-        lever = add(tape, symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
+        lever = tape.add(symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
         direction = symbolic.rod_frame(1).vector(tape, direction)
-    drag = scale(tape, symbolic.parameters.drag(k), direction)
-    wrench = Wrench(direction, add(tape, cross(tape, lever, direction), drag))
-    return MountedWrench(0 if k == 1 else 1, wrench)
+    drag = tape.scale(symbolic.parameters.drags[k], direction)
+    wrench = Wrench(direction, tape.add(tape.cross(lever, direction), drag))
+    return 0 if k == 1 else 1, wrench
 
 
 def _thrust_direction(robot: Robot, k: int) -> Vector:
@@ -279,7 +265,7 @@ def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
 
     Rates are zero where a joint is constrained; accelerations are kept there.
     """
-    names = layout_of(symbolic.robot).v.names
+    names = symbolic.description.layout.v.names
     free_rates = dict(zip(names, symbolic.v, strict=True))
     free_accelerations = dict(zip(names, symbolic.a, strict=True))
     rates, accelerations = [], []
@@ -331,29 +317,31 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
 
 
 @lru_cache(maxsize=8)
-def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.Expr]]:
+def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.Expr]] | None:
     """I_j and R_j (eq. 15) in symbols that read well, collected by products of rates.
 
-    `chain` is from 1. Raises `TooLongError` if both have more than `most` terms together.
+    `chain` is from 1. None if both have more than `most` terms together.
     """
     readable = readable_chain(robot, chain)
     tape, root, serial = readable.symbolic.tape, readable.symbolic.root, readable.serial
     rates = [rate for rate in readable.state.rates if rate != 0]
-    left: list[sp.Expr] = []
-    limit = most
-    forces = generalised_inertia_forces(tape, root, serial, readable.state.unaccelerated)
-    for row, (_, force) in zip(forces, readable.passive, strict=True):
-        left.append(collected(force - row, rates, limit))
-        most -= count_terms(left[-1])
-        if most < 0:
-            raise TooLongError
-    matrix = mass_matrix(tape, root, serial)
-    for i, (armature, _) in enumerate(readable.passive):
-        matrix[i][i] += armature
-    for i, row in enumerate(matrix):
-        for j in range(i + 1):
-            row[j] = matrix[j][i] = collected(row[j], (), limit)
-            most -= count_terms(row[j])
-    if most < 0:
-        raise TooLongError
-    return matrix, left
+    unaccelerated = readable.state.unaccelerated
+    rows = generalised_inertia_forces(tape, root, serial, unaccelerated)
+    residual: list[sp.Expr] = []
+    left = most
+    try:
+        for row, (_, force) in zip(rows, readable.passive, strict=True):
+            residual.append(collected(force - row, rates, most))
+            left -= count_terms(residual[-1])
+            if left < 0:
+                return None
+        matrix = mass_matrix(tape, root, serial)
+        for i, (armature, _) in enumerate(readable.passive):
+            matrix[i][i] += armature
+        for i, row in enumerate(matrix):
+            for j in range(i + 1):
+                row[j] = matrix[j][i] = collected(row[j], (), most)
+                left -= count_terms(row[j])
+    except TooLongError:
+        return None
+    return (matrix, residual) if left >= 0 else None

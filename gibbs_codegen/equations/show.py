@@ -21,29 +21,14 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.gibbs import (
-    ACCELERATION,
-    MASS,
-    MOMENT,
-    OMEGA,
-    OMEGA_DOT,
-    SECOND,
-    link_partials,
-)
-from gibbs_codegen.equations.chain_equations import (
-    ChainEquation,
-    Place,
-    equations_of_motion,
-    gibbs_function,
-    gibbs_partials,
-)
+from gibbs_codegen.derivation import gibbs
+from gibbs_codegen.equations import chain_equations
 from gibbs_codegen.equations.chain_names import AXIS_PAIRS, hybrid_names, second_moments
 from gibbs_codegen.equations.normal_form import collected
 from gibbs_codegen.equations.readable_chain import check_chain, item_frames, readable_chain
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
-from gibbs_codegen.robot.layout import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot
 
 EQUATIONS = (2, 5, 6, 15, 18)
@@ -56,7 +41,7 @@ MOST_TERMS = 600
 
 def chain_equation(
     robot: Robot, chain: int, equation: int, most_terms: int = MOST_TERMS
-) -> ChainEquation:
+) -> chain_equations.ChainEquation:
     """One of the paper's equations for one chain of a robot.
 
     Args:
@@ -83,16 +68,16 @@ def chain_equation(
     return replace(made, names=made.names | readable.names, frames=item_frames(readable))
 
 
-def _link(robot: Robot, chain: int) -> ChainEquation:
+def _link(robot: Robot, chain: int) -> chain_equations.ChainEquation:
     """𝒮 and ℛ of any link, in the components of r̈, ω̇ and ω and the link's inertia."""
     entries = sp.symbols([f"J_{pair}" for pair in AXIS_PAIRS])
-    inertia = dict(zip(SECOND, second_moments(*entries), strict=True))
-    names = {MASS: name("B_0", "", Kind.INERTIA, "mass of the link")}
+    inertia = dict(zip(gibbs.SECOND, second_moments(*entries), strict=True))
+    names = {gibbs.MASS: name("B_0", "", Kind.INERTIA, "mass of the link")}
     named = (
-        (MOMENT, "b", Kind.INERTIA, "", "first moment of mass, whose skew matrix is B_1"),
-        (OMEGA, "omega", Kind.RATE, "", "angular velocity"),
-        (ACCELERATION, "r", Kind.ACCELERATION, "ddot", "acceleration of the link's joint"),
-        (OMEGA_DOT, "omega", Kind.ACCELERATION, "dot", "angular acceleration"),
+        (gibbs.MOMENT, "b", Kind.INERTIA, "", "first moment of mass, whose skew matrix is B_1"),
+        (gibbs.OMEGA, "omega", Kind.RATE, "", "angular velocity"),
+        (gibbs.ACCELERATION, "r", Kind.ACCELERATION, "ddot", "acceleration of the link's joint"),
+        (gibbs.OMEGA_DOT, "omega", Kind.ACCELERATION, "dot", "angular acceleration"),
     )
     for symbols, letter, kind, mark, meaning in named:
         for symbol, axis in zip(symbols, "xyz", strict=True):
@@ -101,23 +86,24 @@ def _link(robot: Robot, chain: int) -> ChainEquation:
         meaning = "inertia matrix B_2 + B_3 of the link about its joint"
         names[symbol] = name("J", pair, Kind.INERTIA, meaning)
     lines = []
-    for letter, script, vector in zip("SR", "𝒮ℛ", link_partials(), strict=True):
+    for letter, script, vector in zip("SR", "𝒮ℛ", gibbs.link_partials(), strict=True):
         for axis, partial in zip("xyz", vector, strict=True):
             symbol = sp.Symbol(f"{letter}_{axis}")
             names[symbol] = Name(
                 f"\\mathcal{{{letter}}}_{{{axis}}}", f"{script}_{axis}", Kind.RESULT, ""
             )
-            keys = (*ACCELERATION, *OMEGA_DOT, *OMEGA)
+            keys = (*gibbs.ACCELERATION, *gibbs.OMEGA_DOT, *gibbs.OMEGA)
             lines.append((symbol, collected(partial.xreplace(inertia), keys, 1000)))
     title = "The two vectors of a link"
-    return ChainEquation(robot.name, chain, 6, title, names, tuple(lines))
+    return chain_equations.ChainEquation(robot.name, chain, 6, title, names, tuple(lines))
 
 
-def _coupling(robot: Robot, chain: int) -> ChainEquation:
+def _coupling(robot: Robot, chain: int) -> chain_equations.ChainEquation:
     """Where the chain's unknowns and inputs stand among those of the hybrid system."""
     readable = readable_chain(robot, chain)
     names, hybrid = readable.names, hybrid_names(robot)
-    unknowns = hybrid_coordinates(robot)
+    description = readable.symbolic.description
+    unknowns = description.hybrid_coordinates
     own = [*readable.state.accelerations, *readable.torques]
     places = []
     for item, (place, symbol) in enumerate(
@@ -125,14 +111,14 @@ def _coupling(robot: Robot, chain: int) -> ChainEquation:
     ):
         meaning = names[symbol].meaning
         whole = accelerated(replace(hybrid[unknowns[place].name], meaning=meaning))
-        places.append(Place(item, names[symbol], whole, place - 1))
+        places.append(chain_equations.Place(item, names[symbol], whole, place - 1))
     acting = tuple(
         (names[symbol], replace(hybrid[entry.name], meaning=f"{entry.meaning} ({entry.unit})"))
-        for entry, symbol in zip(inputs(robot), readable.symbolic.u, strict=True)
+        for entry, symbol in zip(description.inputs, readable.symbolic.u, strict=True)
         if symbol in names
     )
     title = f"Places of chain {chain} in the hybrid system"
-    return ChainEquation(
+    return chain_equations.ChainEquation(
         robot.name,
         chain,
         18,
@@ -144,7 +130,11 @@ def _coupling(robot: Robot, chain: int) -> ChainEquation:
     )
 
 
-_MAKERS = {2: gibbs_function, 5: gibbs_partials, 15: equations_of_motion}
+_MAKERS = {
+    2: chain_equations.gibbs_function,
+    5: chain_equations.gibbs_partials,
+    15: chain_equations.equations_of_motion,
+}
 _OF_EVERY_CHAIN = {6: _link, 18: _coupling}
 
 

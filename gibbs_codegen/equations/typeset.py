@@ -52,18 +52,8 @@ class Name:
     index: str = ""
 
 
-_GREEK = {
-    "theta": "θ",
-    "tau": "τ",
-    "omega": "ω",
-    "mu": "μ",
-    "rho": "ρ",
-    "kappa": "κ",
-    "delta": "δ",
-    "alpha": "α",
-    "epsilon": "ε",
-    "zeta": "ζ",
-}
+_LETTERS = ("alpha", "delta", "epsilon", "kappa", "mu", "omega", "rho", "tau", "theta", "zeta")
+_GREEK = {letter: unicodedata.lookup(f"GREEK SMALL LETTER {letter}") for letter in _LETTERS}
 _MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
 
 
@@ -312,14 +302,10 @@ class Writer:
             return str(number)
         if number.is_Rational:
             return self._dialect.fraction(number.p, number.q)
-        if number.is_Float:
-            return self._decimal(number)
+        if number.is_Float:  # A power of ten follows where it is very large or small.
+            digits, _, exponent = f"{float(number):.6g}".partition("e")
+            return f"{digits}{self._dialect.ten(int(exponent))}" if exponent else digits
         raise TypeError(f"no way to write the number {number}")
-
-    def _decimal(self, number: sp.Float) -> str:
-        """Six digits, with a power of ten where the number is very large or small."""
-        digits, _, exponent = f"{float(number):.6g}".partition("e")
-        return f"{digits}{self._dialect.ten(int(exponent))}" if exponent else digits
 
     def _atom(self, base: sp.Expr) -> str:
         if base.is_Symbol:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Literal, get_args
 
-from gibbs_codegen.exchange.mjcf_export import mjcf_text
-from gibbs_codegen.exchange.robot_source import ROOT, source_of, with_free_names
-from gibbs_codegen.exchange.source import Source, SourceJoint
-from gibbs_codegen.exchange.urdf_export import urdf_text
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.names import link_label
+from gibbs_codegen.errors import printable
+from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.placement import HERE, Placement, vector
+from gibbs_codegen.exchange.urdf import is_rotor_by_name
+from gibbs_codegen.exchange.xml_text import mjcf_text, urdf_text
+from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body
+from gibbs_codegen.robot.names import default_prefix, joint_name, link_label
+from gibbs_codegen.robot.placement import base_centre
+from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 Format = Literal["urdf", "mjcf"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -27,10 +32,17 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     return text, [*lines, *renamed]
 
 
-def _left_out(robot: Robot, source: Source, is_urdf: bool) -> Iterator[str]:
+def _left_out(robot: Robot, source: sources.Source, is_urdf: bool) -> Iterator[str]:
     """Lines on what a format, URDF or else MJCF, has no place for."""
     for joint in source.joints:
-        if joint.kind != "fixed" and (lost := _lost(joint, is_urdf)):
+        passive, limits = joint.passive, joint.limits
+        if is_urdf:
+            lost = [key for key in ("armature", "stiffness") if getattr(passive, key)]
+        else:
+            lost = [] if limits.velocity is None else ["velocity"]
+            if (limits.low is None) != (limits.high is None):
+                lost.append("limits, since it has one only")
+        if joint.kind != "fixed" and lost:
             yield f"joint {joint.name}: {' and '.join(lost)}"
     for i in robot.constrained:
         yield f"{link_label(robot, i)}: that a constraint torque holds it; it is welded"
@@ -43,11 +55,136 @@ def _left_out(robot: Robot, source: Source, is_urdf: bool) -> Iterator[str]:
             yield f"gravity of {source.gravity:g} m/s²"
 
 
-def _lost(joint: SourceJoint, is_urdf: bool) -> list[str]:
-    passive, limits = joint.passive, joint.limits
-    if is_urdf:
-        return [key for key in ("armature", "stiffness") if getattr(passive, key)]
-    lost = [] if limits.velocity is None else ["velocity"]
-    if (limits.low is None) != (limits.high is None):
-        lost.append("limits, since it has one only")
-    return lost
+def with_free_names(source: sources.Source, is_urdf: bool) -> tuple[sources.Source, list[str]]:
+    """The same robot with names that a file can hold, and a line for each that is changed.
+
+    `is_urdf` is whether frames are links and rotors are joints in the file, as in URDF.
+    """
+    # MuJoCo has a body of that name already.
+    joints, links = sources.Names(), sources.Names(() if is_urdf else ("world",))
+    rotors, frames = (joints, links) if is_urdf else (sources.Names(), sources.Names())
+    lines: list[str] = []
+
+    def free(names: sources.Names, what: str, name: str, wanted: str | None = None) -> str:
+        found = names.free(wanted or name)
+        if found != name:
+            lines.append(f"renamed: {what} {printable(name, 60)} is {found}")
+        return found
+
+    # The mounts of fixed joints, which a robot does not name, take what names are left.
+    order = sorted(source.joints, key=lambda joint: joint.kind == "fixed")
+    moved = {j.child: free(joints, "joint", j.name) for j in order if j.kind != "fixed"}
+    placed = [replace(r, name=free(rotors, "rotor", r.name)) for r in source.rotors]
+    moved |= {j.child: joints.free(j.name) for j in order if j.kind == "fixed"}
+    # What a reader would take for a rotor of JSK is called otherwise.
+    named = {
+        link: free(links, "link", link, f"{link}_" if is_urdf and is_rotor else None)
+        for link in source.links
+        for is_rotor in [is_rotor_by_name(moved.get(link, ""), link)]
+    }
+    own = [f for f in source.frames if not (is_urdf and f.on == f.name and f.pose.is_identity)]
+    return (
+        replace(
+            source,
+            links={named[n]: replace(link, name=named[n]) for n, link in source.links.items()},
+            joints=tuple(
+                replace(j, name=moved[j.child], parent=named[j.parent], child=named[j.child])
+                for j in source.joints
+            ),
+            rotors=tuple(replace(rotor, on=named[rotor.on]) for rotor in placed),
+            frames=tuple(
+                replace(f, name=free(frames, "frame", f.name), on=named[f.on]) for f in own
+            ),
+        ),
+        lines,
+    )
+
+
+ROOT = "base"
+
+
+def source_of(robot: Robot) -> sources.Source:
+    """The links and joints of a robot, as of a file.
+
+    The root is a link "base", whose frame is at the point whose position is x, y, z.
+    """
+    centre = Placement(vector(base_centre(robot.base)))
+    names, body = [ROOT], robot.base.body
+    names += [link.name or default_prefix("link", i) for i, link in enumerate(robot.links, start=1)]
+    rods = sources.Names(names)
+    links = {ROOT: sources.Link(ROOT, _inertial(body, centre) if body else sources.Inertial())}
+    joints: list[sources.Joint] = []
+    rotors: list[sources.Rotor] = []
+    for k in range(1, robot.base.rotors + 1):
+        arm, rod = robot.base.arm(k), rods.free(f"arm{k}")
+        if seen_from_motor := k == 1 and robot.base.azimuth_deg is None:
+            mount = Placement((-arm.length, 0.0, 0.0))
+        else:
+            mount = Placement(rpy_deg=(*HERE.rpy_deg[:2], robot.base.arm_angle_deg(k)))
+        seat = (0.0 if seen_from_motor else arm.length, 0.0, 0.0)
+        thrust, drag = robot.base.thrust[k - 1], robot.base.drag[k - 1]
+        rotors.append(sources.Rotor(f"rotor{k}", rod, seat, thrust, drag))
+        links[rod] = sources.Link(rod, _inertial(arm, HERE))
+        joints.append(sources.Joint(f"{rod}_mount", "fixed", ROOT, rod, centre @ mount))
+    for i, link in enumerate(robot.links, start=1):
+        links[names[i]] = sources.Link(names[i], _inertial(link.body, HERE))
+        joints.append(_joint(robot, i, names, centre))
+    rotors += [
+        sources.Rotor(
+            rotor.name or default_prefix("rotor", k),
+            names[rotor.on],
+            vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position,
+            rotor.direction,
+            rotor.drag,
+            rotor.limits,
+            rotor.time_constant,
+        )
+        for k, rotor in enumerate(robot.thrusters, start=1)
+    ]
+    frames = []
+    for frame in frames_of(robot)[1:]:  # The first is the base's own.
+        own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
+        pose = centre @ own if frame.on == BASE else own
+        frames.append(sources.Frame(frame.name, names[frame.on], pose))
+    return sources.Source(
+        f"{robot.name}.toml",
+        robot.name,
+        links,
+        tuple(joints),
+        tuple(rotors),
+        frames=tuple(frames),
+        gravity=robot.gravity,
+    )
+
+
+def _inertial(body: Body, frame: Placement) -> sources.Inertial:
+    rigid = as_rigid_body(body)
+    place = Placement(vector(frame.point(rigid.com)))
+    return sources.Inertial(rigid.mass, place, inertia_matrix(rigid.inertia))
+
+
+def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> sources.Joint:
+    """The joint of link `i`, from 1, its pose in the frame of the carrying link.
+
+    `names` are those of base and links; `centre` is the frame of the base in that of the root.
+    """
+    link, parent = robot.links[i - 1], robot.parents[i - 1]
+    name = link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
+    if link.pose is not None:
+        pose = Placement(link.pose.xyz, link.pose.rpy_deg)
+    else:
+        before = robot.links[parent - 1].body.length if parent != BASE else 0.0
+        start = (before if link.a is None else link.a, 0.0, 0.0)
+        step = Placement(start, (link.alpha_deg, *HERE.rpy_deg[1:]))
+        pose = step @ Placement((0.0, 0.0, link.d), (*HERE.rpy_deg[:2], link.theta_deg))
+    return sources.Joint(
+        name,
+        link.joint,
+        names[parent],
+        names[i],
+        centre @ pose if parent == BASE else pose,
+        link.axis,
+        passive=link.passive,
+        limits=link.limits,
+        continuous=link.joint == "revolute" and sources.endless(link.limits),
+    )

@@ -1,12 +1,12 @@
 """From a file in another format to a robot, stage by stage.
 
 read_urdf, read_mjcf  file       → Source: links, joints, rotors, frames
-tree_of               Source     → SourceTree, checked
-without_anchor        SourceTree → its root the robot's, and not the world
+with_root             Source     → checked: a tree, with its root
+without_anchor        Source     → its root the robot's, and not the world
 read_rotors           file       → rotors that replace those found
 snapped_source        Source     → with exact angles
-locked, rerooted      SourceTree → with fixed joints, its root the base
-welded                SourceTree → Robot, and what was done
+locked, rerooted      Source     → with fixed joints, its root the base
+welded                Source     → Robot, and what was done
 """
 
 from __future__ import annotations
@@ -17,21 +17,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.source import Kind, Source, Told, snapped_source
-from gibbs_codegen.exchange.tree import (
-    SourceTree,
-    check_kinds,
-    locked,
-    rerooted,
-    tree_of,
-    without_anchor,
-)
+from gibbs_codegen.exchange.sources import Finding, Kind, Source, snapped_source
+from gibbs_codegen.exchange.tree import check_kinds, locked, rerooted, with_root, without_anchor
 from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
+from gibbs_codegen.robot.balance import LARGEST_DRAG
 from gibbs_codegen.robot.model import Attitude, Robot
 from gibbs_codegen.robot.names import name_from
-from gibbs_codegen.robot.plausibility import LARGEST_DRAG
 
 
 @dataclass(frozen=True)
@@ -50,26 +43,26 @@ class ImportOptions:
     snap: bool = True
 
 
-def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Told]]:
+def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
     """Read a robot from a file (.urdf, .xacro, or .xml for MJCF or URDF), and tell what was done.
 
     Raises `SourceFileError` if the file is refused, and `UsageError` if there is no such file,
     joint or link.
     """
-    tree = without_anchor(tree_of(_read(path, options)))
+    source = without_anchor(with_root(_read(path, options)))
     if options.rotors is not None:
         from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
 
-        rotors = read_rotors(options.rotors, tree)
-        tree = replace(tree, source=replace(tree.source, rotors=rotors))
-    source = snapped_source(tree.source) if options.snap else tree.source
-    tree = locked(SourceTree(source, tree.root), options.lock)
-    check_kinds(tree)
+        source = replace(source, rotors=read_rotors(options.rotors, source))
+    if options.snap:
+        source = snapped_source(source)
+    source = locked(source, options.lock)
+    check_kinds(source)
     if options.base is not None:
-        tree = rerooted(tree, options.base)
+        source = rerooted(source, options.base)
     name = name_from(source.name or path.name.split(".")[0])
-    robot, done = welded(tree, name, options.attitude, options.snap)
-    return robot, [*tree.source.told, *done, *_rotor_lines(source)]
+    robot, findings = welded(source, name, options.attitude, options.snap)
+    return robot, [*source.findings, *findings, *_rotor_findings(source)]
 
 
 def _read(path: Path, options: ImportOptions) -> Source:
@@ -91,20 +84,19 @@ def _read(path: Path, options: ImportOptions) -> Source:
     return read_urdf(data, file)
 
 
-def _rotor_lines(source: Source) -> list[Told]:
+def _rotor_findings(source: Source) -> list[Finding]:
     lines = []
     for rotor in source.rotors:
         limits = "" if rotor.limits is None else f", {rotor.limits[0]:g} to {rotor.limits[1]:g} N"
         detail = f"on {rotor.on}, drag {rotor.drag:g} m{limits} ({rotor.found_by})"
-        lines.append(Told("rotor", rotor.name, detail))
+        lines.append(Finding("rotor", rotor.name, detail))
         if abs(rotor.drag) > LARGEST_DRAG:
-            lines.append(
-                Told("note", rotor.name, f"a drag of {rotor.drag:g} m is large; check its factor")
-            )
+            detail = f"a drag of {rotor.drag:g} m is large; check its factor"
+            lines.append(Finding("note", rotor.name, detail))
     if not source.rotors:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
-        lines.append(Told("note", "rotors", f"none were found; --rotors FILE gives them{hint}"))
+        lines.append(Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}"))
     return lines
 
 
@@ -121,17 +113,17 @@ KINDS: dict[Kind, str] = {
 _WIDTH = 99
 
 
-def in_order(told: Sequence[Told]) -> list[Told]:
+def in_order(findings: Sequence[Finding]) -> list[Finding]:
     """Lines of a report, by what was done."""
     order = list(KINDS)
-    return sorted(told, key=lambda line: order.index(line.kind))
+    return sorted(findings, key=lambda line: order.index(line.kind))
 
 
-def opening_comment(source: str, told: Sequence[Told]) -> str:
+def opening_comment(source: str, findings: Sequence[Finding]) -> str:
     """The comment with which an imported robot file begins, with an empty line after it."""
     lines = [f"Imported from {printable(source, 80)} by gibbs-codegen import."]
     for kind in KINDS:
-        found = [line for line in told if line.kind == kind]
+        found = [line for line in findings if line.kind == kind]
         if kind in ("welded", "locked", "snapped") and found:
             names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in found))
             lines.append(f"{kind.capitalize()}: {names}.")

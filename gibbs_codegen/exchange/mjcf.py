@@ -6,6 +6,8 @@ becomes three hinges about x, y and z.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,21 +15,10 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import Fault, UsageError, printable
-from gibbs_codegen.exchange.mjcf_export import reduced_mjcf
-from gibbs_codegen.exchange.placement import Array, Placement, of_quaternion, vector
-from gibbs_codegen.exchange.robot_source import Names
-from gibbs_codegen.exchange.source import (
-    Inertial,
-    Source,
-    SourceFileError,
-    SourceFrame,
-    SourceJoint,
-    SourceLink,
-    SourceRotor,
-    Told,
-    endless,
-)
+from gibbs_codegen.exchange import sources, xml_file
+from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.robot.model import AXES, JointLimits, Passive
+from gibbs_codegen.robot.placement import Array, turn_of_quaternion
 
 _JOINT, _SITE = 0, 4
 _FILTERS = (2, 3)
@@ -36,32 +27,32 @@ _NO_BIAS = 0
 
 def mjcf_rotors(
     model: Any, names: Sequence[str], bodies: Sequence[int]
-) -> tuple[tuple[SourceRotor, ...], list[Told]]:
+) -> tuple[tuple[sources.Rotor, ...], list[sources.Finding]]:
     """The rotors on such bodies of a compiled model, by actuators, and what was left out."""
-    rotors, told = [], []
+    rotors, findings = [], []
     for k in range(model.nu):
         if model.actuator_trntype[k] != _SITE:
             continue
         site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
         body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
         size = 1.0 if abs(size - 1.0) < 4e-16 else size
-        name = _name(model, k) or f"rotor_{k + 1}"
+        name = model.actuator(k).name or f"rotor_{k + 1}"
         if body not in bodies:
             continue
         if size == 0.0:
-            told.append(Told("left out", name, "an actuator of torque without a force, no rotor"))
+            why = "an actuator of torque without a force, no rotor"
+            findings.append(sources.Finding("left out", name, why))
             continue
-        w, x, y, z = model.site_quat[site]
-        turn = of_quaternion(x, y, z, w)
+        turn = _turn(model.site_quat[site])
         direction = gear[:3] / size
         drag = float(direction @ gear[3:]) / size
         if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
-            told.append(Told("left out", name, "torque across the thrust"))
+            findings.append(sources.Finding("left out", name, "torque across the thrust"))
         limits = _range(model, k, size)
         if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
             direction, limits = -direction, (-limits[1], -limits[0])
         rotors.append(
-            SourceRotor(
+            sources.Rotor(
                 name,
                 names[body],
                 vector(model.site_pos[site]),
@@ -74,7 +65,7 @@ def mjcf_rotors(
                 found_by="motor at a site",
             )
         )
-    return tuple(rotors), told
+    return tuple(rotors), findings
 
 
 def efforts(model: Any) -> dict[int, float]:
@@ -111,9 +102,10 @@ def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
     return (low + 0.0, high + 0.0) if low < high else None
 
 
-def _name(model: Any, k: int) -> str:
-    address = model.name_actuatoradr[k]
-    return bytes(model.names[address : model.names.index(b"\0", address)]).decode()
+def _turn(quaternion: Array) -> Array:
+    """The rotation matrix (3, 3) of MuJoCo's quaternion w, x, y, z."""
+    w, x, y, z = quaternion
+    return turn_of_quaternion(x, y, z, w)
 
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
@@ -122,14 +114,14 @@ WORLD = 0
 _UNNAMED = "MuJoCo Model"
 
 
-def read_mjcf(path: Path, data: bytes, base: str | None) -> Source:
+def read_mjcf(path: Path, data: bytes, base: str | None) -> sources.Source:
     """Read a robot in MJCF, `data`; meshes and included files are found in the folder of `path`.
 
     `base`, a link that is to be the base, tells which of several robots is meant.
     """
-    text, told = reduced_mjcf(path, data)
+    text, findings = reduced_mjcf(path, data)
     model = _compiled(text, path)
-    return _Reader(model, str(path), told).source(base)
+    return _Reader(model, str(path), findings).source(base)
 
 
 def _compiled(text: str, path: Path) -> Any:
@@ -151,7 +143,7 @@ def _compiled(text: str, path: Path) -> Any:
         return mujoco.MjModel.from_xml_string(text)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         words = printable(" ".join(str(error).split()), 300)
-        raise SourceFileError(str(path), [Fault("", f"MuJoCo refuses it: {words}")]) from None
+        raise sources.refusal(path, f"MuJoCo refuses it: {words}") from None
     finally:
         mujoco.set_mju_user_warning(former)
 
@@ -159,39 +151,43 @@ def _compiled(text: str, path: Path) -> Any:
 class _Reader:
     """Takes a compiled model apart."""
 
-    def __init__(self, model: Any, file: str, told: list[Told]) -> None:
-        self.model, self.file, self.told = model, file, told
-        self.names = _names(model, model.name_bodyadr, "body")
-        self.joint_names = _names(model, model.name_jntadr, "joint")
-        self._links = Names(self.names)
+    def __init__(self, model: Any, file: str, findings: list[sources.Finding]) -> None:
+        self.model, self.file, self.findings = model, file, findings
+        self.names = _names([model.body(b).name for b in range(model.nbody)], "body")
+        self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
+        self._links = sources.Names(self.names)
         self.efforts = efforts(model)
 
-    def source(self, base: str | None) -> Source:
+    def source(self, base: str | None) -> sources.Source:
         """What the file says of the robot with link `base` (None: the only one), by the tree."""
         model = self.model
         root = self._root(base)
         bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
-        links: dict[str, SourceLink] = {}
-        joints: list[SourceJoint] = []
+        links: dict[str, sources.Link] = {}
+        joints: list[sources.Joint] = []
         anchors = self._anchors(root)
         for body in bodies:
             if model.body_gravcomp[body]:
                 self._leave_out(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
-                links[link] = SourceLink(link)
+                links[link] = sources.Link(link)
                 joints.append(joint)
-            links[self.names[body]] = SourceLink(self.names[body], self._inertial(body))
-        rotors, told = mjcf_rotors(model, self.names, bodies)
-        return Source(
+            links[self.names[body]] = sources.Link(self.names[body], self._inertial(body))
+        x, y, z = (float(value) for value in model.opt.gravity)
+        if x or y or z > 0.0:
+            what = f"{x:g} {y:g} {z:g} is not downwards along z"
+            self.findings.append(sources.Finding("note", "gravity", what))
+        rotors, findings = mjcf_rotors(model, self.names, bodies)
+        return sources.Source(
             self.file,
-            _text(model, 0).removeprefix(_UNNAMED),
+            bytes(model.names).partition(b"\0")[0].decode().removeprefix(_UNNAMED),
             links,
             tuple(joints),
             rotors,
             anchors=anchors,
             frames=tuple(self._frames(bodies)),
-            gravity=self._gravity(),
-            told=(*self.told, *told),
+            gravity=abs(z),
+            findings=(*self.findings, *findings),
         )
 
     def _root(self, base: str | None) -> int:
@@ -199,19 +195,17 @@ class _Reader:
         roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == WORLD]
         if base in self.names[1:]:
             return int(model.body_rootid[self.names.index(str(base), 1)])
-        flying = [b for b in roots if model.body_jntnum[b] and self._type(b) == _FREE]
+        moved = [b for b in roots if model.body_jntnum[b]]
+        flying = [b for b in moved if model.jnt_type[model.body_jntadr[b]] == _FREE]
         found = flying or roots
         if len(found) != 1:
             names = ", ".join(printable(self.names[b], 60) for b in found[:5]) or "none"
             message = f"holds {len(found)} robots ({names}); --base LINK tells which is meant"
-            raise SourceFileError(self.file, [Fault("", message)])
+            raise sources.refusal(self.file, message)
         return found[0]
 
-    def _type(self, body: int) -> int:
-        return int(self.model.jnt_type[self.model.body_jntadr[body]])
-
     def _leave_out(self, what: str, why: str) -> None:
-        self.told.append(Told("left out", what, why))
+        self.findings.append(sources.Finding("left out", what, why))
 
     def _anchors(self, body: int) -> frozenset[str]:
         """Joints of the root, which are left out."""
@@ -222,26 +216,24 @@ class _Reader:
                 self._leave_out(self.joint_names[j], why)
         return frozenset(self.joint_names[first : first + count])
 
-    def _inertial(self, body: int) -> Inertial:
+    def _inertial(self, body: int) -> sources.Inertial:
         model = self.model
-        w, x, y, z = model.body_iquat[body]
-        axes = of_quaternion(x, y, z, w)
+        axes = _turn(model.body_iquat[body])
         inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
         place = Placement(vector(model.body_ipos[body]))
-        return Inertial(float(model.body_mass[body]), place, (inertia + inertia.T) / 2)
+        return sources.Inertial(float(model.body_mass[body]), place, (inertia + inertia.T) / 2)
 
-    def _joints(self, body: int) -> Iterator[tuple[str, SourceJoint]]:
+    def _joints(self, body: int) -> Iterator[tuple[str, sources.Joint]]:
         """Joints of a body, each with the name of the link that it moves."""
         model = self.model
         parent = self.names[model.body_parentid[body]]
-        w, x, y, z = model.body_quat[body]
-        pose = Placement.of_matrix(model.body_pos[body], of_quaternion(x, y, z, w))
+        pose = Placement.of_matrix(model.body_pos[body], _turn(model.body_quat[body]))
         first, count = model.body_jntadr[body], model.body_jntnum[body]
         parts = [part for j in range(first, first + count) for part in self._parts(j)]
         if not parts:
             yield (
                 self.names[body],
-                SourceJoint(f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose),
+                sources.Joint(f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose),
             )
         for number, (name, j, axis) in enumerate(parts, start=1):
             link = self.names[body]
@@ -249,7 +241,7 @@ class _Reader:
                 link = self._links.free(f"{link}_{name}")
             anchor = np.array(model.jnt_pos[j])
             passive, limits = self._properties(j)
-            joint = SourceJoint(
+            joint = sources.Joint(
                 name,
                 "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
                 parent,
@@ -259,7 +251,7 @@ class _Reader:
                 Placement(vector(-anchor)),
                 passive,
                 limits,
-                continuous=model.jnt_type[j] == _HINGE and endless(limits),
+                continuous=model.jnt_type[j] == _HINGE and sources.endless(limits),
             )
             yield link, joint
             parent, pose = link, Placement()
@@ -271,18 +263,20 @@ class _Reader:
             self._leave_out(name, ", ".join(lost))
         if self.model.jnt_type[j] != _BALL:
             return [(name, j, vector(self.model.jnt_axis[j]))]
-        self.told.append(Told("note", name, "a ball joint, as three hinges about x, y and z"))
+        self.findings.append(
+            sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
+        )
         return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
 
     def _lost(self, j: int) -> list[str]:
         """What a joint has that is not imported, in words."""
         model, dof = self.model, self.model.jnt_dofadr[j]
         friction = model.dof_frictionloss[dof]
-        found = {
-            f"dry friction {friction:g}": friction,
-            "stiffness of higher order": _higher(model, "jnt_stiffness", j),
-            "damping of higher order": _higher(model, "dof_damping", dof),
-        }
+        found = {f"dry friction {friction:g}": friction}
+        if hasattr(model, "jnt_stiffnesspoly"):  # New versions of MuJoCo know more coefficients.
+            found["stiffness of higher order"] = model.jnt_stiffnesspoly[j]
+        if hasattr(model, "dof_dampingpoly"):
+            found["damping of higher order"] = model.dof_dampingpoly[dof]
         if model.jnt_type[j] == _BALL:
             found |= {
                 "damping": model.dof_damping[dof],
@@ -299,62 +293,213 @@ class _Reader:
         dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
         zero = float(model.qpos0[place])
         if zero:
-            self.told.append(Told("note", self.joint_names[j], f"counts from its ref, {zero:g}"))
+            self.findings.append(
+                sources.Finding("note", self.joint_names[j], f"counts from its ref, {zero:g}")
+            )
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
-        passive = Passive(
-            float(np.ravel(model.dof_damping[dof])[0]),
-            float(model.dof_armature[dof]),
-            stiffness,
-            rest,
-        )
+        damping = float(np.ravel(model.dof_damping[dof])[0])
+        passive = Passive(damping, float(model.dof_armature[dof]), stiffness, rest)
         low = high = None
         if model.jnt_limited[j]:
             low, high = (float(bound) - zero for bound in model.jnt_range[j])
         return passive, JointLimits(low, high, self.efforts.get(j))
 
-    def _frames(self, bodies: list[int]) -> Iterator[SourceFrame]:
+    def _frames(self, bodies: list[int]) -> Iterator[sources.Frame]:
         model = self.model
-        rotors = {
-            int(s)
-            for s, t in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
-            if t == 4
-        }
+        rotors = model.actuator_trnid[model.actuator_trntype == _SITE, 0]
         for s in range(model.nsite):
-            name = _text(model, model.name_siteadr[s])
+            name = model.site(s).name
             if name and model.site_bodyid[s] in bodies and s not in rotors:
-                w, x, y, z = model.site_quat[s]
-                pose = Placement.of_matrix(model.site_pos[s], of_quaternion(x, y, z, w))
-                yield SourceFrame(name, self.names[model.site_bodyid[s]], pose)
-
-    def _gravity(self) -> float:
-        x, y, z = (float(value) for value in self.model.opt.gravity)
-        if x or y or z > 0.0:
-            self.told.append(Told("note", "gravity", f"{x:g} {y:g} {z:g} is not downwards along z"))
-        return abs(z)
+                pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
+                yield sources.Frame(name, self.names[model.site_bodyid[s]], pose)
 
 
-def _names(model: Any, addresses: Any, what: str) -> list[str]:
-    """Names of bodies or joints by number; of those without one what they are, with the number.
+def _names(own: list[str], what: str) -> list[str]:
+    """Names of bodies or joints; of those without one what they are, a word, with the number."""
+    names = sources.Names(own)
+    return [name or names.free(f"{what}_{number}") for number, name in enumerate(own)]
 
-    `addresses` tell where the names of their kind begin, and `what` is what they are, in a word.
+
+_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator")
+_PICTURES = ("texture", "material", "skin", "light", "camera", "hfield", "plugin", "flexcomp")
+_LEFT_OUT = {
+    "equality": "equality constraints, such as closed loops",
+    "tendon": "tendons and their springs",
+    "contact": "contacts",
+    "sensor": "sensors",
+    "keyframe": "keyframes",
+    "deformable": "deformable bodies",
+    "extension": "plugins, and what they do to the motion",
+}
+_NO_MOTION = ("custom", "visual", "statistic", "size")
+# What a compiler may be findings; versions differ in what else they know.
+_SETTINGS = {
+    *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
+    *("meshdir", "assetdir", "exactmeshinertia", "alignfree"),
+}
+_CHANGING = {"balanceinertia", "boundmass", "boundinertia", "settotalmass"}
+_MOST_INCLUDES = 50
+_MOST_COPIES = 1000
+_TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", "model", "joint"}
+
+
+def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[sources.Finding]]:
+    """What a file and its includes have of mass, motion and drives, and what was left out."""
+    root = xml_file.parse_xml(data, str(path))
+    _include(root, path)
+    _check(root, str(path))
+    counts: Counter[str] = Counter()
+    for section in xml_file.children(root):
+        if section.tag not in _KEPT:
+            if section.tag not in _NO_MOTION:
+                words = _LEFT_OUT.get(section.tag, "a section that import does not know")
+                counts[f"{words} (<{printable(section.tag, 40)}>)"] += len(section)
+            root.remove(section)
+    findings = [
+        sources.Finding("left out", words, f"{count}") for words, count in counts.items() if count
+    ]
+    for element in [found for found in root.iter() if isinstance(found, xml_file.Element)]:
+        element.attrib.pop("material", None)
+        for picture in xml_file.children(element):
+            if picture.tag in _PICTURES:
+                element.remove(picture)
+    shapes = _Shapes(root)
+    for world in root.iter("worldbody"):
+        if isinstance(world, xml_file.Element):
+            shapes.strip(world, "", True)
+    if shapes.count:
+        findings.append(sources.Finding("left out", "shapes that give no mass", f"{shapes.count}"))
+    findings += _only_motors(root)
+    findings += _settle(root, path)
+    return ET.tostring(root, encoding="unicode"), findings
+
+
+def _include(root: xml_file.Element, path: Path) -> None:
+    """Put the contents of included files in place of `<include>`.
+
+    Raises `SourceFileError` if files include too many others.
     """
-    given = [_text(model, address) for address in addresses]
-    names = Names(given)
-    return [name or names.free(f"{what}_{number}") for number, name in enumerate(given)]
+    for _ in range(_MOST_INCLUDES):
+        found = next(((p, e) for p in root.iter() for e in p if e.tag == "include"), (None, None))
+        if found[0] is None or found[1] is None:
+            return
+        parent, element = found
+        place = [*parent].index(element)
+        parent.remove(element)
+        file = path.parent / element.get("file", "")
+        for number, fresh in enumerate(xml_file.parse_xml(xml_file.read_bytes(file), str(file))):
+            parent.insert(place + number, fresh)
+    message = f"more than {_MOST_INCLUDES} files are included"
+    raise sources.refusal(path, message, where="<include>")
 
 
-def _higher(model: Any, key: str, place: int) -> Any:
-    """Coefficients after the first of a stiffness or damping, or 0.
+def _check(root: xml_file.Element, file: str) -> None:
+    """Refuse what would keep the compiler busy without end, or is no number."""
+    faults, copies = [], 1
+    for element in root.iter():
+        line = element.line if isinstance(element, xml_file.Element) else None
+        where = xml_file.described(element) if isinstance(element, xml_file.Element) else ""
+        if element.tag == "replicate":
+            count = element.get("count", "1")
+            copies *= int(count) if count.isdigit() and len(count) < 6 else _MOST_COPIES + 1
+            if copies > _MOST_COPIES:
+                faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
+        if element.tag == "composite":
+            faults.append(Fault(where, "composite bodies are not imported", line))
+        if element.tag == "mesh" and "builtin" in element.attrib:
+            faults.append(Fault(where, "builtin meshes are not imported; give a file", line))
+        for key, text in element.attrib.items():
+            words = text.lower().replace("+", "").replace("-", "").split()
+            if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:
+                faults.append(Fault(where, f"{key} must be finite, not {printable(text)}", line))
+    if faults:
+        raise sources.SourceFileError(file, faults)
 
-    New versions of MuJoCo know them. `key` is the name of the array of first coefficients, and
-    `place` the number of the joint or degree of freedom.
+
+class _Shapes:
+    """Removes shapes that give no mass, and counts them."""
+
+    def __init__(self, root: xml_file.Element) -> None:
+        self.count = 0
+        self._computed = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
+        self._masses: dict[str, str | None] = {}
+        for default in xml_file.children(root):
+            if default.tag == "default":
+                self._read(default, None)
+
+    def _read(self, default: xml_file.Element, mass: str | None) -> None:
+        """Learn the mass of shapes of each class, which a class within a class inherits."""
+        geom = xml_file.child(default, "geom")
+        mass = mass if geom is None else geom.get("mass", mass)
+        self._masses[default.get("class", "main")] = mass
+        for inner in xml_file.children(default):
+            if inner.tag == "default":
+                self._read(inner, mass)
+
+    def strip(self, element: xml_file.Element, kind: str, weighed: bool) -> None:
+        """Remove the shapes of an element, a body or what holds some, and of the bodies in it.
+
+        `kind` is the class of shapes that name no other; `weighed` whether the mass is given, so
+        that no shape counts.
+        """
+        for found in xml_file.children(element):
+            inner = found.get("childclass", kind)
+            if found.tag == "body":
+                has_inertial = xml_file.child(found, "inertial") is not None
+                self.strip(found, inner, has_inertial and not self._computed)
+            elif found.tag in ("frame", "replicate"):
+                self.strip(found, inner, weighed)
+            elif found.tag == "geom":
+                given_class = found.get("class", kind) or "main"
+                mass = found.get("mass", self._masses.get(given_class))
+                if weighed or _is_zero(mass):
+                    element.remove(found)
+                    self.count += 1
+
+
+def _is_zero(text: str | None) -> bool:
+    try:
+        return text is not None and float(text) == 0.0
+    except ValueError:
+        return False
+
+
+def _only_motors(root: xml_file.Element) -> Iterator[sources.Finding]:
+    """Remove actuators that are no motors at a site or joint, and tell of them."""
+    for section in root.iter("actuator"):
+        for actuator in [found for found in section if isinstance(found, xml_file.Element)]:
+            acts = "site" in actuator.attrib or "joint" in actuator.attrib
+            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
+                section.remove(actuator)
+                name = printable(actuator.get("name", "without a name"), 60)
+                what = f"<{printable(actuator.tag, 40)}>, which is no motor"
+                yield sources.Finding("left out", name, what)
+
+
+def _settle(root: xml_file.Element, path: Path) -> Iterator[sources.Finding]:
+    """Leave the compiler no choice: no welding, and folders by their full paths.
+
+    Tells of settings with which MuJoCo changes masses or inertias.
     """
-    found = getattr(model, f"{key}poly", None)
-    return 0.0 if found is None else found[place]
-
-
-def _text(model: Any, address: int) -> str:
-    """The name that begins at an address."""
-    end = model.names.index(b"\0", address)
-    return bytes(model.names[address:end]).decode("utf-8", "replace")
+    meshes = any("mesh" in found.attrib for found in root.iter("geom"))
+    for section in xml_file.children(root):
+        if section.tag == "asset" and not meshes:
+            root.remove(section)
+        if section.tag == "option":
+            section.attrib = {k: v for k, v in section.attrib.items() if k == "gravity"}
+            section[:] = []
+    if root.find("compiler") is None:
+        root.insert(0, xml_file.Element("compiler"))
+    for compiler in root.iter("compiler"):
+        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+        for key in sorted(_CHANGING & set(compiler.attrib)):
+            setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
+            yield sources.Finding("note", key, printable(setting))
+        kept = _SETTINGS | _CHANGING
+        if compiler.get("coordinate") == "global":
+            kept = kept | {"coordinate"}
+        compiler.attrib = {key: text for key, text in compiler.attrib.items() if key in kept}
+        compiler.attrib.pop("assetdir", None)
+        compiler.set("meshdir", str(path.parent.absolute() / folder))
+        compiler.set("fusestatic", "false")

@@ -13,11 +13,9 @@ from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.robot.model import Angles3, Pose, Vector3
-
-Array = NDArray[np.float64]
+from gibbs_codegen.robot.placement import Array, turn_of_rpy
 
 LEVEL: Angles3 = (Fraction(0), Fraction(0), Fraction(0))
 # Of products of rotations: a few units in the last place, in degrees and in entries of a matrix.
@@ -40,9 +38,7 @@ class Placement:
     @cached_property
     def matrix(self) -> Array:
         """Axes of the frame in columns (3, 3)."""
-        roll, pitch, yaw = self.rpy_deg
-        turned: Array = about("z", yaw) @ about("y", pitch) @ about("x", roll)
-        return turned
+        return turn_of_rpy(self.rpy_deg)
 
     @property
     def is_identity(self) -> bool:
@@ -58,8 +54,7 @@ class Placement:
         """A point (3) of the frame, in m, in the axes and from the origin of the other one."""
         inner = np.asarray(place, float)
         turned: Array = inner if self.rpy_deg == LEVEL else self.matrix @ inner
-        there: Array = turned + np.array(self.xyz)
-        return there
+        return turned + np.array(self.xyz)
 
     def __matmul__(self, inner: Placement) -> Placement:
         """The inner frame, which is given in this one, in the other."""
@@ -97,30 +92,6 @@ def degrees(radians: float) -> Fraction:
     return angle - 360 if angle > 360 else angle + 360 if angle < -360 else angle
 
 
-def about(letter: str, angle: Fraction) -> Array:
-    """Rotation (3, 3) about axis x, y or z by degrees, exact for multiples of 90°."""
-    turns = round(angle / 90)
-    rest = angle - 90 * turns
-    c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
-    s = 0.5 if rest == 30 else -0.5 if rest == -30 else s
-    for _ in range(turns % 4):
-        c, s = -s, c
-    first = "xyz".index(letter)
-    p, q = (first + 1) % 3, (first + 2) % 3
-    matrix: Array = np.eye(3)
-    matrix[p, p] = matrix[q, q] = c
-    matrix[p, q], matrix[q, p] = -s, s
-    return matrix + 0.0
-
-
-def of_quaternion(x: float, y: float, z: float, w: float) -> Array:
-    """The rotation (3, 3) of a quaternion, which is not zero but need not be of unit length."""
-    v, n = np.array([x, y, z]), x * x + y * y + z * z + w * w
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Array = ((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross) / n
-    return turned
-
-
 def angles_of(matrix: Array) -> Angles3:
     """Roll, pitch and yaw of a rotation (3, 3) in degrees, accurate at a pitch near ±90° too."""
     level = math.hypot(matrix[0, 0], matrix[1, 0])
@@ -129,11 +100,11 @@ def angles_of(matrix: Array) -> Angles3:
     yaw = math.atan2(matrix[1, 0], matrix[0, 0]) if level > _ROUNDING else 0.0
     c, s = math.cos(yaw), math.sin(yaw)
     roll = math.atan2(s * matrix[0, 2] - c * matrix[1, 2], c * matrix[1, 1] - s * matrix[0, 1])
-    r, p, y = (_without_rounding(degrees(angle)) for angle in (roll, pitch, yaw))
+    r, p, y = (snapped_angle(degrees(angle), _ROUNDING_DEG) for angle in (roll, pitch, yaw))
     return r, p, y
 
 
-def _without_rounding(angle: Fraction) -> Fraction:
-    """The multiple of 15° that the angle is, but for rounding; else the angle."""
+def snapped_angle(angle: Fraction, tolerance: Fraction) -> Fraction:
+    """The multiple of 15° that an angle, in degrees, is within a tolerance; else the angle."""
     multiple = Fraction(15 * round(angle / 15))
-    return multiple if abs(angle - multiple) <= _ROUNDING_DEG else angle
+    return multiple if abs(angle - multiple) <= tolerance else angle

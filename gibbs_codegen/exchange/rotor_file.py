@@ -11,30 +11,32 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
-
 from gibbs_codegen.errors import Fault, UsageError, printable
-from gibbs_codegen.exchange.placement import of_quaternion, vector
-from gibbs_codegen.exchange.source import SourceFileError, SourceRotor
-from gibbs_codegen.exchange.tree import SourceTree, near
+from gibbs_codegen.exchange.placement import vector
+from gibbs_codegen.exchange.sources import Rotor, Source, SourceFileError, refusal
+from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.xml_file import read_bytes
-from gibbs_codegen.files.table import Table, Tables
+from gibbs_codegen.files.table import Table, Tables, file_table, key
 from gibbs_codegen.files.toml import checked
 from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.tables import RotorTable
 
 _MOST_YAML = 100_000
 
 
+@file_table
 class RotorFileTable(Table):
     """A file of rotors."""
 
-    rotor: Annotated[list[RotorTable], Tables("rotor", MAX_ROTORS, "rotors")] = Field(
-        description="the rotors, in the order of their thrusts"
-    )
+    rotor: Annotated[
+        list[RotorTable],
+        Tables("rotor", MAX_ROTORS, "rotors"),
+        key("the rotors, in the order of their thrusts"),
+    ]
 
 
-def read_rotors(path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
     """Read a file of rotors on the links of a tree: in TOML, or in YAML if its name ends so.
 
     Raises `SourceFileError` if the file is refused, or a link is unknown.
@@ -42,28 +44,28 @@ def read_rotors(path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
-        raise SourceFileError(str(path), [fault]) from None
+        message = f"not UTF-8 text (byte {error.start}); save it as UTF-8"
+        raise refusal(path, message) from None
     is_yaml = path.suffix.lower() in (".yaml", ".yml")
-    rotors = _of_yaml(text, path, tree) if is_yaml else _of_toml(text, path, tree)
-    links = tree.source.links
+    rotors = _of_yaml(text, path, source) if is_yaml else _of_toml(text, path, source)
     faults = [
-        Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, links)}")
+        Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, source.links)}")
         for i, r in enumerate(rotors)
-        if r.on not in links
+        if r.on not in source.links
     ]
     if faults:
         raise SourceFileError(str(path), faults)
     return rotors
 
 
-def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+def _of_toml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
     """Rotors as a robot file has them."""
     found = checked(text, str(path), RotorFileTable, SourceFileError)
     return tuple(
-        SourceRotor(
+        Rotor(
             rotor.name or f"rotor_{number}",
-            _link(rotor.on, tree),
+            # "base" is the root, unless there is a link of that name.
+            source.root if rotor.on == "base" and rotor.on not in source.links else rotor.on,
             rotor.position,
             rotor.direction,
             rotor.drag,
@@ -75,12 +77,7 @@ def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
     )
 
 
-def _link(name: str, tree: SourceTree) -> str:
-    """The link that is meant; "base" is the root, unless there is a link of that name."""
-    return tree.root if name == "base" and name not in tree.source.links else name
-
-
-def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
     """Rotors of a platform of eagle_mpc; thrust is along z of their frames.
 
     Raises `UsageError` if PyYAML is not installed, and `SourceFileError` if the file is refused.
@@ -99,22 +96,21 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
             raise ValueError(f"more than {_MOST_YAML} characters")
         platform = yaml.safe_load(text)["platform"]
         return tuple(
-            _eagle(platform, f"rotor_{number}", entry, tree, path)
+            _eagle(platform, f"rotor_{number}", entry, source, path)
             for number, entry in enumerate(platform["$rotors"], start=1)
         )
     except Exception as e:  # Whatever its parser, and values of other kinds, raise.
-        fault = Fault(
-            "",
+        raise refusal(
+            path,
             "no platform of eagle_mpc: platform with cf, cm, max_thrust, min_thrust and $rotors, "
             "each with translation, orientation and spin_direction; "
             + printable(f"{type(e).__name__}: {e}", 100),
-        )
-        raise SourceFileError(str(path), [fault]) from None
+        ) from None
 
 
 def _eagle(
-    platform: Mapping[str, Any], name: str, entry: Mapping[str, Any], tree: SourceTree, path: Path
-) -> SourceRotor:
+    platform: Mapping[str, Any], name: str, entry: Mapping[str, Any], source: Source, path: Path
+) -> Rotor:
     """One rotor of a platform, which has the coefficients of all.
 
     `entry` is what it says of this one. Raises `ValueError` if a number is not finite, or the
@@ -126,11 +122,11 @@ def _eagle(
     if not 0.0 < size < math.inf:
         raise ValueError("orientation must be a quaternion x, y, z, w, which is not zero")
     x, y, z, w = (value / size for value in turn)
-    rotor = SourceRotor(
+    rotor = Rotor(
         name,
-        str(platform.get("base_link_name") or tree.root),
+        str(platform.get("base_link_name") or source.root),
         vector(entry["translation"]),
-        vector(of_quaternion(x, y, z, w)[:, 2]),
+        vector(turn_of_quaternion(x, y, z, w)[:, 2]),
         float(spin[0] if isinstance(spin, list) else spin)
         * (float(platform["cm"]) / float(platform["cf"])),
         (float(platform["min_thrust"]), float(platform["max_thrust"])),

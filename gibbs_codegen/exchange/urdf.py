@@ -12,26 +12,15 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
 from gibbs_codegen.errors import Fault, printable
+from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import Placement, degrees, vector
-from gibbs_codegen.exchange.source import (
-    Inertial,
-    Source,
-    SourceFileError,
-    SourceJoint,
-    SourceKind,
-    SourceLink,
-    SourceRotor,
-    Told,
-    endless,
-)
-from gibbs_codegen.exchange.xml_file import Element, parse_xml
-from gibbs_codegen.robot.model import JointLimits, Passive, Vector3
+from gibbs_codegen.exchange.xml_file import Element, child, children, described, parse_xml
+from gibbs_codegen.robot.model import AXES, JointLimits, Passive, Vector3
 from gibbs_codegen.robot.rigid_body import LEAST, MOST, inertia_matrix
 
 # What some exporters write for no limit.
@@ -118,34 +107,17 @@ class Values:
         return Placement(xyz, (roll, pitch, yaw))
 
 
-def child(element: Element, tag: str) -> Element | None:
-    """The first child of a tag, or None."""
-    return next((found for found in children(element) if found.tag == tag), None)
-
-
-def children(element: Element) -> list[Element]:
-    """The children of an element, in order."""
-    return [found for found in element if isinstance(found, Element)]
-
-
-def described(element: Element) -> str:
-    """An element in words for messages, such as `<joint "rotor1">`."""
-    name = element.get("name")
-    tag = printable(element.tag, 40)
-    return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
-
-
 _THRUST = "thrust"
 
 
-def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
+def urdf_rotors(root: Element, values: Values) -> list[sources.Rotor]:
     """The rotors under `<robot>`, in the order of their numbers or of the file."""
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
     numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
-    gazebo = _by_number(numbered)
-    taken = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
+    gazebo = [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
+    claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
-    return gazebo + [r for r in jsk if r.joint not in taken and r.on not in taken]
+    return gazebo + [r for r in jsk if r.joint not in claimed and r.on not in claimed]
 
 
 def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
@@ -156,10 +128,6 @@ def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
     return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
 
 
-def _by_number(numbered: Sequence[tuple[float, SourceRotor]]) -> list[SourceRotor]:
-    return [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
-
-
 def is_motor(plugin: Element) -> bool:
     """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
     kind = child(plugin, "motorType")
@@ -168,7 +136,7 @@ def is_motor(plugin: Element) -> bool:
     return child(plugin, "linkName") is not None and child(plugin, "motorConstant") is not None
 
 
-def _gazebo(plugin: Element, values: Values) -> tuple[float, SourceRotor]:
+def _gazebo(plugin: Element, values: Values) -> tuple[float, sources.Rotor]:
     """The rotor of a motor plugin, with its number."""
     texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
 
@@ -181,7 +149,7 @@ def _gazebo(plugin: Element, values: Values) -> tuple[float, SourceRotor]:
     moment = number("momentConstant")
     most = number("motorConstant") * number("maxRotVelocity") ** 2
     joint, link = texts.get("jointName"), texts["linkName"]
-    rotor = SourceRotor(
+    rotor = sources.Rotor(
         name=link,
         on=link,
         drag=-moment if turning == "ccw" else moment,
@@ -193,7 +161,7 @@ def _gazebo(plugin: Element, values: Values) -> tuple[float, SourceRotor]:
     return number("motorNumber"), rotor
 
 
-def _jsk(root: Element, values: Values) -> list[SourceRotor]:
+def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
     """Rotors by the convention of JSK: joints rotor1, rotor2 …, whose limits are of the thrust.
 
     A joint may have an `<m_f_rate>` of its own, as `export` writes it: then it is a rotor by any
@@ -212,25 +180,19 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
         if own is None and not by_name:
             continue
         rate = values.number(own if own is not None else common, "value", 0.0)
-        z = values.vector(child(joint, "axis"), "xyz", (0.0, 0.0, 1.0))[2]
+        z = values.vector(child(joint, "axis"), "xyz", AXES["z"])[2]
         limit = child(joint, "limit")
         low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
-        rotor = SourceRotor(name, on, joint=name, found_by="JSK")
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
         number = int(name.removeprefix("rotor")) if own is None else 0
-        numbered.append((number, replace(rotor, drag=drag, limits=limits)))
-    return _by_number(numbered)
+        rotor = sources.Rotor(name, on, drag=drag, limits=limits, joint=name, found_by="JSK")
+        numbered.append((number, rotor))
+    return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
 
-_KINDS: dict[str, SourceKind] = {
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "floating",
-    "planar": "planar",
-}
+_KINDS: dict[str, sources.JointKind] = {"revolute": "revolute", "continuous": "revolute"}
+_KINDS |= {"prismatic": "prismatic", "fixed": "fixed", "floating": "floating", "planar": "planar"}
 _ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is not imported, and by which name it is told.
 _LEFT_OUT = {
@@ -242,17 +204,17 @@ _LEFT_OUT = {
 }
 
 
-def read_urdf(data: bytes, file: str) -> Source:
+def read_urdf(data: bytes, file: str) -> sources.Source:
     """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault."""
     root, values = parse_xml(data, file), Values()
     if root.tag != "robot":
         values.fault(root, "is no URDF: its root element is <robot>")
-        raise SourceFileError(file, values.faults)
+        raise sources.SourceFileError(file, values.faults)
     if any(":" in found.tag for found in children(root)):
         unexpanded = next(found for found in children(root) if ":" in found.tag)
         values.fault(unexpanded, "is xacro, not URDF; name the file .xacro to have it expanded")
-    links: dict[str, SourceLink] = {}
-    joints: dict[str, SourceJoint] = {}
+    links: dict[str, sources.Link] = {}
+    joints: dict[str, sources.Joint] = {}
     for element in children(root):
         if element.tag == "link":
             link = _link(element, values)
@@ -264,53 +226,57 @@ def read_urdf(data: bytes, file: str) -> Source:
             if joint.name in joints:
                 values.fault(element, "there is another joint of that name")
             joints[joint.name] = joint
-    rotors, told = urdf_rotors(root, values), _left_out(root, values)
+    rotors, findings = urdf_rotors(root, values), _left_out(root, values)
     if not links:
         values.fault(root, "has no <link>")
     if values.faults:
-        raise SourceFileError(file, values.faults)
-    name = root.get("name", "")
+        raise sources.SourceFileError(file, values.faults)
     spinning = frozenset(rotor.joint for rotor in rotors if rotor.joint)
-    return Source(
+    return sources.Source(
         file,
-        name,
+        root.get("name", ""),
         links,
         tuple(joints.values()),
         tuple(rotors),
         spinning=spinning,
-        told=tuple(told),
+        findings=tuple(findings),
     )
 
 
-def _link(element: Element, values: Values) -> SourceLink:
+def _link(element: Element, values: Values) -> sources.Link:
     name, inertial = values.name(element), child(element, "inertial")
     if inertial is None:
-        return SourceLink(name, line=element.line)
+        return sources.Link(name, line=element.line)
     mass = values.positive(child(inertial, "mass"), "value")
     entries = child(inertial, "inertia")
     moments = [
         values.number(entries, entry, None if entry[1] == entry[2] else 0.0) for entry in _ENTRIES
     ]
     pose = values.placement(child(inertial, "origin"))
-    return SourceLink(name, Inertial(mass, pose, inertia_matrix(moments)), element.line)
+    return sources.Link(name, sources.Inertial(mass, pose, inertia_matrix(moments)), element.line)
 
 
-def _joint(element: Element, values: Values) -> SourceJoint:
-    given = element.get("type", "")
-    if given not in _KINDS:
+def _joint(element: Element, values: Values) -> sources.Joint:
+    word = element.get("type", "")
+    if word not in _KINDS:
         kinds = ", ".join(_KINDS)
-        values.fault(element, f"type must be one of {kinds}, not {printable(given or 'none', 40)}")
-    kind = _KINDS.get(given, "fixed")
+        values.fault(element, f"type must be one of {kinds}, not {printable(word or 'none', 40)}")
+    kind = _KINDS.get(word, "fixed")
     ends = []
     for tag in ("parent", "child"):
         if (end := child(element, tag)) is None:
             values.fault(element, f"has no <{tag}>")
         ends.append("" if end is None else values.name(end, "link"))
-    axis = (0.0, 0.0, 1.0)
+    axis = AXES["z"]
     if kind in ("revolute", "prismatic"):
-        axis = _axis(element, values)
-    limits = _limits(element, given, values)
-    return SourceJoint(
+        axis = values.vector(child(element, "axis"), "xyz", AXES["x"])
+        size = math.hypot(*axis)
+        if not size > 0.0:
+            values.fault(element, "its axis has no length; give a direction such as 0 0 1")
+        elif abs(size - 1.0) > 4e-16:  # Else, as far as numbers go, it is kept digit by digit.
+            axis = vector(np.array(axis) / size)
+    limits = _limits(element, word, values)
+    return sources.Joint(
         values.name(element),
         kind,
         ends[0],
@@ -319,19 +285,9 @@ def _joint(element: Element, values: Values) -> SourceJoint:
         axis=axis,
         passive=Passive(damping=values.positive(child(element, "dynamics"), "damping")),
         limits=limits,
-        continuous=kind == "revolute" and endless(limits),
+        continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
-
-
-def _axis(element: Element, values: Values) -> Vector3:
-    given = values.vector(child(element, "axis"), "xyz", (1.0, 0.0, 0.0))
-    size = math.hypot(*given)
-    if not size > 0.0:
-        values.fault(element, "its axis has no length; give a direction such as 0 0 1")
-        return given
-    # What is of unit length as far as numbers go is kept digit by digit.
-    return given if abs(size - 1.0) <= 4e-16 else vector(np.array(given) / size)
 
 
 def _limits(element: Element, kind: str, values: Values) -> JointLimits:
@@ -350,36 +306,33 @@ def _limits(element: Element, kind: str, values: Values) -> JointLimits:
         low = high = None
     if low is not None and high is not None and low > high:
         values.fault(limit, f"lower {low:g} is above upper {high:g}")
-    return JointLimits(low, high, _if_any(effort), _if_any(velocity))
+    # Files that know no bound of these say 0.
+    effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
+    return JointLimits(low, high, effort, velocity)
 
 
-def _if_any(bound: float | None) -> float | None:
-    """A bound; files that know none say 0."""
-    return bound if bound is not None and bound > 0.0 else None
-
-
-def _left_out(root: Element, values: Values) -> list[Told]:
+def _left_out(root: Element, values: Values) -> list[sources.Finding]:
     """What the file says that is not imported."""
-    told = []
-    counts: Counter[str] = Counter()
-    for element in root.iter():
-        counts[element.tag] += 1
+    findings = []
+    counts = Counter(element.tag for element in root.iter())
     gazebo = [found for found in children(root) if found.tag == "gazebo"]
     counts["gazebo"] = sum(not all(map(is_motor, children(found))) for found in gazebo)
     for tag, words in _LEFT_OUT.items():
         if counts[tag] > 0:
-            told.append(Told("left out", words, f"{counts[tag]}"))
+            findings.append(sources.Finding("left out", words, f"{counts[tag]}"))
     slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
     for factor in sorted(slowdowns - {"", "1"}):
         many = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia "
-        told.append(Told("note", "rotors", f"{many}may be that many times too large"))
+        findings.append(
+            sources.Finding("note", "rotors", f"{many}may be that many times too large")
+        )
     for joint in children(root):
         if joint.tag != "joint":
             continue
         name = joint.get("name", "")
         if (mimic := child(joint, "mimic")) is not None:
             other = mimic.get("joint", "?")
-            told.append(Told("left out", name, f"that it follows joint {other}"))
+            findings.append(sources.Finding("left out", name, f"that it follows joint {other}"))
         if friction := values.positive(child(joint, "dynamics"), "friction"):
-            told.append(Told("left out", name, f"dry friction {friction:g}"))
-    return told
+            findings.append(sources.Finding("left out", name, f"dry friction {friction:g}"))
+    return findings

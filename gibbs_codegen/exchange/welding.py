@@ -6,28 +6,25 @@ up to 3.3.7 welds rotated bodies wrongly.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gibbs_codegen.exchange.names import Namer
-from gibbs_codegen.exchange.placement import HERE, Array, Placement, vector
-from gibbs_codegen.exchange.source import Inertial, SourceJoint, Told, quiet, quiet_inertia
-from gibbs_codegen.exchange.tree import SourceTree
-from gibbs_codegen.robot.model import (
-    BASE,
-    MAX_FRAMES,
-    MAX_LINKS,
-    MAX_ROTORS,
-    Attitude,
-    Base,
-    Frame,
-    Link,
-    RigidBody,
-    Robot,
-    Rotor,
+from gibbs_codegen.exchange.placement import HERE, Placement, vector
+from gibbs_codegen.exchange.sources import (
+    Finding,
+    Inertial,
+    Joint,
+    Source,
+    quiet,
+    quiet_inertia,
 )
+from gibbs_codegen.robot import model
+from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
+from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.references import NamedKind, NameRegistry
 from gibbs_codegen.robot.rigid_body import inertia_fault
 
 
@@ -37,8 +34,8 @@ class _Body:
 
     number: int
     name: str
-    parent: int = BASE
-    joint: SourceJoint | None = None
+    parent: int = model.BASE
+    joint: Joint | None = None
     pose: Placement = HERE
     parts: list[tuple[Inertial, Placement]] = field(default_factory=list)
 
@@ -51,81 +48,81 @@ class _Place:
     frame: Placement
 
 
-def welded(tree: SourceTree, name: str, attitude: Attitude, snap: bool) -> tuple[Robot, list[Told]]:
+def welded(
+    source: Source, name: str, attitude: model.Attitude, snap: bool
+) -> tuple[model.Robot, list[Finding]]:
     """The robot of a tree whose joints are revolute, prismatic or fixed, and what was done.
 
     `snap` is whether to set noise to zero. Raises `SourceFileError` if there are more links or
     rotors than a robot may have.
     """
-    bodies, places, told = _bodies(tree)
-    source = tree.source
-    if len(bodies) - 1 > MAX_LINKS or len(source.rotors) > MAX_ROTORS:
+    bodies, places, findings = _bodies(source)
+    if len(bodies) - 1 > model.MAX_LINKS or len(source.rotors) > model.MAX_ROTORS:
         raise source.refused(
-            f"{len(bodies) - 1} moving links and {len(source.rotors)} rotors; at most {MAX_LINKS} "
-            f"and {MAX_ROTORS} are possible. --lock holds joints fast"
+            f"{len(bodies) - 1} moving links and {len(source.rotors)} rotors; at most "
+            f"{model.MAX_LINKS} and {model.MAX_ROTORS} are possible. --lock holds joints fast"
         )
     namer = Namer()
-    links = tuple(_link(body, snap, namer) for body in bodies[1:])
-    found = _frames(tree, places, bodies)
+    rigid = [_rigid(body.parts, snap) for body in bodies]
+    moving = zip(bodies[1:], rigid[1:], strict=True)
+    links = tuple(_link(body, own, snap, namer) for body, own in moving)
+    found = _frames(source, places, bodies)
     frames = tuple(
-        Frame(namer.frame(name), place.body, _placed(place.frame, snap).pose)
-        for name, place in found[:MAX_FRAMES]
+        model.Frame(namer.free(name, "frame"), place.body, _placed(place.frame, snap).pose)
+        for name, place in found[: model.MAX_FRAMES]
     )
-    robot = Robot(
+    robot = model.Robot(
         name,
-        Base(attitude=attitude, origin="base", body=_rigid(bodies[0].parts, snap)),
+        model.Base(attitude=attitude, origin="base", body=rigid[0]),
         links,
         source.gravity,
-        _rotors(tree, places, snap, namer),
+        _rotors(source, places, snap, namer),
         frames,
     )
-    told += namer.told
-    told += [
-        Told("snapped", body.name, "rounding in its centre of mass or inertia set to 0")
-        for body in bodies
-        if snap and _rigid(body.parts, snap) != _rigid(body.parts, False)
+    findings += namer.findings
+    findings += [
+        Finding("snapped", body.name, "rounding in its centre of mass or inertia set to 0")
+        for body, own in zip(bodies, rigid, strict=True)
+        if snap and own != _rigid(body.parts, False)
     ]
-    told += [Told("left out", name, "one frame too many") for name, _ in found[MAX_FRAMES:]]
+    findings += [
+        Finding("left out", name, "one frame too many") for name, _ in found[model.MAX_FRAMES :]
+    ]
     impossible = [
         body.name
-        for body, made in zip(
-            bodies, [robot.base.body, *(link.body for link in links)], strict=True
-        )
-        if isinstance(made, RigidBody) and inertia_fault(made.mass, made.inertia)
+        for body, own in zip(bodies, rigid, strict=True)
+        if inertia_fault(own.mass, own.inertia)
     ]
-    told += [Told("note", found, "has an inertia that no body has") for found in impossible]
-    return replace(robot, allow_impossible_inertia=bool(impossible)), told
+    findings += [Finding("note", found, "has an inertia that no body has") for found in impossible]
+    return replace(robot, allow_impossible_inertia=bool(impossible)), findings
 
 
-def _bodies(tree: SourceTree) -> tuple[list[_Body], dict[str, _Place], list[Told]]:
+def _bodies(source: Source) -> tuple[list[_Body], dict[str, _Place], list[Finding]]:
     """Bodies in the order of the tree, each arm to its end before the next, and where links are."""
-    below: dict[str, list[SourceJoint]] = {}
-    for joint in tree.source.joints:
-        below.setdefault(joint.parent, []).append(joint)
-    bodies = [_Body(BASE, tree.root)]
-    places = {tree.root: _Place(BASE, HERE)}
-    told = [Told("base", tree.root, "the flying base")]
-    bodies[BASE].parts.append((tree.source.links[tree.root].inertial, HERE))
-    left = below.get(tree.root, [])[::-1]
+    bodies = [_Body(model.BASE, source.root)]
+    places = {source.root: _Place(model.BASE, HERE)}
+    findings = [Finding("base", source.root, "the flying base")]
+    bodies[model.BASE].parts.append((source.links[source.root].inertial, HERE))
+    left = source.below[source.root][::-1]
     while left:
         joint = left.pop()
         carrier = places[joint.parent]
         frame = carrier.frame @ joint.pose
         if joint.kind == "fixed":
             place = _Place(carrier.body, frame @ joint.offset)
-            told.append(Told("welded", joint.child, f"to {bodies[carrier.body].name}"))
+            findings.append(Finding("welded", joint.child, f"to {bodies[carrier.body].name}"))
         else:
             place = _Place(len(bodies), joint.offset)
             bodies.append(_Body(place.body, joint.child, carrier.body, joint, frame))
         places[joint.child] = place
-        bodies[place.body].parts.append((tree.source.links[joint.child].inertial, place.frame))
-        left += below.get(joint.child, [])[::-1]
-    return bodies, places, told
+        bodies[place.body].parts.append((source.links[joint.child].inertial, place.frame))
+        left += source.below[joint.child][::-1]
+    return bodies, places, findings
 
 
-def _rigid(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> RigidBody:
+def _rigid(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.RigidBody:
     """The composite of parts, in the axes of their body."""
-    placed = [(part, frame @ part.pose) for part, frame in parts if _weighs(part)]
+    placed = [(part, frame @ part.pose) for part, frame in parts if part.weighs]
     mass = float(sum(part.mass for part, _ in placed))
     coms = [np.array(frame.xyz) for _, frame in placed]
     com: Array = np.zeros(3)
@@ -144,50 +141,46 @@ def _rigid(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> RigidBody
     if snap:
         com, inertia = np.array(quiet(vector(com))), quiet_inertia(inertia)
     xx, xy, xz, _, yy, yz, _, _, zz = (float(entry) + 0.0 for entry in inertia.ravel())
-    return RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
+    return model.RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
 
 
-def _weighs(part: Inertial) -> bool:
-    return part.mass != 0.0 or bool(part.inertia.any())
-
-
-def _link(body: _Body, snap: bool, namer: Namer) -> Link:
+def _link(body: _Body, rigid: model.RigidBody, snap: bool, namer: Namer) -> model.Link:
     """The link that a body becomes, which is not the base; `snap` as of `welded`."""
     joint = body.joint
     assert joint is not None  # noqa: S101 - only the base has none
-    return Link(
-        _rigid(body.parts, snap),
+    return model.Link(
+        rigid,
         joint="prismatic" if joint.kind == "prismatic" else "revolute",
         parent=None if body.parent == body.number - 1 else body.parent,
         pose=_placed(body.pose, snap).pose,
         axis=joint.axis,
-        name=namer.body(body.name, "link"),
-        coordinate=namer.coordinate(joint.name),
+        name=namer.free(body.name, "link"),
+        coordinate=namer.free(joint.name, "joint"),
         passive=joint.passive,
         limits=joint.limits,
     )
 
 
 def _rotors(
-    tree: SourceTree, places: dict[str, _Place], snap: bool, namer: Namer
-) -> tuple[Rotor, ...]:
+    source: Source, places: dict[str, _Place], snap: bool, namer: Namer
+) -> tuple[model.Rotor, ...]:
     """The rotors on bodies, in the order of the source; `places` are those of the tree's links.
 
     Raises `SourceFileError` if a rotor is on no link of the tree.
     """
     rotors = []
-    for rotor in tree.source.rotors:
+    for rotor in source.rotors:
         if (place := places.get(rotor.on)) is None:
-            raise tree.source.refused(f"rotor {rotor.name} is on link {rotor.on}, which is missing")
+            raise source.refused(f"rotor {rotor.name} is on link {rotor.on}, which is missing")
         direction = vector(place.frame.matrix @ np.array(rotor.direction))
         position = vector(place.frame.point(rotor.position))
         rotors.append(
-            Rotor(
+            model.Rotor(
                 quiet(position) if snap else position,
                 quiet(direction) if snap else direction,
                 rotor.drag,
                 place.body,
-                namer.body(rotor.name, "rotor"),
+                namer.free(rotor.name, "rotor"),
                 rotor.limits,
                 rotor.time_constant,
             )
@@ -196,7 +189,7 @@ def _rotors(
 
 
 def _frames(
-    tree: SourceTree, places: dict[str, _Place], bodies: list[_Body]
+    source: Source, places: dict[str, _Place], bodies: list[_Body]
 ) -> list[tuple[str, _Place]]:
     """Frames of links that were welded or are not where their joint is, and those of the source."""
     own = {body.name for body in bodies}
@@ -205,7 +198,7 @@ def _frames(
         for name, place in places.items()
         if name not in own or not place.frame.is_identity
     ]
-    for frame in tree.source.frames:
+    for frame in source.frames:
         if (place := places.get(frame.on)) is not None:
             found.append((frame.name, _Place(place.body, place.frame @ frame.pose)))
     return found
@@ -213,3 +206,31 @@ def _frames(
 
 def _placed(pose: Placement, snap: bool) -> Placement:
     return Placement(quiet(pose.xyz), pose.rpy_deg) if snap else pose
+
+
+class Namer:
+    """Hands out names and remembers them; `findings` says which had to be changed."""
+
+    def __init__(self) -> None:
+        self.findings: list[Finding] = []
+        self._registry = NameRegistry()
+        # How many names each form has been made into, so that thousands of one form take no longer.
+        self._made: dict[tuple[str, str], int] = {}
+
+    def free(self, name: str, what: NamedKind) -> str:
+        """The name in the source, as long as it may be, or the name and a word or number."""
+        stem = name or what
+        if what == "joint" and identifier(stem).startswith(CONSTRAINT_TORQUES):
+            stem = f"joint_{stem}"
+        stem = stem[:LONGEST_LABEL]
+        form = (what, identifier(stem))
+        for number in itertools.count(self._made.get(form, 0)):
+            ending = f"_{number if number > 1 else what}" if number else ""
+            free = stem[: LONGEST_LABEL - len(ending)] + ending
+            if not self._registry.fault(what, free):
+                break
+        self._made[form] = number + 1
+        self._registry.add(what, free, what)
+        if free != name:
+            self.findings.append(Finding("note", name or "without a name", f"{what} called {free}"))
+        return free

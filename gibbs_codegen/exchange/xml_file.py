@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, cast
 from xml.parsers import expat
 
-from gibbs_codegen.errors import Fault, UsageError, cause_of, printable
-from gibbs_codegen.exchange.source import SourceFileError
+from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.exchange.sources import refusal
 
 MAX_BYTES = 10_000_000
 # Published robots have fewer than 2000 elements within 10 levels; bodies of MJCF are nested.
@@ -28,6 +28,23 @@ class Element(ET.Element):
 
 class _Refused(Exception):  # noqa: N818 - it never leaves this module
     """Why the parser was stopped."""
+
+
+def child(element: Element, tag: str) -> Element | None:
+    """The first child of a tag, or None."""
+    return next((found for found in children(element) if found.tag == tag), None)
+
+
+def children(element: Element) -> list[Element]:
+    """The children of an element, in order."""
+    return [found for found in element if isinstance(found, Element)]
+
+
+def described(element: Element) -> str:
+    """An element in words for messages, such as `<joint "rotor1">`."""
+    name = element.get("name")
+    tag = printable(element.tag, 40)
+    return f"<{tag}>" if name is None else f'<{tag} "{printable(name, 60)}">'
 
 
 def read_bytes(path: Path) -> bytes:
@@ -47,9 +64,7 @@ def read_bytes(path: Path) -> bytes:
     except ValueError:  # A path with a null character.
         raise UsageError(f"{printable(path)}: no such file") from None
     if len(data) > MAX_BYTES:
-        raise SourceFileError(
-            str(path), [Fault("", f"larger than {MAX_BYTES} bytes; robots have far less text")]
-        )
+        raise refusal(path, f"larger than {MAX_BYTES} bytes; robots have far less text")
     return data
 
 
@@ -91,7 +106,7 @@ def parse_xml(data: bytes, file: str) -> Element:
         text = str(error) if isinstance(error, _Refused) else f"not well-formed XML: {error}"
         line = parser.ErrorLineNumber if isinstance(error, expat.ExpatError) else None
         line = line or parser.CurrentLineNumber
-        raise SourceFileError(file, [Fault("", printable(text), line)]) from None
+        raise refusal(file, printable(text), line) from None
 
 
 def expanded(path: Path) -> bytes:
@@ -113,5 +128,5 @@ def expanded(path: Path) -> bytes:
         text: str = XacroDoc.from_file(str(path), resolve_packages=False).to_urdf_string()
     except Exception as error:  # Whatever its expressions raise.
         words = printable(f"{type(error).__name__}: {error}", 300)
-        raise SourceFileError(str(path), [Fault("", f"cannot be expanded: {words}")]) from None
+        raise refusal(path, f"cannot be expanded: {words}") from None
     return text.encode()

@@ -15,19 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.figures.marks import (
-    CONSTRAINT,
-    THRUST,
-    TORQUE,
-    arrow_key,
-    draw_force,
-    draw_joint,
-    draw_link,
-    draw_name,
-    draw_thrust,
-    draw_torque,
-    short_name,
-)
+from gibbs_codegen.figures import marks
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.layout import QUATERNION, has_default_tip
@@ -79,24 +67,17 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         figure.subplots_adjust(0.005, legend / height, 0.995, 0.995, wspace=0.02, hspace=0.02)
         for axes, number in zip(panels, chosen, strict=False):
-            _draw_chain(axes, robot, chains[number - 1])
+            axes.set_axis_off()
+            axes.set(xlim=(-1.38, 2.42), ylim=(-1.3, 1.3), aspect="equal")
+            axes.set_title(f"chain {number}", loc="left", x=0.03, y=0.88, pad=0)
+            chain = chains[number - 1]
+            centre = _draw_root(axes, robot, chain)
+            draw = _draw_arm if chain.rod is None else _draw_base_arm
+            draw(axes, robot, chain, centre)
         for axes in panels[len(chosen) :]:
             axes.set_axis_off()
         figure.legend(handles=keys, loc="lower center", ncols=_LEGEND_COLUMNS[columns])
         return figure
-
-
-def _draw_chain(axes: Axes, robot: Robot, chain: Chain) -> None:
-    """Draw one chain from its virtual links to its end."""
-    j = chain.number
-    axes.set_axis_off()
-    axes.set(xlim=(-1.38, 2.42), ylim=(-1.3, 1.3), aspect="equal")
-    axes.set_title(f"chain {j}", loc="left", x=0.03, y=0.88, pad=0)
-    centre = _draw_root(axes, robot, chain)
-    if chain.rod is not None:
-        _draw_base_arm(axes, robot, chain, centre)
-    else:
-        _draw_arm(axes, robot, chain, centre)
 
 
 def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
@@ -107,27 +88,26 @@ def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
     j, rods = chain.number, robot.base.rotors
     joints = np.array([[-1.12, 0.0], [-0.56, 0.0], [0.0, 0.0], [1.0, 0.0]])
     if robot.base.attitude == QUATERNION:
-        draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", joints[2] + _by(-0.1, 0.22))
+        marks.draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", joints[2] + _by(-0.1, 0.22))
     else:
         for start, number in zip(joints[:2], ("−1", "0"), strict=True):
             ends = np.array([start, start + _by(0.56, 0.0)]).T
             axes.plot(*ends, color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
-            draw_name(axes, number, start + _by(0.28, -0.2), _QUIET)
+            marks.draw_name(axes, number, start + _by(0.28, -0.2), _QUIET)
     has_mass = robot.base.arm(1).total_mass > 0.0 if rods else robot.base.body is not None
     label = "1" if rods else "base"
-    draw_link(axes, joints[2], joints[3], label, chain.has_core and has_mass)
+    marks.draw_link(axes, joints[2], joints[3], label, chain.has_core and has_mass)
     if robot.base.attitude != QUATERNION:
         for place, item in zip(joints, (1, 2, 3), strict=False):
-            draw_joint(axes, place)
-            draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.24))
+            marks.draw_joint(axes, place)
+            marks.draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.24))
     if rods:
-        draw_name(axes, "$O_1$", joints[2] + _by(0.14, -0.24), _QUIET)
+        marks.draw_name(axes, "$O_1$", joints[2] + _by(0.14, -0.24), _QUIET)
     if rods and 1 in chain.motors:
         below = _by(0.06, -0.52)
-        draw_thrust(axes, joints[2], 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
+        marks.draw_thrust(axes, joints[2], 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
     _draw_placed(axes, robot, chain, BASE, ((joints[2] + joints[3]) / 2.0, _by(0.0, 0.3)))
-    centre: Array = joints[3]
-    return centre
+    return joints[3]
 
 
 def _draw_placed(
@@ -144,10 +124,12 @@ def _draw_placed(
     ]
     if acting:
         start, step = where
-        draw_force(axes, start, step, THRUST)
+        marks.draw_force(axes, start, step, marks.THRUST)
         first = f"F_{{{acting[0]}}}"
         last = rf"\ldots F_{{{acting[-1]}}}" if len(acting) > 1 else ""
-        draw_name(axes, f"${first}{last}$", start + step + 0.17 * step / np.hypot(*step), THRUST)
+        marks.draw_name(
+            axes, f"${first}{last}$", start + step + 0.17 * step / np.hypot(*step), marks.THRUST
+        )
 
 
 def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
@@ -160,21 +142,23 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
     angle = np.deg2rad(np.clip(true, -125.0, 125.0))
     along = np.array([np.cos(angle), np.sin(angle)])
     end = centre + along
-    draw_link(axes, centre, end, str(arm), robot.base.arm(arm).total_mass > 0.0)
-    draw_joint(axes, centre)
-    draw_joint(axes, end)
+    marks.draw_link(axes, centre, end, str(arm), robot.base.arm(arm).total_mass > 0.0)
+    marks.draw_joint(axes, centre)
+    marks.draw_joint(axes, end)
     # Beside the joint, where neither arm is.
     aside = np.array([0.0, 1.0 if angle <= 0.0 else -1.0])
     degrees = f"{true:+.4g}".replace("-", "−").replace("+0", "0")
-    draw_name(axes, f"$\\theta_{{{j},4}}$ = {degrees}°", centre + _by(0.25, 0.0) + 0.66 * aside)
-    draw_torque(axes, centre, aside, CONSTRAINT)
+    marks.draw_name(
+        axes, f"$\\theta_{{{j},4}}$ = {degrees}°", centre + _by(0.25, 0.0) + 0.66 * aside
+    )
+    marks.draw_torque(axes, centre, aside, marks.CONSTRAINT)
     torque = f"$\\tau′_{{{j},4}}$"
-    draw_name(axes, torque, centre + _by(-0.4, 0.0) + 0.32 * aside, CONSTRAINT)
+    marks.draw_name(axes, torque, centre + _by(-0.4, 0.0) + 0.32 * aside, marks.CONSTRAINT)
     beside = _by(-0.15, 0.0) - 0.19 * aside if along[0] > -0.1 else _by(0.2, 0.0)
-    draw_name(axes, "$O_2$", centre + beside, _QUIET)
+    marks.draw_name(axes, "$O_2$", centre + beside, _QUIET)
     if arm in chain.motors:
         thrust = robot.base.thrust[arm - 1]
-        draw_thrust(axes, end, angle, thrust, f"$F_{{{j},5}}$", 0.27 * along)
+        marks.draw_thrust(axes, end, angle, thrust, f"$F_{{{j},5}}$", 0.27 * along)
 
 
 def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
@@ -186,17 +170,17 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
     shown = list(range(n)) if n <= _MOST_LINKS else [*range(_MOST_LINKS - 1), n - 1]
     steps = _arm_steps(robot, [path[place] for place in shown], len(shown) < n)
     if robot.base.rotors:
-        draw_name(axes, "$O_2$", centre + _by(-0.27, -0.22), _QUIET)
+        marks.draw_name(axes, "$O_2$", centre + _by(-0.27, -0.22), _QUIET)
     place = centre
     for step, position in enumerate(shown):
         if position != step:
-            draw_name(axes, "…", place + _by(_GAP / 2.0, 0.0))
-            draw_joint(axes, place)
+            marks.draw_name(axes, "…", place + _by(_GAP / 2.0, 0.0))
+            marks.draw_joint(axes, place)
             place = place + _by(_GAP, 0.0)
         i, end = path[position], place + steps[step]
         link = robot.links[i - 1]
-        number = short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
-        draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
+        number = marks.short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
+        marks.draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
         _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
         # Where neither this joint's name is nor that of the next.
@@ -205,8 +189,8 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
         _draw_placed(axes, robot, chain, i, (place + share * (end - place), arrow))
         place = end
     if n and has_default_tip(robot):
-        draw_name(axes, "tip", place + _by(0.24, 0.0), _QUIET)
-    draw_joint(axes, place)
+        marks.draw_name(axes, "tip", place + _by(0.24, 0.0), _QUIET)
+    marks.draw_joint(axes, place)
 
 
 def _draw_link_joint(
@@ -221,15 +205,18 @@ def _draw_link_joint(
     if i not in jointed:
         return
     index = f"{{{chain.number},{4 + jointed.index(i)}}}"
-    slides, colour = link.joint == "prismatic", CONSTRAINT if link.constrained else TORQUE
+    slides, colour = (
+        link.joint == "prismatic",
+        marks.CONSTRAINT if link.constrained else marks.TORQUE,
+    )
     if slides:
-        draw_force(axes, place + 0.2 * aside, step, TORQUE)
+        marks.draw_force(axes, place + 0.2 * aside, step, marks.TORQUE)
     else:
-        draw_torque(axes, place, aside, colour)
+        marks.draw_torque(axes, place, aside, colour)
     letter, prime = "d" if slides else "\\theta", "′" if link.constrained else ""
     text = f"${letter}_{index}$, $\\tau{prime}_{index}$"
-    draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
-    draw_joint(axes, place, "s" if slides else "o")
+    marks.draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
+    marks.draw_joint(axes, place, "s" if slides else "o")
 
 
 def _arm_steps(robot: Robot, shown: list[int], gap: bool) -> Array:
@@ -242,8 +229,7 @@ def _arm_steps(robot: Robot, shown: list[int], gap: bool) -> Array:
     slopes = np.deg2rad([(-75.0, -5.0)[step % 2] for step in range(len(shown))])
     steps = sizes[:, np.newaxis] * np.stack([np.cos(slopes), np.sin(slopes)], axis=1)
     room = _ARM_ROOM - _by(_GAP if gap else 0.0, 0.0)
-    scaled: Array = steps * min(1.0, *(room / np.maximum(np.abs(steps.sum(axis=0)), 1e-9)))
-    return scaled
+    return steps * min(1.0, *(room / np.maximum(np.abs(steps.sum(axis=0)), 1e-9)))
 
 
 def _by(x: float, y: float) -> Array:
@@ -257,16 +243,16 @@ def _chain_keys(robot: Robot) -> list[Line2D]:
         "lw": 3.6,
         "path_effects": [withStroke(linewidth=5.0, foreground=DARK)],
     }
-    circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": THRUST, "ms": 8, "mew": 1.3}
+    circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": marks.THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
-    thrusts = [normal, arrow_key(THRUST, "thrust in the plane")]
+    thrusts = [normal, marks.arrow_key(marks.THRUST, "thrust in the plane")]
     second = Line2D([], [], color=GOLD, label="base arm 2, mass counted", **bar)
     return [
         Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
         *([second] if robot.base.rotors else []),
-        *(thrusts if robot.base.rotors else [arrow_key(THRUST, "thrust")]),
-        arrow_key(CONSTRAINT, "constraint torque"),
-        arrow_key(TORQUE, "joint torque or force"),
+        *(thrusts if robot.base.rotors else [marks.arrow_key(marks.THRUST, "thrust")]),
+        marks.arrow_key(marks.CONSTRAINT, "constraint torque"),
+        marks.arrow_key(marks.TORQUE, "joint torque or force"),
     ]

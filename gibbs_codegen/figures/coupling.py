@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import accumulate, groupby
 from math import ceil, sqrt
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -24,7 +25,8 @@ from gibbs_codegen.equations.typeset import Name, accelerated
 from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import COLOURS, DARK, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.layout import hybrid_coordinates, inputs, layout_of
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 
@@ -86,30 +88,27 @@ def _lines(robot: Robot, names: Sequence[str]) -> list[list[int]]:
 
 def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
     """Draw the column of hybrid unknowns with their rows; return the distance of lines, rows."""
-    left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
-    names, given = hybrid_names(robot), _given_names(robot)
+    left, unknowns = _LEFT_WIDTH + _BETWEEN, Description(robot).hybrid_coordinates
+    names = hybrid_names(robot)
+    # Names that the robot file gives joints, by those of their coordinates.
+    joint_names = {
+        coordinate_of(robot, i): short_name(own, _LONGEST_NAME)
+        for i, link in enumerate(robot.links, start=1)
+        if (own := link.coordinate or link.name)
+    }
     lines = _lines(robot, [unknown.name for unknown in unknowns])
     step = height / len(lines)
     _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=_SMALL)
     for number, line in enumerate(lines):
         y, name = (number + 0.5) * step, unknowns[line[0]].name
-        _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
+        _box(axes, (left, y - 0.42 * step), (_RIGHT_WIDTH, 0.84 * step), "0.35", "0.97")
         _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, ", ".join(map(_row_number, line)), "0.45")
         symbols = ", ".join(_math(accelerated(names[unknowns[place].name])) for place in line)
-        at = 0.45 if name in given else 0.65
+        at = 0.45 if name in joint_names else 0.65
         _symbol(axes, left + at * _RIGHT_WIDTH, y, symbols, size=min(11.0, 7.5 * step))
-        if name in given:
-            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[name], "0.45", _GIVEN)
+        if name in joint_names:
+            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, joint_names[name], "0.45", _GIVEN)
     return step
-
-
-def _given_names(robot: Robot) -> dict[str, str]:
-    """Names that the robot file gives joints, by those of their coordinates."""
-    names = {}
-    for i, link in enumerate(robot.links, start=1):
-        if given := link.coordinate or link.name:
-            names[coordinate_of(robot, i)] = short_name(given, _LONGEST_NAME)
-    return names
 
 
 def _draw_chain(
@@ -122,12 +121,13 @@ def _draw_chain(
     step, chains = hybrid
     lines = _lines(robot, chain.unknowns)
     colour, length = chain_colour(chain.number), len(lines)
-    _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, (colour, 0.1))
-    text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
-    text.set(color=colour, fontweight="bold")
+    size = (_LEFT_WIDTH, length + 2 * _PADDING)
+    _box(axes, (0.0, top - _PADDING), size, colour, (colour, 0.1))
+    text = axes.text(-0.8, top + length / 2, f"chain {chain.number}", rotation=90)
+    text.set(ha="center", va="center", color=colour, fontweight="bold")
     # Arrows that come to the same unknown end beside each other.
     aside = 0.6 * ((chain.number - 0.5) / chains - 0.5)
-    whole = _lines(robot, [unknown.name for unknown in hybrid_coordinates(robot)])
+    whole = _lines(robot, [unknown.name for unknown in Description(robot).hybrid_coordinates])
     ends = {place: number for number, line in enumerate(whole) for place in line}
     places = chain_equation(robot, chain.number, 18).places
     for number, line in enumerate(lines):
@@ -155,20 +155,19 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
     """
     filled = filled_entries(robot)
     found = hybrid_names(robot)
-    names = [accelerated(found[c.name]) for c in hybrid_coordinates(robot)]
-    acting = [found[c.name] for c in inputs(robot)]
+    description = Description(robot)
+    names = [accelerated(found[c.name]) for c in description.hybrid_coordinates]
+    acting = [found[c.name] for c in description.inputs]
     size, width = len(names), len(acting)
-    held = range(size)[layout_of(robot).constrained]
-    motions = size - len(held)
+    joints = range(size)[description.layout.constrained]
+    motions = size - len(joints)
     residual_left = size + _GAP
     input_left = residual_left + 1 + _GAP
+    drives = [(r"\Psi", robot.rotors), (r"\Phi", width - robot.rotors)]
     parts: tuple[tuple[Filling, float, str, list[Name], list[tuple[str, int]]], ...] = (
-        (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names, [("I", motions), (r"\Gamma", len(held))]),
+        (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names, [("I", motions), (r"\Gamma", len(joints))]),
         (filled.residual, residual_left, "$R_H$ (Fig. 8)", [], [("R", 1)]),
-        (
-            *(filled.inputs, input_left, "$B_H$ (Fig. 9)", acting),
-            [(r"\Psi", robot.rotors), (r"\Phi", width - robot.rotors)],
-        ),
+        (filled.inputs, input_left, "$B_H$ (Fig. 9)", acting, drives),
     )
     with style():
         figure, axes = _canvas((-_LABELS, input_left + width + 0.3), (-_HEAD, size + _FOOT), _CELL)
@@ -181,7 +180,7 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         for row, name in enumerate(names):
             _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)
             _symbol(axes, -0.8, row + 0.5, _math(name), size=_SMALL)
-        for joint, row in zip(held, range(motions, size), strict=True):
+        for joint, row in zip(joints, range(motions, size), strict=True):
             _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 9)
             _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 9)
         _legend(axes, decompose(robot), size + 0.7, input_left + width)
@@ -213,10 +212,6 @@ def _math(symbol: Name) -> str:
     return f"${symbol.latex}$".replace("'", r"\prime")
 
 
-def _title(chain: Chain) -> str:
-    return f"chain {chain.number}"
-
-
 def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tuple[Figure, Axes]:
     """Axes between such x and y, downwards, that fill a figure, with `unit` inches to a unit."""
     figure = Figure(figsize=((x[1] - x[0]) * unit, (y[1] - y[0]) * unit))
@@ -233,16 +228,9 @@ def _symbol(
     axes.text(x, y, text, ha="center", va="center", color=colour, fontsize=size)
 
 
-def _box(
-    axes: Axes,
-    left: float,
-    top: float,
-    width: float,
-    height: float,
-    edge: str,
-    face: str | tuple[str, float],
-) -> None:
-    """Draw a box with round corners."""
+def _box(axes: Axes, place: Sequence[float], size: Sequence[float], edge: str, face: Any) -> None:
+    """Draw a box with round corners, from its left upper one."""
+    (left, top), (width, height) = place, size
     box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
     box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
     axes.add_patch(box)
@@ -263,32 +251,20 @@ def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
     cells, colours = [], []
     for y, row in enumerate(entries):
         for x, chains in enumerate(row):
-            for number, (from_x, to_x, from_y, to_y) in zip(
-                chains, _tiles(len(chains)), strict=True
-            ):
-                near, far = left + x + from_x, left + x + to_x
-                top, low = y + from_y, y + to_y
-                cells.append([(near, top), (far, top), (far, low), (near, low)])
-                colours.append(chain_colour(number))
+            # Side by side or, where they would be too thin, in rows.
+            in_row = len(chains) if len(chains) <= _MOST_STRIPES else ceil(sqrt(len(chains)))
+            stripes = [chains[i : i + in_row] for i in range(0, len(chains), in_row or 1)]
+            for down, stripe in enumerate(stripes):
+                for along, number in enumerate(stripe):
+                    near, far = (left + x + (along + k) / len(stripe) for k in (0, 1))
+                    top, low = (y + (down + k) / len(stripes) for k in (0, 1))
+                    cells.append([(near, top), (far, top), (far, low), (near, low)])
+                    colours.append(chain_colour(number))
     axes.add_collection(PolyCollection(cells, facecolors=colours, edgecolors="none"))
     height, width = len(entries), len(entries[0])
     axes.hlines(range(height + 1), left, left + width, colors="0.75", linewidth=0.4)
     columns = [left + x for x in range(width + 1)]
     axes.vlines(columns, 0, height, colors="0.75", linewidth=0.4)
-
-
-def _tiles(count: int) -> list[tuple[float, float, float, float]]:
-    """Left, right, upper and lower edge of parts of a cell, as shares of it.
-
-    They are side by side or, where they would be too thin, in rows.
-    """
-    in_row = count if count <= _MOST_STRIPES else ceil(sqrt(count))
-    rows = [range(first, min(first + in_row, count)) for first in range(0, count, in_row or 1)]
-    return [
-        (i / len(row), (i + 1) / len(row), y / len(rows), (y + 1) / len(rows))
-        for y, row in enumerate(rows)
-        for i in range(len(row))
-    ]
 
 
 def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
@@ -297,5 +273,6 @@ def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> No
     for place, chain in enumerate(chains):
         x, y = 4.5 * (place % in_row), top + 1.2 * (place // in_row)
         colour = chain_colour(chain.number)
-        _box(axes, x, y, 0.7, 0.7, colour, colour)
-        axes.text(x + 1.0, y + 0.35, _title(chain), va="center", fontsize=_SMALL, color=DARK)
+        _box(axes, (x, y), (0.7, 0.7), colour, colour)
+        text = f"chain {chain.number}"
+        axes.text(x + 1.0, y + 0.35, text, va="center", fontsize=_SMALL, color=DARK)

@@ -7,40 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gibbs_codegen.figures.marks import (
-    QUIET,
-    THRUST,
-    X_AXIS,
-    Y_AXIS,
-    Z_AXIS,
-    arrow_key,
-    draw_arrow,
-    draw_line,
-    draw_number,
-    short_name,
-)
-from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes
+from gibbs_codegen.figures import marks
+from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
 from gibbs_codegen.figures.scene import VIEW, Names, fit, project, set_scene
-from gibbs_codegen.figures.skeleton import (
-    base_rotors,
-    base_shapes,
-    default_posture,
-    link_end,
-    rotor_radius,
-    whole_shapes,
-)
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
+from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import rotor_label
-from gibbs_codegen.robot.placement import Array, turn
-from gibbs_codegen.robot.posture import RobotFrames, robot_frames
+from gibbs_codegen.robot.placement import Array, mounted_rotors, turn
+from gibbs_codegen.robot.posture import RobotFrames, default_posture, link_end, robot_frames
 
 # Where the robot is drawn in the world unless its posture is given, in its own size.
 _AWAY = np.array([0.6, 0.1, 0.1])
@@ -73,8 +56,7 @@ class Subject:
     @property
     def origin(self) -> Array:
         """The point (3) whose place the coordinates are, m."""
-        origin: Array = self.q[layout_of(self.robot).q.position]
-        return origin
+        return self.q[layout_of(self.robot).q.position]
 
     @property
     def shows_world(self) -> bool:
@@ -112,8 +94,8 @@ def draw_world(names: Names, subject: Subject, length: float) -> None:
     """Draw the world's axes, and from their origin the place that the coordinates are."""
     start = np.zeros(3)
     for axis, letter in zip(np.eye(3), "XYZ", strict=True):
-        draw_axis(names, start, length * axis, QUIET, 1.1)
-        names.add(f"${letter}_0$", length * axis, axis, QUIET)
+        draw_axis(names, start, length * axis, marks.QUIET, 1.1)
+        names.add(f"${letter}_0$", length * axis, axis, marks.QUIET)
     draw_axis(names, start, subject.origin, DARK, 0.9)
     names.add("$(x, y, z)$", 0.5 * subject.origin, np.array([-1.0, 0.0, 0.5]))
 
@@ -122,9 +104,9 @@ def draw_virtual_joints(names: Names, ends: list[Array], subject: Subject) -> No
     """Draw the axes about which virtual links turn the base, up to their ends (3), m."""
     for index, end in zip(("-1", "0", "1"), ends, strict=False):
         flat = project(names.axes, np.array([subject.origin, end]))
-        draw_line(names.axes, flat, QUIET, DASHES)
+        marks.draw_line(names.axes, flat, marks.QUIET, DASHES)
         names.line(subject.origin, end)
-        names.add(rf"$\theta_{{{index}}}$", end, end - subject.origin, QUIET)
+        names.add(rf"$\theta_{{{index}}}$", end, end - subject.origin, marks.QUIET)
 
 
 def draw_joints(names: Names, subject: Subject, length: float) -> None:
@@ -135,8 +117,8 @@ def draw_joints(names: Names, subject: Subject, length: float) -> None:
             continue
         k, axis = robot.rotors + i, frame.axes @ np.array(link.axis)
         value = "d" if link.joint == "prismatic" else r"\theta"
-        x = (f"$x_{{{k}}}$", X_AXIS, frame.axes[:, 0])
-        z = (rf"$z_{{{k}}}$: ${value}_{{{k}}}$, $\tau_{{{k}}}$", Z_AXIS, axis)
+        x = (f"$x_{{{k}}}$", marks.X_AXIS, frame.axes[:, 0])
+        z = (rf"$z_{{{k}}}$: ${value}_{{{k}}}$, $\tau_{{{k}}}$", marks.Z_AXIS, axis)
         for text, colour, along in (x, z):
             end = frame.origin + length * along
             draw_axis(names, frame.origin, end, colour, 0.9)
@@ -149,26 +131,28 @@ def draw_rotor_thrust(
 ) -> None:
     """Draw the thrust of rotor `k`, from 1, with its name, up to an end (3), m."""
     motor = subject.frames.motors[k - 1]
-    draw_axis(names, motor, end, THRUST, width)
+    draw_axis(names, motor, end, marks.THRUST, width)
     label = rotor_label(subject.robot, k)
-    names.add(f"$F_{{{k}}}$" if label == str(k) else shortened(label), end, end - motor, THRUST)
+    names.add(
+        f"$F_{{{k}}}$" if label == str(k) else shortened(label), end, end - motor, marks.THRUST
+    )
 
 
 def draw_link_number(names: Names, text: str, place: Array) -> None:
     """Write the number of a link on it, at a place (3), m."""
-    draw_number(names.axes, text, project(names.axes, place))
+    marks.draw_number(names.axes, text, project(names.axes, place))
     names.mark(place, _NUMBER_SIZE)
 
 
 def shortened(name: str) -> str:
     """A name of the robot file as there is room for it."""
-    return short_name(name, _LONGEST_NAME)
+    return marks.short_name(name, _LONGEST_NAME)
 
 
 def draw_axis(names: Names, start: Array, end: Array, colour: str, width: float) -> None:
     """Draw an arrow between two points (3) of a scene, m, on which names must not lie."""
     ends = project(names.axes, np.array([start, end]))
-    draw_arrow(names.axes, ends[0], ends[1], colour, width=width)
+    marks.draw_arrow(names.axes, ends[0], ends[1], colour, width=width)
     names.line(start, end)
 
 
@@ -208,19 +192,22 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     """
     q = posture_away(robot) if q is None else np.asarray(q, dtype=float)
     subject = Subject(robot, q, robot_frames(robot, q))
-    draws: list[Any] = [_draw_links] if robot.links else []
-    draws += [_draw_from_above, _draw_base] if _is_enlarged(robot) else []
-    rows = 2 if len(draws) == 3 else 1
+    rows = 2 if robot.links and _is_enlarged(robot) else 1
     height = rows * _ROW + _HEADING + _LEGEND
+    # What is drawn where: left end, width, and row from below.
+    panels: list[tuple[Any, float, float, int]] = []
+    if robot.links:
+        panels.append((_draw_links, 0.0, 1.0, 0))
+    if _is_enlarged(robot):
+        panels.append((partial(_draw_base, above=True), 0.0, 0.5, rows - 1))
+        panels.append((partial(_draw_base, above=False), 0.5, 0.5, rows - 1))
     with style():
         figure = Figure(figsize=(FULL, height))
         figure.suptitle(robot.name, color="0.35", parse_math=False)
-        for draw in draws:
-            below = draw is _draw_links
-            left, width = (0.0, 1.0) if below else (0.5 * (draw is _draw_base), 0.5)
-            bottom = (_LEGEND + (0 if below else rows - 1) * _ROW) / height
+        for draw, left, width, row in panels:
             axes = figure.add_subplot(projection="3d")
-            draw(axes, subject, (left, bottom, width, _ROW / height)).settle()
+            room = (left, (_LEGEND + row * _ROW) / height, width, _ROW / height)
+            draw(axes, subject, room).settle()
         figure.legend(handles=_keys(subject), loc="lower center", ncols=3)
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
@@ -233,15 +220,15 @@ def _keys(subject: Subject) -> list[Line2D]:
     placed = any(link.pose for link in robot.links) or not robot.base.rotors
     x = "$x$ of a link or the base" if placed else "$x_i$, along the link"
     z = "axis of a joint, $z$ of the base" if placed else "$z_i$, axis of the joint"
-    keys = [arrow_key(X_AXIS, x), arrow_key(Z_AXIS, z)]
+    keys = [marks.arrow_key(marks.X_AXIS, x), marks.arrow_key(marks.Z_AXIS, z)]
     if robot.base.rotors:
-        keys.insert(1, arrow_key(Y_AXIS, "$y_i$ of a base arm"))
+        keys.insert(1, marks.arrow_key(marks.Y_AXIS, "$y_i$ of a base arm"))
         keys.append(Line2D([], [], color=GOLD, lw=3, label="base arm 2"))
     if robot.rotors:
-        keys.append(arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
+        keys.append(marks.arrow_key(marks.THRUST, "thrust" if placed else "thrust $F_k$"))
     if subject.attitude_axes():
         label = "axis of an angle of the base"
-        keys.append(Line2D([], [], color=QUIET, lw=1.2, ls=DASHES, label=label))
+        keys.append(Line2D([], [], color=marks.QUIET, lw=1.2, ls=DASHES, label=label))
     return keys
 
 
@@ -250,8 +237,10 @@ def _draw_links(axes: Any, subject: Subject, room: _Room) -> Names:
     robot, frames = subject.robot, subject.frames
     enlarged = _is_enlarged(robot)
     shapes = whole_shapes(robot, frames)
-    if enlarged:
-        shapes = _without_base(robot, shapes)
+    if enlarged:  # Then there is of the base no more than arm 1, if it has arms.
+        kept = [k for k in range(robot.rotors) if k + 1 not in base_rotors(robot)]
+        spokes = shapes.spokes[:1] if robot.base.rotors else [shapes.spokes[k] for k in kept]
+        shapes = replace(shapes, spokes=spokes, gold=np.empty((0, 3)), discs=shapes.discs[kept])
     places = np.concatenate([*shapes.arms, *shapes.spokes])
     size = float(np.ptp(places, axis=0).max()) or subject.size
     length = _SHORT_AXIS * size
@@ -285,13 +274,6 @@ def _is_enlarged(robot: Robot) -> bool:
     return not few or not robot.links
 
 
-def _without_base(robot: Robot, shapes: Shapes) -> Shapes:
-    """The links with their rotors, and of the base no more than arm 1, if it has arms."""
-    kept = [k for k in range(robot.rotors) if k + 1 not in base_rotors(robot)]
-    spokes = shapes.spokes[:1] if robot.base.rotors else [shapes.spokes[k] for k in kept]
-    return replace(shapes, spokes=spokes, gold=np.empty((0, 3)), discs=shapes.discs[kept])
-
-
 def _name_links(names: Names, subject: Subject, shortest: float) -> None:
     """Write names or numbers on the links longer than `shortest`, m, and names at frames."""
     robot, frames = subject.robot, subject.frames
@@ -312,49 +294,22 @@ def _name_links(names: Names, subject: Subject, shortest: float) -> None:
         names.add(text, place, np.array([0.0, 0.0, -1.0]))
 
 
-def _draw_from_above(axes: Any, subject: Subject, room: _Room) -> Names:
-    """Draw the base from above, with the frames of its arms and the thrusts in its plane."""
+def _draw_base(axes: Any, subject: Subject, room: _Room, above: bool) -> Names:
+    """Draw the base, from above or from the side.
+
+    From above it is with the frames of its arms and the thrusts in its plane, from the side with
+    all thrusts and the axes of virtual links.
+    """
     robot, frames = subject.robot, subject.frames
     rotors = base_rotors(robot)
-    names, motors, reach = _start_base(axes, subject, room, _ABOVE)
-    for k, motor in zip(rotors, motors, strict=True):
-        thrust = frames.thrusts[k - 1]
-        if np.hypot(*thrust[:2]) > _SEEN:
-            draw_rotor_thrust(names, subject, k, motor + _ARROW * reach * thrust, 1.6)
-    _draw_frames_of_base(names, subject, motors, reach)
-    return names
-
-
-def _draw_base(axes: Any, subject: Subject, room: _Room) -> Names:
-    """Draw the base from the side, with all thrusts and the axes of virtual links."""
-    robot, frames = subject.robot, subject.frames
-    rotors = base_rotors(robot)
-    arms = frames.motors[[k - 1 for k in rotors]] - frames.centre
-    view = (_ELEVATION, _azimuth_between(arms))
-    names, motors, reach = _start_base(axes, subject, room, view)
-    for k, motor in zip(rotors, motors, strict=True):
-        end = motor + _ARROW * reach * frames.thrusts[k - 1]
-        draw_rotor_thrust(names, subject, k, end, 1.6)
-    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
-    draw_axis(names, frames.centre, up, Z_AXIS, 0.9)
-    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
-    names.add(f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
-    draw_virtual_joints(names, subject.virtual_ends(0.6 * reach), subject)
-    return names
-
-
-def _start_base(
-    axes: Any, subject: Subject, room: _Room, view: tuple[float, float]
-) -> tuple[Names, Array, float]:
-    """Draw the base as it is in both views; also the motors' places (k, 3) and their reach, m."""
-    robot, frames = subject.robot, subject.frames
-    rotors = base_rotors(robot)
-    motors = frames.motors[[k - 1 for k in rotors]]
+    chosen = [k - 1 for k in rotors]
+    motors, thrusts = frames.motors[chosen], frames.thrusts[chosen]
     reach = float(max([*np.linalg.norm(motors - frames.centre, axis=1), 0.0])) or 1.0
-    ends = motors + _ARROW * reach * frames.thrusts[[k - 1 for k in rotors]]
-    places = np.array([*motors, *ends, frames.centre, *subject.virtual_ends(0.6 * reach)])
+    ends, virtual = motors + _ARROW * reach * thrusts, subject.virtual_ends(0.6 * reach)
+    places = np.array([*motors, *ends, frames.centre, *virtual])
+    view = _ABOVE if above else (_ELEVATION, _azimuth_between(motors - frames.centre))
     set_scene(axes, _box(places, 1.1 * rotor_radius(robot, frames)), view, ticks=4)
-    if view == _ABOVE:
+    if above:
         axes.set(zticks=[], zlabel="")
     shapes = base_shapes(robot, frames)
     RobotArtists(axes, shapes, scale=1.3)
@@ -363,28 +318,30 @@ def _start_base(
     for disc in shapes.discs:
         for corner in disc[::3]:
             names.line(disc.mean(axis=0), corner)
-    named = [("$O_2$" if frames.rods else "base", frames.centre)]
-    named += [("$O_1$", frames.motors[0])] if frames.rods else []
-    for name, place in named:
-        names.add(name, place, -frames.base.axes[:, 2])
-    for k, motor in zip(rotors, motors, strict=True):
+    names.add("$O_2$" if frames.rods else "base", frames.centre, -frames.base.axes[:, 2])
+    if frames.rods:
+        names.add("$O_1$", frames.motors[0], -frames.base.axes[:, 2])
+    middles = 0.45 * frames.centre + 0.55 * motors
+    for k, motor, middle in zip(rotors, motors, middles, strict=True):
         names.line(frames.centre, motor)
         if robot.base.rotors:
-            draw_link_number(names, str(k), 0.45 * frames.centre + 0.55 * motor)
-    return names, motors, reach
-
-
-def _draw_frames_of_base(names: Names, subject: Subject, motors: Array, reach: float) -> None:
-    """Draw the frames of the base's arms, or that of the base.
-
-    `motors` (N, 3) are those on the base, m, at most `reach` from the centre.
-    """
-    frames = subject.frames
-    for frame in frames.rods or (frames.base,):
-        draw_axis(names, frame.origin, frame.point(_AXIS * reach), X_AXIS, 0.9)
-    for frame, motor in zip(frames.rods, motors, strict=False):
-        middle = 0.45 * frames.centre + 0.55 * motor
-        draw_axis(names, middle, middle + _ACROSS * reach * frame.axes[:, 1], Y_AXIS, 0.9)
+            draw_link_number(names, str(k), middle)
+    for k, end, thrust in zip(rotors, ends, thrusts, strict=True):
+        if not above or np.hypot(*thrust[:2]) > _SEEN:
+            draw_rotor_thrust(names, subject, k, end, 1.6)
+    if above:
+        for frame in frames.rods or (frames.base,):
+            draw_axis(names, frame.origin, frame.point(_AXIS * reach), marks.X_AXIS, 0.9)
+        for frame, middle in zip(frames.rods, middles, strict=False):
+            across = middle + _ACROSS * reach * frame.axes[:, 1]
+            draw_axis(names, middle, across, marks.Y_AXIS, 0.9)
+        return names
+    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
+    draw_axis(names, frames.centre, up, marks.Z_AXIS, 0.9)
+    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
+    names.add(f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, marks.Z_AXIS)
+    draw_virtual_joints(names, virtual, subject)
+    return names
 
 
 def _box(places: Array, room: float) -> tuple[Array, Array]:
@@ -400,3 +357,70 @@ def _azimuth_between(arms: Array) -> float:
     angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / max(len(arms), 1)
     off = (angles - VIEW[1] + 180.0) % 360.0 - 180.0
     return float(VIEW[1] + off[np.abs(off).argmin()]) if len(arms) else VIEW[1]
+
+
+# Of the whole robot's size: discs of rotors that are alone.
+_LARGEST_DISC = 0.15
+
+
+def whole_shapes(robot: Robot, frames: RobotFrames) -> Shapes:
+    """Lines and discs of the whole robot; of rods the second is gold."""
+    arms: list[Array] = []
+    marked: list[int] = []
+    drawn: set[int] = set()
+    for chain in decompose(robot):
+        new = [i for i in chain.path if i not in drawn]
+        if not new:
+            continue
+        drawn.update(new)
+        first = robot.parents[new[0] - 1]
+        start = frames.centre if first == BASE else frames.links[first - 1].origin
+        joints = [frames.links[i - 1].origin for i in new]
+        place = sum(len(arm) + 1 for arm in arms)
+        arms.append(np.array([start, *joints, link_end(robot, frames, new[-1])]))
+        links = [robot.links[i - 1] for i in new]
+        jointed = [place + k for k, e in enumerate(links, start=1) if e.moves or e.constrained]
+        marked += [place, *jointed, place + len(new) + 1]
+    return _shapes(robot, frames, range(1, robot.rotors + 1), arms, marked)
+
+
+def base_shapes(robot: Robot, frames: RobotFrames) -> Shapes:
+    """Lines and discs of the base, with its centre marked."""
+    return _shapes(robot, frames, base_rotors(robot), [frames.centre[np.newaxis]], [0])
+
+
+def base_rotors(robot: Robot) -> list[int]:
+    """Numbers, from 1, of the rotors on the base."""
+    return [k for k, rotor in enumerate(mounted_rotors(robot), start=1) if rotor.on == BASE]
+
+
+def _shapes(
+    robot: Robot,
+    frames: RobotFrames,
+    rotors: range | list[int],
+    arms: list[Array],
+    marked: list[int],
+) -> Shapes:
+    """Some rotors with their spokes, and lines along links; `arms`, `marked` as of `Shapes`."""
+    bodies = [frames.base, *frames.links]
+    mounted = mounted_rotors(robot)
+    spokes, gold = [], np.empty((0, 3))
+    for k in rotors:
+        ends = np.array([frames.motors[k - 1], bodies[mounted[k - 1].on].origin])
+        if k == 2 and robot.base.rotors:
+            gold = ends[::-1]
+        else:
+            spokes.append(ends)
+    chosen = [k - 1 for k in rotors]
+    discs = disc_corners(frames.thrusts, rotor_radius(robot, frames))[chosen]
+    return Shapes(spokes, gold, arms, discs + frames.motors[chosen, np.newaxis], marked)
+
+
+def rotor_radius(robot: Robot, frames: RobotFrames) -> float:
+    """Radius of the rotors' discs, m."""
+    if not robot.rotors:
+        return 0.0
+    size = float(np.ptp(frames.points, axis=0).max()) or 1.0
+    away = np.linalg.norm(frames.motors - frames.centre, axis=1)
+    found = disc_radius(frames.motors, frames.thrusts, away)
+    return min(found, _LARGEST_DISC * size) if robot.thrusters else found

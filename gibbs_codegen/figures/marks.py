@@ -21,20 +21,17 @@ from gibbs_codegen.robot.placement import Array
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
 Y_AXIS = COLOURS[7]
 TORQUE = X_AXIS
-# Of what is there to help, and of lines without a body.
-QUIET, DASHED = "0.5", (0, (4, 3))
+# Of what is there to help.
+QUIET = "0.5"
 # Larger than the style's, since subscripts must be read on a screen; points.
 _FONT_SIZE = 10
 # Names and numbers lie above all that they name.
 ABOVE_ALL = 1000
+_CENTRED: dict[str, Any] = {"horizontalalignment": "center", "verticalalignment": "center"}
 
 
 def draw_name(
-    axes: Axes,
-    text: str,
-    place: Array,
-    colour: str = DARK,
-    offset: Array | tuple[float, float] = (0.0, 0.0),
+    axes: Axes, text: str, place: Array, colour: str = DARK, offset: Any = (0.0, 0.0)
 ) -> Annotation:
     """Write a name, or a symbol in Matplotlib's mathematics, with its middle at a place (2).
 
@@ -42,16 +39,19 @@ def draw_name(
     """
     return axes.annotate(
         text,
-        xy=(float(place[0]), float(place[1])),
-        xytext=(float(offset[0]), float(offset[1])),
+        xy=_point(place),
+        xytext=_point(offset),
         textcoords="offset points",
         color=colour,
         fontsize=_FONT_SIZE,
-        horizontalalignment="center",
-        verticalalignment="center",
         path_effects=[withStroke(linewidth=1.8, foreground="white")],
         zorder=ABOVE_ALL + 1,
+        **_CENTRED,
     )
+
+
+def _point(place: Any) -> tuple[float, float]:
+    return float(place[0]), float(place[1])
 
 
 def short_name(name: str, longest: int) -> str:
@@ -70,12 +70,11 @@ def draw_number(axes: Axes, text: str, place: Array) -> None:
     shape = "circle,pad=0.18" if text.isdigit() else "round,pad=0.15,rounding_size=0.3"
     axes.annotate(
         text,
-        xy=(float(place[0]), float(place[1])),
+        xy=_point(place),
         fontsize=9,
-        horizontalalignment="center",
-        verticalalignment="center",
         bbox={"boxstyle": shape, "facecolor": "white", "edgecolor": DARK, "lw": 0.5},
         zorder=ABOVE_ALL,
+        **_CENTRED,
     )
 
 
@@ -99,8 +98,8 @@ def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:
     across = 0.17 * np.array([side[1], -side[0]])
     start, end = place + across + 0.08 * side, place - across + 0.08 * side
     arrow = FancyArrowPatch(
-        (float(start[0]), float(start[1])),
-        (float(end[0]), float(end[1])),
+        _point(start),
+        _point(end),
         connectionstyle="arc3,rad=0.75",
         arrowstyle="-|>,head_width=1.6,head_length=2.8",
         color=colour,
@@ -114,33 +113,17 @@ def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:
 
 def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
     """Draw a force as a straight arrow."""
-    axes.annotate(
-        "",
-        xy=(float(place[0] + step[0]), float(place[1] + step[1])),
-        xytext=(float(place[0]), float(place[1])),
-        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 2, "shrinkB": 0},
-        zorder=6,
-    )
+    look = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 2, "shrinkB": 0}
+    axes.annotate("", _point(place + step), _point(place), arrowprops=look, zorder=6)
 
 
 def draw_arrow(
     axes: Axes, start: Array, end: Array, colour: str, dashes: Any = "solid", width: float = 1.3
 ) -> None:
     """Draw a vector as an arrow with a slender head; its width is in points."""
-    axes.annotate(
-        "",
-        xy=(float(end[0]), float(end[1])),
-        xytext=(float(start[0]), float(start[1])),
-        arrowprops={
-            "arrowstyle": "-|>,head_width=0.2,head_length=0.45",
-            "color": colour,
-            "lw": width,
-            "linestyle": dashes,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-        zorder=ABOVE_ALL - 1,
-    )
+    look = {"arrowstyle": "-|>,head_width=0.2,head_length=0.45", "color": colour, "lw": width}
+    look |= {"linestyle": dashes, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", _point(end), _point(start), arrowprops=look, zorder=ABOVE_ALL - 1)
 
 
 def draw_line(axes: Axes, ends: Array, colour: str, dashes: Any) -> None:
@@ -150,23 +133,11 @@ def draw_line(axes: Axes, ends: Array, colour: str, dashes: Any) -> None:
     Axes.add_line(axes, line)
 
 
-def draw_curved_arrow(axes: Axes, points: Array, colour: str) -> None:
-    """Draw an arrow along a curve (k, 2)."""
-    axes.plot(*points[:-3].T, color=colour, lw=1.3, zorder=6)
-    draw_arrow(axes, points[-4], points[-1], colour)
-
-
 def draw_bar(axes: Axes, start: Array, end: Array, filling: str, width: float) -> None:
     """Draw a link as a bar with an outline; its width is in points."""
     ends = np.array([start, end]).T
     axes.plot(*ends, color=DARK, lw=width + 1.4, solid_capstyle="round", zorder=3)
     axes.plot(*ends, color=filling, lw=width, solid_capstyle="round", zorder=3)
-
-
-def draw_out_of_page(axes: Axes, place: Array, colour: str) -> None:
-    """Draw an axis that points at the reader."""
-    axes.plot(*place, "o", ms=9, mfc="white", mec=colour, mew=1.3, zorder=8)
-    axes.plot(*place, ".", ms=5, color=colour, zorder=9)
 
 
 def draw_thrust(

@@ -118,8 +118,7 @@ def disc_corners(normals: Array, radius: float) -> Array:
     second = np.cross(normals, first)
     angle = np.linspace(0.0, 2.0 * np.pi, _DISC_CORNERS, endpoint=False)[:, np.newaxis]
     circle = np.cos(angle) * first[:, np.newaxis] + np.sin(angle) * second[:, np.newaxis]
-    corners: Array = radius * circle
-    return corners
+    return radius * circle
 
 
 def disc_radius(motors: Array, normals: Array, arms: Array) -> float:

@@ -83,15 +83,13 @@ def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> N
 def project(axes: Any, points: Array) -> Array:
     """Positions (…, 2), in data units of the axes, of points (…, 3) of a scene on their plane."""
     matrix = axes.get_proj()
-    flat: Array = (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
-    return flat
+    return (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
 
 
 def extent(box: tuple[Array, Array], view: tuple[float, float]) -> Array:
     """Width and height (2) of a box as it is seen at elevation and azimuth, degrees."""
     corners = np.array(list(itertools.product(*np.transpose(box))))
-    found: Array = np.ptp(corners @ seen_from(view)[:2].T, axis=0)
-    return found
+    return np.ptp(corners @ seen_from(view)[:2].T, axis=0)
 
 
 def seen_from(view: tuple[float, float]) -> Array:
@@ -100,13 +98,9 @@ def seen_from(view: tuple[float, float]) -> Array:
     Unit vectors (3, 3), by rows: to the right, upwards, and towards the eye.
     """
     (sin_e, sin_a), (cos_e, cos_a) = np.sin(np.radians(view)), np.cos(np.radians(view))
-    return np.array(
-        [
-            [-sin_a, cos_a, 0.0],
-            [-sin_e * cos_a, -sin_e * sin_a, cos_e],
-            [cos_e * cos_a, cos_e * sin_a, sin_e],
-        ]
-    )
+    right = [-sin_a, cos_a, 0.0]
+    upwards = [-sin_e * cos_a, -sin_e * sin_a, cos_e]
+    return np.array([right, upwards, [cos_e * cos_a, cos_e * sin_a, sin_e]])
 
 
 # How far a name may be from its place beyond touching it, points, and at which angles from the
@@ -160,21 +154,15 @@ class Names:
             ]
             _, distance, best = min(options, key=lambda option: option[0])
             mark.set_position((float(best[0]), float(best[1])))
-            if distance > _DISTANCES[1]:
-                self._lead(mark, best)
+            if distance > _DISTANCES[1]:  # A thin line leads from the place to the name.
+                line = {"arrowstyle": "-", "color": QUIET, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+                self.axes.annotate(
+                    *("", mark.xy, (float(best[0]), float(best[1]))),
+                    textcoords="offset points",
+                    arrowprops=line,
+                    zorder=ABOVE_ALL - 1,
+                )
             self._boxes.append(np.array([at + best - extent / 2.0, at + best + extent / 2.0]))
-
-    def _lead(self, mark: Annotation, step: Array) -> None:
-        """Draw a thin line from a place to its name, a step (2), in points, off."""
-        line = {"arrowstyle": "-", "color": QUIET, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
-        self.axes.annotate(
-            "",
-            xy=mark.xy,
-            xytext=(float(step[0]), float(step[1])),
-            textcoords="offset points",
-            arrowprops=line,
-            zorder=ABOVE_ALL - 1,
-        )
 
     def _cost(self, at: Array, step: Array, extent: Array, points: Array) -> float:
         """What a name would hide, in points that it could be farther away for it.
@@ -192,8 +180,7 @@ class Names:
     def _on_page(self, places: Array) -> Array:
         """Where points (k, 3) of the scene are on the page (k, 2), in points."""
         pixels = self.axes.transData.transform(project(self.axes, places))
-        points: Array = pixels * 72.0 / self.axes.figure.dpi
-        return points
+        return pixels * 72.0 / self.axes.figure.dpi
 
 
 def _step(angle: float, distance: float, extent: Array) -> Array:
@@ -202,5 +189,4 @@ def _step(angle: float, distance: float, extent: Array) -> Array:
     `angle`, rad, is the direction; `extent` the name's width and height, points.
     """
     direction = np.array([np.cos(angle), np.sin(angle)])
-    step: Array = direction * (distance + np.abs(direction) @ extent / 2.0)
-    return step
+    return direction * (distance + np.abs(direction) @ extent / 2.0)

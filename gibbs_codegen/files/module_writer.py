@@ -8,6 +8,7 @@ stands there is foreign.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import logging
 import os
 import re
@@ -19,37 +20,50 @@ from importlib.util import source_from_cache
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
-from gibbs_codegen.files.staging import (
-    alone_in,
-    check_output_folder,
-    made,
-    put_in_place,
-    staging_folder,
-)
+from gibbs_codegen.files import staging
 from gibbs_codegen.version import HEADER_START, __version__
 
 MANIFEST = "MANIFEST"
 _CACHE = "__pycache__"
-_TEXT = re.compile(rf"# {HEADER_START} .*\n((?:[0-9a-f]{{64}}  .+\n)+)")
+_OPTIONS = "# Options of gibbs-codegen generate: "
+_TEXT = re.compile(rf"# {HEADER_START} .*\n(?:{_OPTIONS}(.+)\n)?((?:[0-9a-f]{{64}}  .+\n)+)")
 
 
-def with_manifest(files: Mapping[str, str]) -> dict[str, str]:
-    """Files of a module, texts by name, with their manifest among them."""
+def with_manifest(files: Mapping[str, str], options: str = "") -> dict[str, str]:
+    """Files of a module, texts by name, with their manifest among them.
+
+    It has the options that chose what was generated, so that they can be repeated.
+    """
     lines = [f"# {HEADER_START} {__version__}: SHA-256 of each file that was generated"]
+    lines += [_OPTIONS + options] if options else []
     lines += [f"{_digest(text.encode())}  {name}" for name, text in sorted(files.items())]
     return {**files, MANIFEST: "\n".join(lines) + "\n"}
 
 
 def generated_files(folder: Path) -> dict[str, str]:
     """Digests by name of files that a folder's manifest names; empty where there is none."""
-    path = folder / MANIFEST
-    if not _is_plain(path):
-        return {}
-    found = _TEXT.fullmatch(path.read_bytes().decode(errors="replace"))
+    found = _manifest(folder)
     if found is None:
         return {}
-    lines = found[1].removesuffix("\n").split("\n")
-    return {line[66:]: line[:64] for line in lines} | {MANIFEST: _digest(path.read_bytes())}
+    lines = found[2].removesuffix("\n").split("\n")
+    own = _digest((folder / MANIFEST).read_bytes())
+    return {line[66:]: line[:64] for line in lines} | {MANIFEST: own}
+
+
+def kept_options(folder: Path) -> str:
+    """The options with which a folder's module was generated; empty where there were none."""
+    try:
+        found = _manifest(folder)
+    except OSError:  # What is wrong with the folder is told when the module is written.
+        return ""
+    return found[1] or "" if found else ""
+
+
+def _manifest(folder: Path) -> re.Match[str] | None:
+    path = folder / MANIFEST
+    if not _is_plain(path):
+        return None
+    return _TEXT.fullmatch(path.read_bytes().decode(errors="replace"))
 
 
 def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
@@ -112,24 +126,22 @@ def _digest(content: bytes) -> str:
 _log = logging.getLogger("gibbs_codegen")
 
 
-def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
+def differing_files(folder: Path, files: Mapping[str, str], options: str = "") -> list[str]:
     """Names of files in a folder that are missing, changed, or not of a module of such texts.
 
     Raises `OutputError` if they cannot be read.
     """
-    expected = with_manifest(files)
+    expected = with_manifest(files, options)
     try:
-        with alone_in(folder.parent):
-            return [
-                *(name for name, text in expected.items() if not _holds(folder / name, text)),
-                *(name for name in entries(folder, expected) if name not in expected),
+        with staging.alone_in(folder.parent):
+            changed = [
+                name
+                for name, text in expected.items()
+                if not (path := folder / name).is_file() or path.read_bytes() != text.encode()
             ]
+            return changed + [name for name in entries(folder, expected) if name not in expected]
     except OSError as error:
         raise OutputError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
-
-
-def _holds(path: Path, text: str) -> bool:
-    return path.is_file() and path.read_bytes() == text.encode()
 
 
 def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> None:
@@ -138,7 +150,7 @@ def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> Non
     What has no manifest may yet turn out to be what would be written. `robot_text` is what its
     robot file is about to become. Raises `UsageError`.
     """
-    with alone_in(folder.parent):
+    with staging.alone_in(folder.parent):
         names = _foreign(folder, {"robot.toml": robot_text})
         if names and not force and generated_files(folder):
             raise _refusal(folder, names)
@@ -172,7 +184,9 @@ def _listed(names: Sequence[str]) -> str:
     return printable(", ".join(names[:5])) + more
 
 
-def write_module(folder: Path, files: Mapping[str, str], force: bool = False) -> None:
+def write_module(
+    folder: Path, files: Mapping[str, str], force: bool = False, options: str = ""
+) -> None:
     """Put files and their manifest into a folder, replacing the module that is there.
 
     They are written and flushed in a hidden folder beside it, which then takes its place. A failure
@@ -182,18 +196,29 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
     is kept under another name, which the log tells. Raises `OutputError` if the files cannot be
     written, or a signal came.
     """
-    check_output_folder(folder.parent)
-    files = with_manifest(files)
+    staging.check_output_folder(folder.parent)
+    files = with_manifest(files, options)
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     place = Path(os.path.realpath(folder.parent)) / folder.name
-    with _signals_held() as held:
+    written = False
+    with _signals_held() as signals:
         try:
-            with made(place.parent), alone_in(folder.parent, held):
+            with staging.made(place.parent), staging.alone_in(folder.parent, signals):
                 names = _foreign(place, files)
                 if names and not force:
                     raise _refusal(folder, names)
-                aside = _unused_name(place) if names else None
-                written = _write_and_swap(place, files, aside, held)
+                aside = None
+                if names:
+                    olds = (place.with_name(f"{place.name}.old{i}") for i in itertools.count(1))
+                    aside = next(path for path in olds if not os.path.lexists(path))
+                with staging.staging_folder(place.parent) as new:
+                    for name, text in files.items():
+                        _write_flushed(new / name, text)
+                        if signals:
+                            break
+                    else:
+                        staging.put_in_place(new, place, aside)
+                        written = True
         except OSError as error:
             raise OutputError(
                 f"{printable(folder)}: cannot be written: {cause_of(error)}; nothing was changed"
@@ -207,31 +232,6 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
         _log.warning(
             "%s: held %s; the folder is kept as %s", printable(folder), _listed(names), kept
         )
-
-
-def _unused_name(folder: Path) -> Path:
-    """Path beside a folder for what was there before."""
-    number = 1
-    while os.path.lexists(path := folder.with_name(f"{folder.name}.old{number}")):
-        number += 1
-    return path
-
-
-def _write_and_swap(
-    folder: Path, files: Mapping[str, str], aside: Path | None, held: Sequence[int]
-) -> bool:
-    """Write a module, swap it for what is there, and return whether no signal came before the end.
-
-    What is there goes to `aside`, or is removed. The first of the signals `held`, which have come,
-    ends the writing.
-    """
-    with staging_folder(folder.parent) as new:
-        for name, text in files.items():
-            _write_flushed(new / name, text)
-            if held:
-                return False
-        put_in_place(new, folder, aside)
-        return True
 
 
 def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
@@ -275,17 +275,17 @@ def _signals_held() -> Iterator[list[int]]:
 
     Yields the list of those that have come. A signal that is ignored stays ignored.
     """
-    held: list[int] = []
+    signals: list[int] = []
     before = {}
     if threading.current_thread() is threading.main_thread():
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)
             if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
-                before[number] = signal.signal(number, lambda n, _: held.append(n))
+                before[number] = signal.signal(number, lambda n, _: signals.append(n))
     try:
-        yield held
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if held:
-            signal.raise_signal(held[0])
+        if signals:
+            signal.raise_signal(signals[0])

@@ -31,7 +31,14 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
     path = Path(name_or_path)
     try:
         if not path.is_file():
-            raise UsageError(_not_found(path, folder.removesuffix("s"), shipped))
+            noun = folder.removesuffix("s")
+            if path.exists():
+                raise UsageError(f"{printable(path)}: is not a file; give a {noun} file in TOML")
+            near = difflib.get_close_matches(str(path)[:80].removesuffix(".toml"), shipped, n=1)
+            hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
+            raise UsageError(
+                f"{printable(path)}: no such {noun} file, and no {noun} of that name ships{hint}"
+            )
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
@@ -43,12 +50,3 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
         raise refused(name_or_path, [fault]) from None
     except OSError as error:
         raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
-
-
-def _not_found(path: Path, noun: str, shipped: tuple[str, ...]) -> str:
-    """Words for a path at which there is no file, which would describe `noun`."""
-    if path.exists():
-        return f"{printable(path)}: is not a file; give a {noun} file in TOML"
-    near = difflib.get_close_matches(str(path)[:80].removesuffix(".toml"), shipped, n=1)
-    hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
-    return f"{printable(path)}: no such {noun} file, and no {noun} of that name ships{hint}"

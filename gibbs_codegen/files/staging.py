@@ -94,12 +94,12 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 @contextmanager
-def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
+def alone_in(folder: Path, signals: Sequence[int] = ()) -> Iterator[None]:
     """Keep other processes that write modules into a folder waiting, where it can be locked.
 
     Between two renames a module is not there, which is not for others to see. A lock that is held
     for a minute, longer than many that take turns need, ends in an `OutputError`. The first of the
-    signals `held`, which have come, ends the waiting.
+    `signals`, which have come, ends the waiting.
     """
     from filelock import unlock_descriptor  # Late, as a lock is needed by few commands.
 
@@ -110,7 +110,7 @@ def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
         yield
         return
     try:
-        _wait_for_lock(number, folder, held)
+        _wait_for_lock(number, folder, signals)
         yield
     finally:
         # Closing is not enough where a child that was forked meanwhile has it open too.
@@ -119,15 +119,15 @@ def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
         os.close(number)
 
 
-def _wait_for_lock(number: int, folder: Path, held: Sequence[int]) -> None:
+def _wait_for_lock(number: int, folder: Path, signals: Sequence[int]) -> None:
     """Wait for a lock of an open folder, by its descriptor, and say so if it takes long.
 
-    The first of the signals `held`, which have come, ends it. Raises `OutputError` after a minute.
+    The first of the `signals`, which have come, ends it. Raises `OutputError` after a minute.
     """
     from filelock import lock_descriptor
 
     begin, said = time.monotonic(), False
-    while not held:
+    while not signals:
         try:
             if lock_descriptor(number, blocking=False):
                 return
@@ -168,7 +168,9 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
     try:
         for place in (path, *path.parents):
             if place.is_dir():
-                _check_names(place, path.relative_to(place).parts)
+                for name in path.relative_to(place).parts:
+                    with suppress(FileNotFoundError):
+                        os.lstat(place / name)  # An `OSError` where the name is too long.
                 return
             if place.is_symlink() and not place.exists():
                 raise UsageError(
@@ -179,10 +181,3 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
                 raise UsageError(f"{printable(place)}: is a file; --out must be a folder")
     except OSError as error:
         raise UsageError(f"{printable(path)}: cannot be used: {cause_of(error)}") from None
-
-
-def _check_names(folder: Path, names: tuple[str, ...]) -> None:
-    """Raise `OSError` for a name that no entry of a folder can have, as it is too long."""
-    for name in names:
-        with suppress(FileNotFoundError):
-            os.lstat(folder / name)

@@ -1,7 +1,9 @@
-"""Tables of a TOML file as pydantic models: every fault in this package's words, and the schema.
+"""Tables of a TOML file as dataclasses: every fault in this package's words, and the schema.
 
-A subclass of `Table` says what a table may hold: a field for each key, with its type, bounds,
-default and description. Faults, suggestions and the JSON schema for editors follow from that.
+A subclass of `Table` under `table` says once what a table may hold: a field for each key, with its
+type, bounds, default and words. The reader of files, the JSON schema for editors, the pages of keys
+and all messages follow from it, and so does the check of what is made in Python. Tables from a file
+are told from those by the context of the validation, which is the file's document.
 """
 
 from __future__ import annotations
@@ -9,29 +11,23 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Self, get_args
+from dataclasses import dataclass, field
+from datetime import date, datetime, time
+from fractions import Fraction
+from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, dataclass_transform, get_args
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    GetCoreSchemaHandler,
-    ValidationError,
-    WrapValidator,
-    model_validator,
-)
+import pydantic
+import pydantic_core
+from pydantic import GetCoreSchemaHandler as CoreHandler
 from pydantic import GetJsonSchemaHandler as JsonHandler
+from pydantic.config import JsonDict
+from pydantic.dataclasses import dataclass as validated_dataclass
+from pydantic.fields import FieldInfo
 from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import (
-    CoreSchema,
-    ErrorDetails,
-    InitErrorDetails,
-    PydanticCustomError,
-    core_schema,
-)
+from pydantic_core import CoreSchema, core_schema
+
+from gibbs_codegen.errors import UsageError
 
 # Keys and list places, from a table inwards.
 Place = tuple[str | int, ...]
@@ -40,27 +36,27 @@ Place = tuple[str | int, ...]
 # of a table rather than in its value.
 FAULT, IN_NAME = "fault", "fault_in_name"
 _KINDS = {str: "a string", list: "a list", dict: "a table", int: "a number", float: "a number"}
+_KINDS |= {bool: "a boolean"} | dict.fromkeys((datetime, date, time), "a date or time")
 
 
-def fault(words: str, kind: str = FAULT) -> PydanticCustomError:
+def fault(words: str, kind: str = FAULT) -> pydantic_core.PydanticCustomError:
     """What a validator of one value raises; `kind` is `IN_NAME` if it is the name of an entry."""
     # In a message template braces would be read as fields.
-    return PydanticCustomError(kind, "{words}", {"words": words})
+    return pydantic_core.PydanticCustomError(kind, "{words}", {"words": words})
 
 
-def refusal(faults: Collection[tuple[Place, str]]) -> ValidationError:
+def refusal(faults: Collection[tuple[Place, str]]) -> pydantic.ValidationError:
     """What a validator raises that finds faults at several places, relative to its value."""
     details = [
-        InitErrorDetails(type=fault(words), loc=place, input=None) for place, words in faults
+        pydantic_core.InitErrorDetails(type=fault(words), loc=place, input=None)
+        for place, words in faults
     ]
-    return ValidationError.from_exception_data("table", details)
+    return pydantic.ValidationError.from_exception_data("table", details)
 
 
 def kind_of(value: object) -> str:
-    """Kind of a TOML value in words, such as "a list"."""
-    if isinstance(value, bool):
-        return "a boolean"
-    return _KINDS.get(type(value), "a date or time")
+    """Kind of a TOML value in words, such as "a list"; of others the name of the type."""
+    return _KINDS.get(type(value), type(value).__name__)
 
 
 def shown(value: object) -> str:
@@ -84,13 +80,24 @@ def key_path(place: Place) -> str:
 
     A key that is no identifier, or is long, stands in quotes.
     """
-    parts = [f"[{key}]" if isinstance(key, int) else f".{_shown_key(key)}" for key in place]
-    return "".join(parts).removeprefix(".")
+    path = ""
+    for key in place:
+        if isinstance(key, int):
+            path += f"[{key}]"
+        else:
+            path += f".{key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])}"
+    return path.removeprefix(".")
 
 
-def _shown_key(key: str) -> str:
-    return key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
-
+# Values keep their types: a string or boolean is no number, and 2.0 no whole one.
+_REAL = core_schema.float_schema(strict=True, allow_inf_nan=False)
+_WHOLE, _FLAG = core_schema.int_schema(strict=True), core_schema.bool_schema(strict=True)
+Real = Annotated[float, pydantic.GetPydanticSchema(lambda *_: _REAL)]
+# Or infinite, or not a number.
+AnyReal = Annotated[float, pydantic.GetPydanticSchema(lambda *_: _REAL | {"allow_inf_nan": True})]
+_PLAIN = pydantic.BeforeValidator(lambda value: to_python(value))
+Whole = Annotated[int, pydantic.GetPydanticSchema(lambda *_: _WHOLE), _PLAIN]
+Flag = Annotated[bool, pydantic.GetPydanticSchema(lambda *_: _FLAG), _PLAIN]
 
 # To look for what a key may have been meant to be takes time, and a flood of keys is no slip.
 _MOST_SUGGESTIONS = 20
@@ -101,101 +108,158 @@ _NOUNS = {
     "float_type": "a number",
     "int_type": "a whole number",
     "list_type": "a list",
-    "model_type": "a table",
     "string_type": "a string",
+    "tuple_type": "a list",
 }
+_CONFIG = pydantic.ConfigDict(
+    extra="forbid",
+    arbitrary_types_allowed=True,
+    hide_input_in_errors=True,
+    populate_by_name=True,
+)
+AnyTable = TypeVar("AnyTable", bound="Table")
 
 
-class Table(BaseModel):
-    """A table of a file. Values keep their types: a string or boolean is no number.
+@dataclass_transform(frozen_default=True, field_specifiers=(pydantic.Field, field))
+def table(cls: type[AnyTable]) -> type[AnyTable]:
+    """A frozen dataclass whose fields are the keys of a table; see `Table`."""
+    made: Any = validated_dataclass(cls, frozen=True, config=_CONFIG)
+    return cast(type[AnyTable], made)
 
-    Fields, and validators of fields, come in the order in which faults of one line are told.
+
+@dataclass_transform(
+    frozen_default=True, kw_only_default=True, field_specifiers=(pydantic.Field, field)
+)
+def file_table(cls: type[AnyTable]) -> type[AnyTable]:
+    """As `table`, of what is made from files only: required keys may stand anywhere."""
+    config = _CONFIG | pydantic.ConfigDict(title=cls.title, json_schema_extra=cls.conditions)
+    made: Any = validated_dataclass(cls, frozen=True, kw_only=True, config=config)
+    return cast(type[AnyTable], made)
+
+
+def key(words: str, name: str | None = None) -> Any:
+    """Metadata of a field: what it is, with its unit, and its key where that is another name."""
+    return pydantic.Field(description=words, validation_alias=name)
+
+
+def optional(words: str, default: Any = None) -> Any:
+    """A field of a table of a file that may be left out: what it is, with its unit."""
+    return pydantic.Field(default, description=words, kw_only=True)
+
+
+@validated_dataclass(frozen=True, config=_CONFIG)
+class Table:
+    """A table of a file, or a part of what a file describes, made in Python.
+
+    Fields, and validators of fields, come in the order in which faults of one line are told. A
+    table that is one of several has the name of its kind in a class variable `kind`. `title` is
+    that of a file, for editors; `conditions` are what JSON schemas can say of keys together.
     """
 
-    model_config = ConfigDict(
-        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True
-    )
+    title: ClassVar[str | None] = None
+    conditions: ClassVar[JsonDict | None] = None
+    # Another kind of file that may be given by mistake, and keys that only it has.
+    mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
+    # Keys of the table, by those of other tables that may be mistaken for them.
+    synonyms: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
-    def mistaken(cls) -> tuple[str, frozenset[str]]:
-        """Another kind of file that may be given by mistake, and keys that only it has."""
-        return "", frozenset()
-
-    @classmethod
-    def synonyms(cls) -> Mapping[str, str]:
-        """Keys of the table, by those of other tables that may be mistaken for them."""
-        return {}
-
-    @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Key, or place inside the table, and words of faults that are always told.
 
         That is even where entries of the table, here unchecked, have faults of their own.
         """
         return iter(())
 
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> tuple[Self | None, list[tuple[Place, str]]]:
-        """The table of a whole document, or None, and place and words of every fault.
-
-        The document is the context of its tables' validators.
-        """
-        try:
-            return cls.model_validate(values, context=values), []
-        except ValidationError as error:
-            details = error.errors(include_url=False)
-            return None, [(found["loc"], found["ctx"]["words"]) for found in details]
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Place and words of faults of entries that are right each by itself."""
+        return iter(())
 
     @classmethod
-    def json_schema(cls) -> dict[str, Any]:
-        """The JSON schema (draft 2020-12) of the file whose top table this is."""
-        schema = cls.model_json_schema(schema_generator=_Schema)
-        for table in schema["$defs"].values():
-            del table["title"]  # It is the name of a class.
-        return {"$schema": _Schema.schema_dialect, **schema}
+    def _missing(cls, key: str) -> str:
+        """Words for a key that is required and missing: what it is."""
+        name = cls._names().get(key, key)
+        return f"missing: {cls._fields()[name].description}"
 
-    @model_validator(mode="wrap")
     @classmethod
-    def _checked(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+    def _fields(cls) -> dict[str, FieldInfo]:
+        fields: dict[str, FieldInfo] = cls.__pydantic_fields__  # type: ignore[attr-defined]
+        return fields
+
+    @classmethod
+    def _names(cls) -> dict[str, str]:
+        """Names of the fields by their keys in a file."""
+        return {str(info.validation_alias or name): name for name, info in cls._fields().items()}
+
+    @pydantic.model_validator(mode="wrap")
+    @classmethod
+    def _checked(
+        cls, values: Any, handler: ModelWrapValidatorHandler[Self], info: pydantic.ValidationInfo
+    ) -> Self:
+        if isinstance(values, cls):
+            return values
+        in_file = info.context is not None
+        # What keys of a file, or arguments in Python, are called.
+        names = cls._names()
+        known = list(names if in_file else names.values())
+        if isinstance(values, pydantic_core.ArgsKwargs):
+            if len(values.args) > len(known):
+                raise TypeError(f"{cls.__name__} takes {len(known)} values, not {len(values.args)}")
+            values = dict(zip(known, values.args, strict=False)) | (values.kwargs or {})
+        elif not isinstance(values, dict):
+            what = "a table" if in_file else f"{cls.__name__}(…)"
+            raise fault(f"must be {what}, not {kind_of(values)}")
+        elif hasattr(cls, "kind"):
+            values = {key: value for key, value in values.items() if key != "kind"}
         faults: list[tuple[Place, str]] = []
-        if isinstance(values, dict):
-            for key, words in cls.key_faults(values):
-                faults.append(((key,) if isinstance(key, str) else key, words))
+        # In Python an argument may be what it is when left out, as of `replace`.
+        empty = {name for name, info in cls._fields().items() if info.default_factory is dict}
+        present = {
+            key: value
+            for key, value in values.items()
+            if in_file or not (value is None or (key in empty and not value))
+        }
+        for key, words in cls._key_faults(present):
+            faults.append(((key,) if isinstance(key, str) else key, words))
+        arguments = {key: value for key, value in values.items() if key in known}
+        unknown = [key for key in values if key not in arguments]
         try:
-            table = handler(values)
-        except ValidationError as error:
-            details = error.errors(include_url=False)
-            if not faults and all(found["type"] == FAULT for found in details):
-                raise  # What is in inner tables has been put into words there.
-            unknown = sum(found["type"] == "extra_forbidden" for found in details)
-            for found in details:
-                place = found["loc"][:-1] if found["type"] == IN_NAME else found["loc"]
-                faults.append((place, cls._words(found, unknown <= _MOST_SUGGESTIONS)))
+            found = handler(pydantic_core.ArgsKwargs((), arguments))
+        except pydantic.ValidationError as error:
+            for detail in error.errors(include_url=False):
+                place = detail["loc"][:-1] if detail["type"] == IN_NAME else detail["loc"]
+                if place and not in_file:
+                    place = (names.get(str(place[0]), place[0]), *place[1:])
+                faults.append((place, cls._words(detail)))
+        else:
+            faults += [] if faults or unknown else found._faults()
+        if in_file and hasattr(cls, "kind"):
+            known.insert(0, "kind")
+        few = len(unknown) <= _MOST_SUGGESTIONS
+        faults += [((key,), cls._unknown(key, few, known)) for key in unknown]
         meant = {words.partition("; did you mean ")[2].rstrip("?") for _, words in faults}
         faults = [
             (place, words)  # A key that is misspelt is not missing as well.
             for place, words in faults
             if not (words.startswith("missing: ") and place[-1] in meant)
         ]
-        if faults:
+        if faults and in_file:
             raise refusal(faults)
-        return table
+        if faults:
+            messages = (f"{key_path((cls.__name__, *place))}: {words}" for place, words in faults)
+            raise UsageError("; ".join(messages))
+        return found
 
     @classmethod
-    def _words(cls, found: ErrorDetails, with_suggestion: bool) -> str:
-        """What pydantic found, in words of this package.
-
-        `with_suggestion`: whether to look for the key that an unknown one was meant to be.
-        """
+    def _words(cls, found: pydantic_core.ErrorDetails) -> str:
+        """What pydantic found, in words of this package."""
         kind, value = found["type"], found["input"]
         if "words" in found.get("ctx", {}):
             return str(found["ctx"]["words"])
-        if kind == "extra_forbidden":
-            return cls._unknown(str(found["loc"][-1]), with_suggestion)
         if kind == "missing":
-            return f"missing: {cls.model_fields[str(found['loc'][-1])].description}"
+            return cls._missing(str(found["loc"][-1]))
         if kind == "literal_error":
-            choices = get_args(cls.model_fields[str(found["loc"][-1])].annotation)
+            choices = get_args(cls._fields()[str(found["loc"][-1])].annotation)
             if type(None) in choices:  # The key may be left out.
                 choices = get_args(choices[0])
             return not_one_of(value, choices)
@@ -206,13 +270,40 @@ class Table(BaseModel):
         return f"must be {_NOUNS[kind]}, not {what}"
 
     @classmethod
-    def _unknown(cls, key: str, with_suggestion: bool) -> str:
-        known = list(cls.model_fields)
-        near = [cls.synonyms()[key]] if key in cls.synonyms() else []
+    def _unknown(cls, key: str, with_suggestion: bool, known: list[str]) -> str:
+        """What is wrong with an unknown key, and which one was perhaps meant."""
+        near = [cls.synonyms[key]] if key in cls.synonyms else []
         if not near and with_suggestion and len(key) <= _LONGEST_KEY:
             near = difflib.get_close_matches(key, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
         return f"unknown key; {hint}"
+
+
+def read_table(
+    kind: type[AnyTable], values: Mapping[str, Any]
+) -> tuple[AnyTable | None, list[tuple[Place, str]]]:
+    """The table of a whole document, or None, and place and words of every fault.
+
+    The document is the context of its tables' validators.
+    """
+    try:
+        return pydantic.TypeAdapter(kind).validate_python(values, context=values), []
+    except pydantic.ValidationError as error:
+        details = error.errors(include_url=False)
+        return None, [(found["loc"], found["ctx"]["words"]) for found in details]
+
+
+def default_at(found: Table, key: str) -> Any:
+    """What a table has by default at a key of a file, or None; angles are 0, also in degrees."""
+    return getattr(found, found._names().get(key, key), None)
+
+
+def json_schema(kind: type[Table]) -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of the file whose top table this is."""
+    schema = pydantic.TypeAdapter(kind).json_schema(schema_generator=_Schema)
+    for described in schema["$defs"].values():
+        del described["title"]  # It is the name of a class.
+    return {"$schema": _Schema.schema_dialect, **schema}
 
 
 class _Schema(GenerateJsonSchema):
@@ -226,7 +317,12 @@ class _Schema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         found = super().default_schema(schema)
-        return {key: value for key, value in found.items() if (key, value) != ("default", None)}
+        default = schema.get("default")
+        if isinstance(default, Table) or default in (None, (), math.inf):
+            found.pop("default", None)
+        elif isinstance(default, Fraction):
+            found["default"] = float(default)
+        return found
 
     def dict_schema(self, schema: core_schema.DictSchema) -> JsonSchemaValue:
         found = super().dict_schema(schema)
@@ -244,9 +340,7 @@ class Bounds:
     unit: str = ""
     remedy: str = ""
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
         return core_schema.no_info_wrap_validator_function(self._checked, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
@@ -266,8 +360,16 @@ class Bounds:
         raise fault(f"must be {right}{self.unit}, not {shown(value)}{self.remedy}")
 
 
+def to_python(value: Any) -> Any:
+    """A number, or a list, of what may be one of NumPy's, or a tuple."""
+    if isinstance(value, tuple):
+        return list(value)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def list_of(value: object, length: int, what: str = "numbers") -> Any:
     """The value, if it is a list of so many `what`. Raises `PydanticCustomError` otherwise."""
+    value = to_python(value)
     if not isinstance(value, list):
         raise fault(f"must be a list of {length} {what}, not {kind_of(value)}")
     if len(value) != length:
@@ -275,12 +377,12 @@ def list_of(value: object, length: int, what: str = "numbers") -> Any:
     return value
 
 
-def listed(length: int, what: str = "numbers") -> BeforeValidator:
+def listed(length: int, what: str = "numbers") -> pydantic.BeforeValidator:
     """Metadata of a tuple that a file gives as a list of so many `what`."""
-    return BeforeValidator(lambda value: tuple(list_of(value, length, what)))
+    return pydantic.BeforeValidator(lambda value: tuple(list_of(value, length, what)))
 
 
-def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
+def needed(is_right: Callable[[Any], bool], otherwise: str) -> pydantic.AfterValidator:
     """Metadata of a value of the right type that must meet a condition.
 
     `otherwise` says what is wrong else, and what would be right.
@@ -291,7 +393,7 @@ def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
             raise fault(otherwise)
         return value
 
-    return AfterValidator(check)
+    return pydantic.AfterValidator(check)
 
 
 @dataclass(frozen=True)
@@ -306,15 +408,14 @@ class Tables:
     what: str
     form: str = ""
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
         return core_schema.no_info_before_validator_function(self._checked, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
         return handler(schema) | {"maxItems": self.most}
 
     def _checked(self, value: object) -> object:
+        value = to_python(value)
         if not isinstance(value, list):
             form = self.form or f"an array of tables, [[{self.key}]]"
             raise fault(f"must be {form}, not {kind_of(value)}")
@@ -331,21 +432,48 @@ def at_most(value: list[Any], most: int, what: str) -> list[Any]:
     return value
 
 
-def by_kind(*models: type[Table], default: str | None = None) -> WrapValidator:
-    """Metadata of a table that is one of several, as its key `kind`, a literal in each, tells.
+@dataclass(frozen=True)
+class Kinds:
+    """Metadata of what a file gives as one of several tables, as their key `kind` tells.
 
-    `default` is the kind of a table without it; None where the key is required.
+    `what` says in words what it is a kind of; `default` is the kind of a table without the key,
+    None where it is required. In Python it is anything that can be called as they can.
     """
-    known = {get_args(model.model_fields["kind"].annotation)[0]: model for model in models}
 
-    def choose(value: Any, _: object) -> Table:
+    tables: tuple[type[Table], ...]
+    what: str
+    default: str | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
+        any_table = core_schema.union_schema([handler.generate_schema(t) for t in self.tables])
+        return core_schema.with_info_wrap_validator_function(self._chosen, any_table)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
+        found = handler(schema)
+        for table, reference in zip(self.tables, found["anyOf"], strict=True):
+            described, kind = handler.resolve_ref_schema(reference), table.kind  # type: ignore[attr-defined]
+            entry = {"const": kind, "description": self.what, "type": "string"}
+            if kind == self.default:
+                entry["default"] = kind
+            elif "kind" not in described.get("required", ()):
+                described["required"] = ["kind", *described.get("required", ())]
+            described["properties"] = {"kind": entry} | described["properties"]
+        return found
+
+    def _chosen(self, value: Any, _: object, info: pydantic.ValidationInfo) -> Any:
+        if info.context is None:
+            if callable(value):
+                return value
+            names = " or ".join(table.__name__ for table in self.tables)
+            raise fault(f"must be a function of time, such as {names}, not {kind_of(value)}")
         if not isinstance(value, dict):
             raise fault(f"must be a table, not {kind_of(value)}")
-        kind = value.get("kind", default)
+        known = {table.kind: table for table in self.tables}  # type: ignore[attr-defined]
+        kind = value.get("kind", self.default)
         if kind is None:
             raise refusal([(("kind",), f"missing; one of {', '.join(known)}")])
         if not isinstance(kind, str) or kind not in known:
             raise refusal([(("kind",), not_one_of(kind, known))])
-        return known[kind].model_validate(value)
-
-    return WrapValidator(choose)
+        # Dataclasses of pydantic have their validator ready.
+        validator = known[kind].__pydantic_validator__  # type: ignore[attr-defined]
+        return validator.validate_python(value, context=info.context)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 import jinja2
 
 
-def render(template: str, context: object) -> str:
-    """Text of a template, which reads attributes of `context`.
-
-    A name that it lacks is an error of Jinja's.
-    """
-    return _environment(template_folder()).get_template(template).render(vars(context))
+def render(template: str, context: Mapping[str, object]) -> str:
+    """Text of a template; a name that the context lacks is an error of Jinja's."""
+    return _environment(template_folder()).get_template(template).render(context)
 
 
 @cache

@@ -1,15 +1,26 @@
-"""Files in TOML: their text, checked as a whole, or every fault of the file at once."""
+"""Files in TOML: their text, checked as a whole, or every fault of the file at once.
+
+Changes replace entries of a file, and have its form: `{"start": {"offset": [0.2, 0, 0]}}`. None
+removes an entry.
+
+`tomllib` takes time that grows with the square of a dotted key's parts, and it and whatever walks
+through its tables afterwards would go too deep. So nesting that no file needs is found before. It
+tells positions only for syntax errors. The scanner here reads the layout (tables, arrays of tables,
+keys at the start of a line) well enough to point a person to the right line; a key that it cannot
+place, such as one inside an inline table, is given the line of its nearest parent.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from gibbs_codegen.errors import Fault, RefusedFileError, printable
-from gibbs_codegen.files.changes import changed_paths, merged, nothing_to_remove
-from gibbs_codegen.files.toml_text import TOO_DEEP, key_lines, line_of, too_deep_line
+import numpy as np
+
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, printable
 
 if TYPE_CHECKING:
     from gibbs_codegen.files.table import Table
@@ -32,7 +43,7 @@ def checked(
     Raises `refused` with every fault, in the order of the file, which messages call `source`.
     `changes` come in place of what the text says, table by table.
     """
-    from gibbs_codegen.files.table import key_path  # Late, as it imports pydantic.
+    from gibbs_codegen.files.table import key_path, read_table  # Late, as it imports pydantic.
 
     if line := too_deep_line(text):
         raise refused(source, [Fault("", TOO_DEEP, line)])
@@ -40,12 +51,12 @@ def checked(
         document = tomllib.loads(text)
     except ValueError as error:
         raise refused(source, [_syntax_fault(text, error)]) from None
-    other, keys = table.mistaken()
+    other, keys = table.mistaken
     if theirs := [key for key in document if key in keys]:
         words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
         raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])
     changes = changes or {}
-    found, refusals = table.read(merged(document, changes))
+    found, refusals = read_table(table, merged(document, changes))
     absent = list(nothing_to_remove(document, changes))
     if found is not None and not absent:
         return found
@@ -75,7 +86,8 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
         line = int(place[1] or text.count("\n") + 1)
     else:  # Of all numbers it is Python that refuses those of very many digits.
         reason = f"a number has more than {_MOST_DIGITS} digits"
-        line = _line_of_longest_number(text)
+        longest = max(re.finditer(r"[0-9_]+", text), key=lambda found: len(found[0]))
+        line = text.count("\n", 0, longest.start()) + 1
     if array := re.search(r"Cannot declare \('(rotor|link|frame)',\)", reason):
         reason += f"; each {array[1]} is [[{array[1]}]], in two brackets"
     elif reason.startswith("Cannot overwrite a value"):
@@ -83,6 +95,232 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
     return Fault("", f"not valid TOML: {printable(reason)}", line)
 
 
-def _line_of_longest_number(text: str) -> int:
-    longest = max(re.finditer(r"[0-9_]+", text), key=lambda found: len(found[0]))
-    return text.count("\n", 0, longest.start()) + 1
+MAX_DEPTH = 16
+TOO_DEEP = f"nested too deeply: at most {MAX_DEPTH} tables and lists in one another"
+
+# Nothing here is ever tried twice at one place, so that time grows with the text and no faster.
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_NESTING_TOKEN = re.compile(
+    rf"""
+    \#[^\n]*+
+    | \"{{3}} (?: (?!\"{{3}}) (?: [^\\] | \\. ) )*+ (?: \"{{3}} )?
+    | '{{3}} (?: (?!'{{3}}) . )*+ (?: '{{3}} )?
+    | (?P<key> {_PART} (?: [ \t]*+ \. [ \t]*+ {_PART} ){{{MAX_DEPTH}}} )
+    | {_PART}
+    | (?P<bracket> [\[\]{{}}] )
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+
+
+def too_deep_line(text: str) -> int | None:
+    """First line, from 1, with a bracket, or a key of more than `MAX_DEPTH` parts, too deep."""
+    depth = 0
+    for token in _NESTING_TOKEN.finditer(text):
+        if bracket := token["bracket"]:
+            depth += 1 if bracket in "[{" else -1
+        if token["key"] or depth > MAX_DEPTH:
+            return text.count("\n", 0, token.start()) + 1
+    return None
+
+
+_NAME = r"""[A-Za-z0-9_\-."']+"""
+_TABLE = re.compile(rf"\[(?P<name>{_NAME})\](?:\s*#.*)?")
+_ARRAY = re.compile(rf"\[\[(?P<name>{_NAME})\]\](?:\s*#.*)?")
+_KEY = re.compile(_NAME)
+# A string without an end takes the rest of the line, lest each quote in it be tried as a beginning.
+_KEY_TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*+"?|'[^']*+'?|[\[\]{}#]""")
+
+
+def key_lines(text: str) -> dict[str, int]:
+    """Lines, counted from 1, of the keys of a document, by key path like `link[0].mass`."""
+    lines: dict[str, int] = {}
+    counts: dict[str, int] = {}
+    prefix, unfinished = "", _Unfinished()
+    for number, raw in enumerate(text.split("\n"), start=1):
+        line = raw.strip()
+        if unfinished:
+            unfinished.read(line)
+        elif array := _ARRAY.fullmatch(line):
+            name = _unquoted(array["name"])
+            prefix = f"{name}[{counts.get(name, 0)}]"
+            counts[name] = counts.get(name, 0) + 1
+            lines.setdefault(prefix, number)
+            lines.setdefault(name, number)
+        elif table := _TABLE.fullmatch(line):
+            prefix = _unquoted(table["name"])
+            lines.setdefault(prefix, number)
+        elif "=" in line and _KEY.fullmatch((parts := line.partition("="))[0].strip()):
+            place = prefix
+            for part in _unquoted(parts[0].strip()).split("."):
+                place = f"{place}.{part}" if place else part
+                lines.setdefault(place, number)
+            unfinished.read(parts[2])
+    return lines
+
+
+def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:
+    """Line, from 1, of an entry, or of the nearest table or list around it that has one.
+
+    `place` leads from the top of the file inwards.
+    """
+    parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
+    for count in range(len(parts), 0, -1):
+        if line := lines.get("".join(parts[:count]).removeprefix(".")):
+            return line
+    return None
+
+
+class _Unfinished:
+    """Whether a value goes on: inside brackets or a string of several lines."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._quote = ""
+
+    def __bool__(self) -> bool:
+        return self._depth > 0 or bool(self._quote)
+
+    def read(self, text: str) -> None:
+        """Take in the next line of the value."""
+        place = 0
+        while place < len(text):
+            if self._quote:
+                end = text.find(self._quote, place)
+                if end < 0:
+                    return
+                place, self._quote = end + 3, ""
+                continue
+            token = _KEY_TOKEN.search(text, place)
+            if token is None or token[0] == "#":
+                return
+            place = token.end()
+            if token[0] in ('"""', "'''"):
+                self._quote = token[0]
+            elif token[0] in "[{":
+                self._depth += 1
+            elif token[0] in "]}":
+                self._depth -= 1
+
+
+def _unquoted(name: str) -> str:
+    return name.replace('"', "").replace("'", "")
+
+
+def changes_of(entries: Sequence[str]) -> dict[str, Any]:
+    """Changes out of entries such as `start.offset=[0.2,0,0]`, in TOML; later ones prevail.
+
+    A value that is not TOML is taken as a string, so that quotes may be left out; none at all
+    removes the entry. Raises `UsageError` for an entry that is not of this form.
+    """
+    changes: dict[str, Any] = {}
+    for entry in entries:
+        key, equals, value = entry.partition("=")
+        if not equals:
+            raise UsageError(f"{printable(entry, 40)}: must be KEY=VALUE, such as duration=5")
+        # A string of TOML, whatever the text holds.
+        quoted = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        one = _one_entry(key, value) or _one_entry(key, quoted)
+        if one and not value.strip():
+            one = _with_value(one, None)
+        if not one:  # What begins with # is a comment of TOML, and no entry.
+            raise UsageError(
+                f"{printable(entry, 40)}: not a key, such as start.offset, before the ="
+            )
+        _add(changes, one)
+    return changes
+
+
+def nested(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes with tables in place of keys with dots such as `start.offset`; later ones prevail."""
+    whole: dict[str, Any] = {}
+    for key, value in changes.items():
+        _add(whole, _with_value(_one_entry(str(key), "0") or {key: 0}, value))
+    return whole
+
+
+def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A document with changes in place of what it says, table by table.
+
+    A table whose `kind` is changed is replaced as a whole: its other keys belong to the old kind.
+    Tuples and NumPy's arrays are made lists.
+    """
+    whole = dict(document)
+    for key, value in changes.items():
+        if value is None:
+            whole.pop(key, None)
+        elif isinstance(value, Mapping):
+            before = _table(whole, key)
+            same = value.get("kind", before.get("kind")) == before.get("kind")
+            whole[key] = merged(before if same else {}, value)
+        else:
+            whole[key] = _toml_value(value)
+    return whole
+
+
+def nothing_to_remove(
+    document: Mapping[str, Any], changes: Mapping[str, Any], outer: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Keys and words of faults of changes that would remove what is not there.
+
+    `outer` are keys of the tables that both are taken from.
+    """
+    for key, value in changes.items():
+        if isinstance(value, Mapping):
+            yield from nothing_to_remove(_table(document, key), value, (*outer, key))
+        elif value is None and key not in document:
+            yield (
+                (*outer, key),
+                "an empty value (None in Python) removes an entry, but the file has no such entry",
+            )
+
+
+def changed_paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Key paths of what changes replace, such as `start.offset`, after a prefix."""
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and value:
+            yield from changed_paths(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+def _one_entry(key: str, value: str) -> dict[str, Any] | None:
+    if key.count(".") >= MAX_DEPTH or "\n" in key:
+        return None
+    try:
+        return tomllib.loads(f"{key} = {value}")
+    except (ValueError, RecursionError):
+        return None
+
+
+def _with_value(entry: dict[str, Any], value: Any) -> dict[str, Any]:
+    """One entry, below its keys, with another value."""
+    return {
+        key: _with_value(inner, value) if isinstance(inner, dict) else value
+        for key, inner in entry.items()
+    }
+
+
+def _add(changes: dict[str, Any], more: Mapping[str, Any]) -> None:
+    for key, value in more.items():
+        if isinstance(value, Mapping):
+            before = changes.get(key)
+            changes[key] = before if isinstance(before, dict) else {}
+            _add(changes[key], value)
+        else:
+            changes[key] = value
+
+
+def _toml_value(value: Any) -> Any:
+    """Values as TOML has them."""
+    if isinstance(value, Mapping):
+        return {key: _toml_value(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_toml_value(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """The table of a document by its key; an empty one where there is none."""
+    value = document.get(key)
+    return value if isinstance(value, Mapping) else {}

@@ -14,43 +14,45 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError
-from gibbs_codegen.flight.control.sampled import law_in_time
+from gibbs_codegen.flight.control.sampled_control import law_in_time
 from gibbs_codegen.flight.desired.trajectory import Progress, starting_state
-from gibbs_codegen.flight.integration.block_loop import SideBySide
+from gibbs_codegen.flight.integration.block_loop import BlockIntegration
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.fixed_step import StepGrid, check_stability
-from gibbs_codegen.flight.integration.integrate import integrate
+from gibbs_codegen.flight.integration.integrators import StepGrid, check_stability, integrate
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
-from gibbs_codegen.flight.plant.environment import Environment
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.record.recording import LateFlight, Recording, timing_fields
-from gibbs_codegen.flight.scenario.control import Motors
-from gibbs_codegen.flight.scenario.scenario import Scenario, StartOffset
-from gibbs_codegen.flight.simulation import Prepared, check_mass_matrix, prepared
+from gibbs_codegen.flight.record.recording import DeferredFlight, Recording, timing_fields
+from gibbs_codegen.flight.scenario.parts import Motors, StartOffset
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import (
+    FlightStart,
+    check_mass_matrix,
+    flight_start,
+)
 from gibbs_codegen.runtime.load import load
 
-Found = Flight | GibbsCodegenError
+Outcome = Flight | GibbsCodegenError
 
 # What flights begin with is kept of so many groups.
 _MOST_KNOWN = 4
-_known: dict[tuple[ModuleType, bytes | None], Prepared] = {}
+_known: dict[tuple[ModuleType, bytes | None], FlightStart] = {}
 
 
-def can_be_side_by_side(scenario: Scenario) -> bool:
+def fits_blocks(scenario: Scenario) -> bool:
     """Whether flights of a scenario, and of others like it, can be computed side by side."""
     sampled = scenario.control.rate is not None or scenario.sensors is not None
     return scenario.integration.method == "rk4" and not sampled
 
 
-class Together:
+class FlightGroup:
     """Flights that share desired motion, law and limits.
 
     Their scenarios differ in `plant`, `motors.time_constant` and `start` only; `start` is what one
     of them begins with. In `blocks` they are computed side by side, where they can be.
     """
 
-    def __init__(self, start: Prepared, scenarios: Sequence[Scenario], blocks: bool) -> None:
+    def __init__(self, start: FlightStart, scenarios: Sequence[Scenario], blocks: bool) -> None:
         self._common, self._scenarios, self._blocks = start, scenarios, blocks
         self._like: Recording | None = None
         self._loops: dict[int, ClosedLoop] = {}
@@ -58,12 +60,10 @@ class Together:
         # Lags of motors with which steps are known to be short enough.
         self._stable: set[bytes] = set()
 
-    def flights(
-        self, threads: int, tell: Callable[[float], None]
-    ) -> list[Flight | GibbsCodegenError]:
+    def flights(self, threads: int, tell: Callable[[float], None]) -> list[Outcome]:
         """Fly them all: for each scenario the flight, or the error that refuses it."""
-        found: list[Flight | GibbsCodegenError] = []
-        histories = self._side_by_side(threads, tell)
+        found: list[Outcome] = []
+        histories = self._block_histories(threads, tell)
         for i, history in enumerate(histories):
             try:
                 found.append(self._flight(i, history))
@@ -72,20 +72,20 @@ class Together:
             tell((i + 1) / len(histories))
         return found
 
-    def _side_by_side(
+    def _block_histories(
         self, threads: int, tell: Callable[[float], None]
     ) -> list[StateHistory | None]:
         """Histories of the flights that can be computed side by side; None of the others."""
         histories: list[StateHistory | None] = [None] * len(self._scenarios)
         scenario = self._common.scenario
-        if not (self._blocks and can_be_side_by_side(scenario)):
+        if not (self._blocks and fits_blocks(scenario)):
             return histories
         places = [i for i in range(len(histories)) if self._is_sound(i)]
         if not places:
             return histories
         loop = self._joint_loop(places)
         starts = np.stack([self._state(i) for i in places])
-        fly = SideBySide(
+        fly = BlockIntegration(
             loop,
             lambda k: self._loop(places[k]),
             scenario.integration,
@@ -116,28 +116,19 @@ class Together:
 
     def _joint_loop(self, places: Sequence[int]) -> ClosedLoop:
         """The closed loop of several flights; arrays have an axis of these where they differ."""
-        loop, chosen = self._common.loop, [self._scenarios[i] for i in places]
-        first, plant = chosen[0], loop.vehicle
-        if first.plant:
-            varied = {name: np.array([each.plant[name] for each in chosen]) for name in first.plant}
-            plant = Vehicle(loop.vehicle.module, {**first.parameters, **varied}, "plant")
+        chosen = [self._scenarios[i] for i in places]
+        names = chosen[0].plant
+        parameters = {name: np.array([each.plant[name] for each in chosen]) for name in names}
         lags = np.stack([self._lag(each) for each in chosen])
-        actuators = replace(loop.actuators, lag=lags)
-        environment = Environment.of(plant, first, actuators.spins)
-        return replace(loop, vehicle=plant, actuators=actuators, environment=environment)
+        return self._common.loop.with_plant(parameters, lags, chosen[0])
 
     def _loop(self, i: int) -> ClosedLoop:
         """The closed loop of a flight, under a law that acts at all times."""
-        if i in self._loops:
-            return self._loops[i]
-        scenario, loop = self._scenarios[i], self._common.loop
-        known = {**scenario.parameters, **scenario.plant}
-        plant = Vehicle(loop.vehicle.module, known, "plant") if scenario.plant else loop.vehicle
-        actuators = replace(loop.actuators, lag=self._lag(scenario))
-        environment = Environment.of(plant, scenario, actuators.spins)
-        own = replace(loop, vehicle=plant, actuators=actuators, environment=environment)
-        self._loops[i] = own
-        return own
+        if i not in self._loops:
+            scenario = self._scenarios[i]
+            lag = self._lag(scenario)
+            self._loops[i] = self._common.loop.with_plant(scenario.plant, lag, scenario)
+        return self._loops[i]
 
     def _lag(self, scenario: Scenario) -> Array:
         """Time constants (N) of the motors in a flight, s."""
@@ -156,7 +147,7 @@ class Together:
             self._starts[place] = loop.start(q, v)
         return self._starts[place]
 
-    def _alone(self, i: int) -> tuple[ClosedLoop, StateHistory]:
+    def _single(self, i: int) -> tuple[ClosedLoop, StateHistory]:
         """Closed loop and history of a flight by itself. Raises `UsageError` as `simulate` does."""
         loop, scenario = self._loop(i), self._common.scenario
         q, v, *_ = loop.parts(self._state(i))
@@ -173,14 +164,14 @@ class Together:
         motion = self._common.motion
         scenario = replace(motion.scenario, name=self._scenarios[i].name)
         ranges: Callable[[], InputRanges] | None = None
-        loop, own = self._alone(i) if history is None else (self._loop(i), history)
+        loop, own = self._single(i) if history is None else (self._loop(i), history)
         if self._like is None and not own.stopped:
             self._like = Recording(self._common.loop, scenario, own)
         like = None if own.stopped else self._like
         # Ranges are seldom asked for, and take an integration by itself.
-        ranges = None if history is None else lambda: self._alone(i)[1].inputs
+        ranges = None if history is None else lambda: self._single(i)[1].inputs
         recording = Recording(loop, scenario, own, like, ranges)
-        return LateFlight(recording, timing_fields(motion))
+        return DeferredFlight(recording, timing_fields(motion))
 
 
 def simulate_many(
@@ -189,7 +180,7 @@ def simulate_many(
     threads: int = 1,
     progress: Progress = lambda what, share: None,
     blocks: bool | None = None,
-) -> list[Found]:
+) -> list[Outcome]:
     """Fly many scenarios with one robot.
 
     Scenarios that differ in `plant`, `motors.time_constant` and `start` only share their desired
@@ -209,8 +200,8 @@ def simulate_many(
         error with which `simulate` refuses it.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    found: dict[int, Found] = {}
-    for common, places in _alike(scenarios):
+    found: dict[int, Outcome] = {}
+    for common, places in _groups(scenarios):
         done, size = len(found), len(places)
 
         def tell(share: float, done: int = done, size: int = size) -> None:
@@ -218,43 +209,43 @@ def simulate_many(
 
         group = {place: scenarios[place] for place in places}
         whether = size > 1 if blocks is None else blocks
-        found |= _flown(module, common, group, threads, tell, whether)
+        found |= _fly_group(module, common, group, threads, tell, whether)
     return [found[place] for place in range(len(scenarios))]
 
 
-def _flown(
+def _fly_group(
     module: ModuleType,
     common: bytes | None,
     scenarios: Mapping[int, Scenario],
     threads: int,
     tell: Callable[[float], None],
     blocks: bool,
-) -> dict[int, Found]:
+) -> dict[int, Outcome]:
     """Flights and errors, by the places of scenarios that share their desired motion.
 
     It is found with the first of them that can begin. `common` tells them from others.
     """
-    found: dict[int, Found] = {}
+    found: dict[int, Outcome] = {}
     for place, scenario in scenarios.items():
         try:
-            start = _prepared(module, common, scenario)
+            start = _start_of(module, common, scenario)
         except GibbsCodegenError as error:
             found[place] = error
             continue
         others = {each: s for each, s in scenarios.items() if each not in found}
-        flights = Together(start, [*others.values()], blocks).flights(threads, tell)
+        flights = FlightGroup(start, [*others.values()], blocks).flights(threads, tell)
         return {**found, **dict(zip(others, flights, strict=True))}
     return found
 
 
-def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> Prepared:
+def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> FlightStart:
     """What flights that share their desired motion begin with, which calls in a row share too.
 
     `common` is what tells them from others, None if nothing does.
     """
     known = _known.pop((module, common), None)
     if known is None:
-        known = prepared(module, scenario, lambda what, share: None, own=False)
+        known = flight_start(module, scenario, lambda what, share: None, own=False)
     if common is not None:
         _known[module, common] = known
         for oldest in [*_known][:-_MOST_KNOWN]:
@@ -262,7 +253,7 @@ def _prepared(module: ModuleType, common: bytes | None, scenario: Scenario) -> P
     return known
 
 
-def _alike(scenarios: Sequence[Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
+def _groups(scenarios: Sequence[Scenario]) -> Iterable[tuple[bytes | None, list[int]]]:
     """Places of scenarios that share their desired motion, and what these have in common."""
     groups: dict[Any, list[int]] = defaultdict(list)
     for place, scenario in enumerate(scenarios):
@@ -277,7 +268,7 @@ def _common(scenario: Scenario) -> bytes | None:
     """
     motors = scenario.motors
     lags = None if motors.time_constant is None else motors.time_constant > 0.0
-    plain = replace(
+    common = replace(
         scenario,
         name="",
         description="",
@@ -289,7 +280,7 @@ def _common(scenario: Scenario) -> bytes | None:
     pickler = pickle.Pickler(written)
     pickler.fast = True  # What is equal is written alike, whether or not it is one object.
     try:
-        pickler.dump((plain, lags))
+        pickler.dump((common, lags))
     except (pickle.PicklingError, TypeError, AttributeError, RecursionError):
         return None  # A path may be any function.
     return written.getvalue()

@@ -4,16 +4,16 @@
       kinematics       layout              → errors and rates of angles or quaternion
     actuators_of       scenario, robot file → limits and lag              (plant/actuators)
     Environment        scenario            → wrenches on frames           (plant/environment)
-    desired_motion     scenario            → Reference: q, v, a in time   (desired/trajectory)
+    timed_motion       scenario            → Reference: q, v, a in time   (desired/trajectory)
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
         arm_motion     knots               → joints, knot by knot
     law_of             rotors              → which law a robot is flown by (control/choice)
     Controller         reference           → inputs of a state: computed torque (control/laws)
     GeometricLaw       reference           → or the geometric law         (control/geometric)
-      law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled)
+      law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled_control)
     ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
-    integrate          loop, start         → StateHistory: samples        (integration/integrate)
+    integrate          loop, start         → StateHistory: samples        (integration/integrators)
     flight_of          samples             → Flight: all time series      (record/recording)
       point_parents    module              → what hangs on what, for drawings (record/series)
 
@@ -30,17 +30,20 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.choice import control_law, law_of
-from gibbs_codegen.flight.control.sampled import OwnController, law_in_time
-from gibbs_codegen.flight.desired.timed_motion import TimedMotion, timed_motion
-from gibbs_codegen.flight.desired.trajectory import Progress, starting_state
+from gibbs_codegen.flight.control.sampled_control import OwnController, law_in_time
+from gibbs_codegen.flight.desired.trajectory import (
+    Progress,
+    TimedMotion,
+    starting_state,
+    timed_motion,
+)
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.integrate import integrate
+from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.plant.actuators import actuators_of
 from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError, allocation_of
-from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.record.recording import flight_of, told_timing
+from gibbs_codegen.flight.record.recording import flight_of, timing_note
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.paths import check_path
@@ -74,7 +77,7 @@ def simulate(
         UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
-    start = prepared(robot, scenario, progress, own=controller is not None)
+    start = flight_start(robot, scenario, progress, own=controller is not None)
     loop, scenario = start.loop, start.scenario
     loop = replace(
         loop, controller=law_in_time(loop.controller, scenario, loop.actuators, controller)
@@ -86,11 +89,11 @@ def simulate(
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
     )
-    return told_timing(flight_of(loop, scenario, history), start.motion)
+    return timing_note(flight_of(loop, scenario, history), start.motion)
 
 
 @dataclass(frozen=True)
-class Prepared:
+class FlightStart:
     """What a flight begins with: motion, closed loop, and coordinates (nq), velocities (nv)."""
 
     motion: TimedMotion
@@ -104,12 +107,12 @@ class Prepared:
         return self.motion.scenario
 
 
-def prepared(
+def flight_start(
     robot: ModuleType | str | os.PathLike[str],
     scenario: Scenario | str,
     progress: Progress,
     own: bool,
-) -> Prepared:
+) -> FlightStart:
     """Everything up to the start of a flight, with a law that is evaluated at all times.
 
     `own`: whether the inputs come from elsewhere than the scenario's law. Raises `UsageError` for a
@@ -128,7 +131,7 @@ def prepared(
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)
     for machine in {vehicle, loop.vehicle}:
         check_mass_matrix(machine, q)
-    return Prepared(motion, loop, q, v)
+    return FlightStart(motion, loop, q, v)
 
 
 def _closed_loop(
@@ -149,17 +152,9 @@ def _closed_loop(
     if law == "open_loop" and not own:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
-    plant = _plant(vehicle, scenario)
-    environment = Environment.of(plant, scenario, actuators.spins)
-    loop = ClosedLoop(plant, controller, actuators, environment, scenario.motors.compensation)
-    return loop, motion
-
-
-def _plant(vehicle: Vehicle, scenario: Scenario) -> Vehicle:
-    """The robot that flies, which is the one that the controller knows but for some parameters."""
-    if not scenario.plant:
-        return vehicle
-    return Vehicle(vehicle.module, {**scenario.parameters, **scenario.plant}, "plant")
+    loop = ClosedLoop(vehicle, controller, actuators, None, scenario.motors.compensation)
+    # The robot that flies is the one that the controller knows but for some parameters.
+    return loop.with_plant(scenario.plant, actuators.lag, scenario), motion
 
 
 def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

@@ -11,15 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.control.sampled import DEFAULT_RATE, HeldInputs, Observation, Sensing
+from gibbs_codegen.flight.control.sampled_control import (
+    DEFAULT_RATE,
+    Observation,
+    Sensing,
+    ZeroOrderHold,
+)
 from gibbs_codegen.flight.desired.trajectory import Progress
-from gibbs_codegen.flight.integration.integrate import Integration
+from gibbs_codegen.flight.integration.integrators import Integration
 from gibbs_codegen.flight.plant.kinematics import UNIT, unit_quaternions
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.scenario.scenario import Scenario
-from gibbs_codegen.flight.simulation import prepared
+from gibbs_codegen.flight.simulation import flight_start
 
 
 class Simulation:
@@ -44,12 +49,12 @@ class Simulation:
         scenario: Scenario | str,
         progress: Progress = lambda what, share: None,
     ) -> None:
-        start = prepared(robot, scenario, progress, own=True)
+        start = flight_start(robot, scenario, progress, own=True)
         self._scenario, control = start.scenario, start.scenario.control
         law = start.loop.controller
-        self._held = HeldInputs(law, "own", control.delay)
+        self._hold = ZeroOrderHold(law, "own", control.delay)
         self._sensing = Sensing(law.vehicle, law.reference, start.scenario.sensors)
-        self._loop = replace(start.loop, controller=self._held)
+        self._loop = replace(start.loop, controller=self._hold)
         self._start = start.q, start.v
         self._usual = 1.0 / (control.rate or DEFAULT_RATE)
         self.reset()
@@ -57,7 +62,7 @@ class Simulation:
     @property
     def time(self) -> float:
         """Time that was flown, s."""
-        return 0.0 if self._flown is None else self._flown.time
+        return 0.0 if self._flight is None else self._flight.time
 
     @property
     def q(self) -> Array:
@@ -72,7 +77,7 @@ class Simulation:
     @property
     def stopped(self) -> str:
         """Why the flight cannot go on, "" while it can."""
-        return "" if self._flown is None else self._flown.stopped
+        return "" if self._flight is None else self._flight.stopped
 
     def reset(
         self, q: ArrayLike | None = None, v: ArrayLike | None = None, seed: int | None = None
@@ -91,18 +96,18 @@ class Simulation:
             UsageError: If q or v is not so many finite numbers, a quaternion is 0 or
                 cannot be normalised, or the seed is no integer of 0 or more.
         """
-        given = [
+        start_state = [
             start if values is None else _numbers(name, values, len(start))
             for name, values, start in zip("qv", (q, v), self._start, strict=True)
         ]
         vehicle = self._loop.vehicle
-        unit, right = unit_quaternions(vehicle.module, vehicle.layout, given[0])
+        unit, right = unit_quaternions(vehicle.module, vehicle.layout, start_state[0])
         if not right:
             raise UsageError(f"q: must be {UNIT}")
         self._sensing.reset(seed)
-        self._begin = unit, given[1]
-        self._held.forget()
-        self._flown: Integration | None = None
+        self._begin = unit, start_state[1]
+        self._hold.forget()
+        self._flight: Integration | None = None
         # Times, states and inputs from which the flight of a while ago can be flown again.
         self._marks: list[tuple[float, Array, Array]] = []
         return self._sensing(0.0, *self._begin)
@@ -125,47 +130,47 @@ class Simulation:
             raise UsageError(
                 f"duration: must be a finite time above 0 s, not {printable(repr(ahead), 60)}"
             )
-        if fault := self._held.fault(u):
+        if fault := self._hold.fault(u):
             raise UsageError(f"u: is {fault}")
         if self.stopped:
             raise UsageError(f"the flight has ended, {self.stopped}; reset begins another")
         now = self.time
-        self._held.command(now, np.asarray(u, dtype=np.float64))
-        self._flown = self._flown or self._integration()
-        for instant in [*self._held.instants(now, now + ahead), now + ahead]:
-            self._fly(self._flown, float(instant))
-        late = max(self._flown.time - self._sensing.delay, 0.0)
-        return self._sensing(self._flown.time, *self._state(late))
+        self._hold.command(now, np.asarray(u, dtype=np.float64))
+        self._flight = self._flight or self._integration()
+        for instant in [*self._hold.instants(now, now + ahead), now + ahead]:
+            self._fly(self._flight, float(instant))
+        late = max(self._flight.time - self._sensing.delay, 0.0)
+        return self._sensing(self._flight.time, *self._state(late))
 
     def _integration(self) -> Integration:
         """The flight at its start, with the inputs that were commanded, or none."""
         start, scenario = self._loop.start(*self._begin), self._scenario
         return Integration(self._loop, start, scenario.integration, scenario.duration)
 
-    def _fly(self, flown: Integration, end: float) -> None:
+    def _fly(self, flight: Integration, end: float) -> None:
         """Fly on while the same inputs act."""
-        begin, state = flown.time, flown.state
-        flown.advance(end)
+        begin, state = flight.time, flight.state
+        flight.advance(end)
         if self._sensing.delay:
             # The flight may have ended before that time.
-            oldest = max(flown.time - self._sensing.delay, 0.0)
+            oldest = max(flight.time - self._sensing.delay, 0.0)
             needed = [time <= oldest for time, _, _ in self._marks]
             self._marks = self._marks[max(sum(needed) - 1, 0) :]
-            self._marks.append((begin, state, self._held.held))
+            self._marks.append((begin, state, self._hold.inputs))
 
     def _state(self, time: float = math.inf) -> tuple[Array, Array]:
         """Coordinates (nq) and velocities (nv) at a time, s, of those flown; the last if later."""
-        if self._flown is None:
+        if self._flight is None:
             return self._begin
-        state, held = self._flown.state, self._held
-        if time < self._flown.time - held.same:
+        state, hold = self._flight.state, self._hold
+        if time < self._flight.time - hold.same:
             begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)
-            now, held.held = held.held, inputs
+            now, hold.inputs = hold.inputs, inputs
             settings, duration = self._scenario.integration, self._scenario.duration
             again = Integration(self._loop, state, settings, duration, begin)
             again.advance(time)
             state = again.state
-            held.held = now
+            hold.inputs = now
         q, v, *_ = self._loop.parts(state)
         return q, v
 
@@ -175,20 +180,20 @@ class Simulation:
         Before the first step it is one sample, the start, with inputs of 0, or of their least
         values where these are above 0.
         """
-        flown = self._flown or self._integration()
-        return flight_of(self._loop, self._scenario, flown.history())
+        integration = self._flight or self._integration()
+        return flight_of(self._loop, self._scenario, integration.history())
 
 
-def _numbers(name: str, given: ArrayLike, count: int) -> Array:
+def _numbers(name: str, values: ArrayLike, count: int) -> Array:
     """So many finite numbers, in an array of their own.
 
     Raises `UsageError`, which calls them `name`.
     """
     try:
-        numbers = np.array(given, dtype=np.float64)
+        numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape != (count,) or not np.all(np.isfinite(numbers)):
-        shown = printable(repr(given), 60)
+        shown = printable(repr(values), 60)
         raise UsageError(f"{name}: must be {count} finite numbers, not {shown}")
     return numbers

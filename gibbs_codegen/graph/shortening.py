@@ -303,10 +303,7 @@ class Shortened:
 
 
 def optimised(
-    graph: Graph,
-    outputs: Sequence[Ref],
-    origins: MutableMapping[int, int],
-    repeats: bool = True,
+    graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int], repeats: bool = True
 ) -> Shortened:
     """Shorten a function: the same values in the same order.
 

@@ -1,11 +1,18 @@
 """The emitted functions: the table of them, what its rows are made of, and sizes in a module."""
 
+from gibbs_codegen.interface.choice import default_functions, derivatives_among, options_for
 from gibbs_codegen.interface.rows import Argument, Output, Row
-from gibbs_codegen.interface.signatures import Signature, module_signatures, signatures
+from gibbs_codegen.interface.signatures import (
+    Signature,
+    entry_labels,
+    module_signatures,
+    signatures,
+)
 from gibbs_codegen.interface.table import (
     ARGUMENTS,
     DATA,
     DATA_ON_REQUEST,
+    DESCRIPTION,
     FUNCTIONS,
     LANES,
     LISTS,
@@ -16,6 +23,7 @@ __all__ = [
     "ARGUMENTS",
     "DATA",
     "DATA_ON_REQUEST",
+    "DESCRIPTION",
     "FUNCTIONS",
     "LANES",
     "LISTS",
@@ -23,7 +31,11 @@ __all__ = [
     "Output",
     "Row",
     "Signature",
+    "default_functions",
     "derivative",
+    "derivatives_among",
+    "entry_labels",
     "module_signatures",
+    "options_for",
     "signatures",
 ]

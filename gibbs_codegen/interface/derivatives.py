@@ -10,42 +10,93 @@ parameters of the robot file they are not. Time steps are `composed` of other fu
 
 from __future__ import annotations
 
-from gibbs_codegen.interface.rows import Output, Row
+from dataclasses import replace
 
-_FORCE = Output("force", "v", "N m or N", "inverse_dynamics", "{forces}")
-_ACCELERATION = Output(
-    "acceleration", "v", "rad/s^2 or m/s^2", "differentiated_dynamics", "{accelerations}"
+from gibbs_codegen.interface.kinematics import (
+    BIAS_ACCELERATIONS,
+    CENTRE_JACOBIAN,
+    DISPLACEMENT,
+    POSES,
+    VELOCITIES,
 )
-_INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
-BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
-BY_V = ", by each of VELOCITIES"
-_BY_U = ", by each of INPUTS"
+from gibbs_codegen.interface.rows import (
+    ACCELERATIONS,
+    INERTIAS,
+    LEVERS,
+    MOTIONS,
+    Output,
+    Row,
+    on_request,
+)
+
+_FORCE = Output("force", "v", "N m or N", "{forces}", "inverse_dynamics")
+_ACCELERATION = Output(
+    "acceleration", "v", ACCELERATIONS, "{accelerations}", "differentiated_dynamics"
+)
+_DISPLACED = ", by a displacement in rad or m along each of VELOCITIES"
+_BY = {
+    "q": _DISPLACED,
+    "q0": f"{_DISPLACED} of q0",
+    "q1": f"{_DISPLACED} of q1",
+    "v": ", by each of VELOCITIES",
+    "u": ", by each of INPUTS",
+    "a": ", by the rate of each of VELOCITIES",
+    "W": ", by each component of the wrenches on {frames}",
+}
+# Shapes of what a derivative by an argument has for each entry, where that is not "v".
+_COLUMNS = {"u": "u", "W": "f6"}
 _WEIGHTED = "[{unit}], with w without units"
+_BY_Q_AND_U = (
+    f"{_WEIGHTED}; rows by a displacement along each of VELOCITIES, columns by each of INPUTS"
+)
+_BETWEEN = "[kg m^2/s] between angles, [kg/s] between lengths, [kg m/s] between both"
 TANGENT = (
     "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
 )
+_MOTION = "eqs. 4-6, differentiated"
+_LOADED = Output("acceleration", "v", ACCELERATIONS, "{accelerations}", "differentiated_loaded")
+_LOADED_DYNAMICS = "forward_dynamics_with_wrenches"
+# Names of their own, since W fills entries that are zero without it, and PATTERNS are by name.
+_UNDER_LOAD = replace(_LOADED, name="loaded")
+_SOLVED = "eq. 19, solved for the free coordinates and differentiated"
+_INPUTS = "eqs. 7-13, differentiated"
+_FIRST_MOMENT = "the first moment of mass, differentiated"
+_BOTH_TRIANGLES = "symmetric, with both triangles filled."
 
 
-def _hessian(name: str, rows: str, columns: str) -> Output:
+def _jacobian(of: str, output: Output, by: str, unit: str, entries: str = "[{unit}]") -> Output:
+    """The derivative of an output of the function `of` by its argument `by`."""
+    shape = output.shape + _COLUMNS.get(by, "v")
+    return Output(f"{output.name}_d{by}", shape, unit, entries + _BY[by], f"{of}_d{by}", by)
+
+
+def _gradients(of: str, unit: str, by: str) -> tuple[Output, ...]:
+    """Gradients of the weighted results of the function `of` by each of its arguments."""
+    return tuple(
+        Output(f"{x}_bar", _COLUMNS.get(x, "v"), unit, _WEIGHTED + _BY[x], f"{of}_{x}_bar")
+        for x in by
+    )
+
+
+def _hessian(rows: str, columns: str) -> Output:
     """A block of second derivatives of inverse dynamics by `rows` and `columns`."""
-    entries = f"{_WEIGHTED}, by {rows} and {columns}; rows by {rows}"
-    return Output(name, "vv", "N m or N", f"inverse_dynamics_{name}", entries)
+    name, entries = rows + columns, f"{_WEIGHTED}, by {rows} and {columns}; rows by {rows}"
+    return Output(name, "vv", "N m or N", entries, f"inverse_dynamics_{name}")
 
 
-DERIVATIVES = (
+DERIVATIVES = on_request(
+    "derivatives",
     Row(
         "inverse_dynamics_derivatives",
         "qva",
         (
             _FORCE,
-            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + BY_Q, "q"),
-            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + BY_V, "v"),
-            Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS, "a"),
+            *(_jacobian("inverse_dynamics", _FORCE, by, "N m or N", "{forces}") for by in "qv"),
+            Output("mass_matrix", "vv", "kg m^2, kg or kg m", INERTIAS, "mass_matrix", "a"),
         ),
         "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
-        "eqs. 4-6, differentiated",
+        _MOTION,
         TANGENT,
-        on_request=True,
         derivative_of="inverse_dynamics",
         kind="jacobian",
     ),
@@ -54,228 +105,185 @@ DERIVATIVES = (
         "qvu",
         (
             _ACCELERATION,
-            Output(
-                "acceleration_dq",
-                "vv",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_dq",
-                "{accelerations}" + BY_Q,
-                "q",
-            ),
-            Output(
-                "acceleration_dv",
-                "vv",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_dv",
-                "{accelerations}" + BY_V,
-                "v",
-            ),
-            Output(
-                "acceleration_du",
-                "vu",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_du",
-                "{accelerations}" + _BY_U,
-                "u",
+            *(
+                _jacobian("forward_dynamics", _ACCELERATION, by, ACCELERATIONS, "{accelerations}")
+                for by in "qvu"
             ),
         ),
         "Accelerations a of M a = R + B u, and their derivatives by q, v and u.",
-        "eq. 19, solved for the free coordinates and differentiated",
+        _SOLVED,
         TANGENT,
-        on_request=True,
         derivative_of="forward_dynamics",
+        kind="jacobian",
+    ),
+    Row(
+        "forward_dynamics_with_wrenches_derivatives",
+        "qvuW",
+        (
+            _LOADED,
+            *(
+                _jacobian(_LOADED_DYNAMICS, _UNDER_LOAD, by, ACCELERATIONS, "{accelerations}")
+                for by in "qvuW"
+            ),
+        ),
+        "Accelerations a of M a = R + B u + the sum of J^T W, with derivatives by q, v, u and W.",
+        _SOLVED,
+        f"{TANGENT} While q changes, wrenches stay as they are in world axes.",
+        derivative_of=_LOADED_DYNAMICS,
         kind="jacobian",
     ),
     Row(
         "inverse_dynamics_jvp",
         ("q", "v", "a", "q_dot", "v_dot", "a_dot"),
-        (Output("force_dot", "v", "N m or N", "inverse_dynamics_jvp", "{forces}"),),
+        (Output("force_dot", "v", "N m or N", "{forces}"),),
         "Derivative of the generalised forces M a - R along a direction of q, v and a.",
-        "eqs. 4-6, differentiated",
+        _MOTION,
         "It is force_dq q_dot + force_dv v_dot + M a_dot, without these matrices. With the rates "
         "of q, v and a for the direction it is the rate of the forces.",
-        on_request=True,
         derivative_of="inverse_dynamics",
         kind="jvp",
     ),
     Row(
         "forward_dynamics_jvp",
         ("q", "v", "u", "q_dot", "v_dot", "u_dot"),
-        (
-            Output(
-                "acceleration_dot",
-                "v",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_jvp",
-                "{accelerations}",
-            ),
-        ),
+        (Output("acceleration_dot", "v", ACCELERATIONS, "{accelerations}"),),
         "Derivative of the accelerations a of M a = R + B u along a direction of q, v and u.",
-        "eq. 19, solved for the free coordinates and differentiated",
+        _SOLVED,
         "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, without "
         "these matrices.",
-        on_request=True,
         derivative_of="forward_dynamics",
         kind="jvp",
     ),
     Row(
+        "forward_dynamics_with_wrenches_jvp",
+        ("q", "v", "u", "W", "q_dot", "v_dot", "u_dot", "W_dot"),
+        (Output("acceleration_dot", "v", ACCELERATIONS, "{accelerations}"),),
+        "Derivative of forward_dynamics_with_wrenches along a direction of q, v, u and W.",
+        _SOLVED,
+        "It is loaded_dq q_dot + loaded_dv v_dot + loaded_du u_dot + loaded_dW W_dot, without "
+        "these matrices.",
+        derivative_of=_LOADED_DYNAMICS,
+        kind="jvp",
+    ),
+    Row(
         "inverse_dynamics_vjp",
-        ("q", "v", "a", "w"),
-        (
-            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED + BY_Q),
-            Output("v_bar", "v", "N m or N", "inverse_dynamics_v_bar", _WEIGHTED + BY_V),
-            Output(
-                "a_bar",
-                "v",
-                "N m or N",
-                "inverse_dynamics_a_bar",
-                _WEIGHTED + ", by the rate of each of VELOCITIES",
-            ),
-        ),
+        "qvaw",
+        _gradients("inverse_dynamics", "N m or N", "qva"),
         "Gradient of w^T inverse_dynamics(q, v, a) by q, v and a.",
-        "eqs. 4-6, differentiated",
+        _MOTION,
         TANGENT,
-        on_request=True,
         derivative_of="inverse_dynamics",
         kind="vjp",
     ),
     Row(
         "forward_dynamics_vjp",
-        ("q", "v", "u", "w"),
-        (
-            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED + BY_Q),
-            Output("v_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_v_bar", _WEIGHTED + BY_V),
-            Output(
-                "u_bar",
-                "u",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_u_bar",
-                _WEIGHTED + _BY_U,
-            ),
-        ),
+        "qvuw",
+        _gradients("forward_dynamics", ACCELERATIONS, "qvu"),
         "Gradient of w^T forward_dynamics(q, v, u) by q, v and u.",
-        "eq. 19, solved for the free coordinates and differentiated",
+        _SOLVED,
         TANGENT,
-        on_request=True,
         derivative_of="forward_dynamics",
         kind="vjp",
     ),
     Row(
+        "forward_dynamics_with_wrenches_vjp",
+        "qvuWw",
+        _gradients(_LOADED_DYNAMICS, ACCELERATIONS, "qvuW"),
+        "Gradient of w^T forward_dynamics_with_wrenches(q, v, u, W) by q, v, u and W.",
+        _SOLVED,
+        f"{TANGENT} While q changes, wrenches stay as they are in world axes.",
+        derivative_of=_LOADED_DYNAMICS,
+        kind="vjp",
+    ),
+    Row(
         "inverse_dynamics_hessian",
-        ("q", "v", "a", "w"),
-        (
-            _hessian("qq", "q", "q"),
-            _hessian("qv", "q", "v"),
-            _hessian("vv", "v", "v"),
-            _hessian("qa", "q", "a"),
-        ),
+        "qvaw",
+        (_hessian("q", "q"), _hessian("q", "v"), _hessian("v", "v"), _hessian("q", "a")),
         "Second derivatives of w^T inverse_dynamics(q, v, a).",
-        "eqs. 4-6, differentiated twice",
-        "Those that are left out, by v and a and by a twice, are zero. " + TANGENT + " qq and vv "
-        "are symmetric, with both triangles filled.",
-        on_request=True,
+        f"{_MOTION} twice",
+        "Those that are left out, by v and a and by a twice, are zero. "
+        f"{TANGENT} qq and vv are {_BOTH_TRIANGLES}",
         derivative_of="inverse_dynamics",
         kind="hessian",
         is_long=True,
     ),
     Row(
         "forward_dynamics_hessian",
-        ("q", "v", "u", "w"),
+        "qvuw",
         (
             Output(
-                "hessian",
-                "xx",
-                "rad/s^2 or m/s^2",
-                "forward_dynamics_hessian",
-                _WEIGHTED + ", by q, v and u in rows and in columns",
+                "hessian", "xx", ACCELERATIONS, f"{_WEIGHTED}, by q, v and u in rows and in columns"
             ),
         ),
         "Second derivatives of w^T forward_dynamics(q, v, u) by (q, v, u).",
-        "eq. 19, solved for the free coordinates and differentiated twice",
-        TANGENT + " The matrix is symmetric, with both triangles filled.",
-        on_request=True,
+        f"{_SOLVED} twice",
+        f"{TANGENT} The matrix is {_BOTH_TRIANGLES}",
         derivative_of="forward_dynamics",
         kind="hessian",
         is_long=True,
     ),
     Row(
+        "input_matrix_jvp",
+        ("q", "q_dot"),
+        (Output("input_matrix_dot", "vu", "N/N, N m/N or N m/(N m)", LEVERS),),
+        "Derivative of the input matrix B along a direction of q.",
+        _INPUTS,
+        "With the rate of q for the direction it is the rate of B.",
+        derivative_of="input_matrix",
+        kind="jvp",
+    ),
+    Row(
+        "input_matrix_vjp",
+        ("q", "w_input_matrix"),
+        _gradients("input_matrix", "N/N, N m/N or N m/(N m)", "q"),
+        "Gradient of the sum of the entries of B, each times its weight, by q.",
+        _INPUTS,
+        TANGENT,
+        derivative_of="input_matrix",
+        kind="vjp",
+    ),
+    Row(
         "input_forces_derivatives",
         "qu",
         (
-            Output("input_forces", "v", "N m or N", "input_forces", "{forces}"),
-            Output("input_forces_dq", "vv", "N m or N", "input_forces_dq", "{forces}" + BY_Q),
+            Output("input_forces", "v", "N m or N", "{forces}", "input_forces"),
+            Output("input_forces_dq", "vv", "N m or N", "{forces}" + _BY["q"], "input_forces_dq"),
         ),
         "Generalised forces B u of the inputs, and their derivatives by q.",
-        "eqs. 7-13, differentiated",
+        _INPUTS,
         TANGENT,
-        on_request=True,
     ),
     Row(
         "input_forces_hessian",
         "quw",
         (
-            Output("input_forces_qq", "vv", "N m or N", "input_forces_qq", _WEIGHTED + BY_Q),
-            Output(
-                "input_forces_qu",
-                "vu",
-                "1 or m",
-                "input_forces_qu",
-                _WEIGHTED + "; rows by a displacement along each of VELOCITIES, "
-                "columns by each of INPUTS",
-            ),
+            Output("input_forces_qq", "vv", "N m or N", _WEIGHTED + _BY["q"], "input_forces_qq"),
+            Output("input_forces_qu", "vu", "1 or m", _BY_Q_AND_U, "input_forces_qu"),
         ),
         "Second derivatives of w^T B u by q, and by q and u.",
         "eqs. 7-13, differentiated twice",
-        TANGENT + " The first matrix is symmetric, with both triangles filled.",
-        on_request=True,
+        f"{TANGENT} The first matrix is {_BOTH_TRIANGLES}",
         is_long=True,
     ),
     Row(
         "coriolis_matrix",
         "qv",
-        (
-            Output(
-                "coriolis",
-                "vv",
-                "kg m^2/s, kg/s or kg m/s",
-                "coriolis_matrix",
-                "[kg m^2/s] between angles, [kg/s] between lengths, [kg m/s] between both",
-            ),
-        ),
+        (Output("coriolis", "vv", "kg m^2/s, kg/s or kg m/s", _BETWEEN),),
         "Matrix C whose product with v is the velocity terms of M a - R.",
         "eqs. 4-6",
         "C v = residual(q, 0) - residual(q, v), without dampers, and the rate of M less 2 C is "
         "skew-symmetric. The same matrix as Pinocchio's computeCoriolisMatrix gives.",
-        on_request=True,
     ),
-)
-
-
-KINEMATIC_DERIVATIVES = (
     Row(
         "frame_poses_derivatives",
         "q",
         (
-            Output(
-                "poses",
-                "f44",
-                "1 or m",
-                "frame_poses",
-                "axes [1] and position [m], a block for each of {frames}",
-            ),
-            Output(
-                "poses_dq",
-                "f44v",
-                "1 or m",
-                "frame_poses_dq",
-                "[{unit}]" + BY_Q,
-                "q",
-            ),
+            replace(POSES, derivation="frame_poses"),
+            _jacobian("frame_poses", POSES, "q", "1 or m"),
         ),
         "Homogeneous transforms from the frames to the world, and their derivatives by q.",
         "forward kinematics, differentiated",
         TANGENT,
-        on_request=True,
         derivative_of="frame_poses",
         kind="jacobian",
     ),
@@ -283,128 +291,146 @@ KINEMATIC_DERIVATIVES = (
         "frame_velocities_derivatives",
         "qv",
         (
-            Output(
-                "velocities",
-                "f6",
-                "m/s or rad/s",
-                "frame_velocities",
-                "[m/s] in the first three, [rad/s] in the others, a row for each of {frames}",
-            ),
-            Output(
-                "velocities_dq",
-                "f6v",
-                "m/s or rad/s",
-                "frame_velocities_dq",
-                "[{unit}]" + BY_Q,
-                "q",
-            ),
-            Output(
-                "velocities_dv",
-                "f6v",
-                "m/rad, rad/m or 1",
-                "frame_velocities_dv",
-                "[{unit}]" + BY_V,
-                "v",
-            ),
+            replace(VELOCITIES, derivation="frame_velocities"),
+            _jacobian("frame_velocities", VELOCITIES, "q", "m/s or rad/s"),
+            _jacobian("frame_velocities", VELOCITIES, "v", "m/rad, rad/m or 1"),
         ),
         "Velocities of the frames, linear entries first, and their derivatives by q and v.",
         "forward kinematics, differentiated",
         TANGENT + " Those by v are frame_jacobians.",
-        on_request=True,
         derivative_of="frame_velocities",
         kind="jacobian",
+    ),
+    Row(
+        "frame_bias_accelerations_derivatives",
+        "qv",
+        (
+            replace(BIAS_ACCELERATIONS, derivation="frame_bias_accelerations"),
+            *(
+                _jacobian(
+                    "frame_bias_accelerations", BIAS_ACCELERATIONS, by, "m/s^2 or rad/s^2", MOTIONS
+                )
+                for by in "qv"
+            ),
+        ),
+        "Accelerations of the frames where a is zero, and their derivatives by q and v.",
+        "forward kinematics, differentiated",
+        TANGENT,
+        derivative_of="frame_bias_accelerations",
+        kind="jacobian",
+    ),
+    Row(
+        "centre_of_mass_jacobian_jvp",
+        ("q", "q_dot"),
+        (replace(CENTRE_JACOBIAN, name="jacobian_dot"),),
+        "Derivative of the Jacobian of the centre of mass along a direction of q.",
+        _FIRST_MOMENT,
+        "With the rate of q for the direction it is the Jacobian's rate.",
+        derivative_of="centre_of_mass_jacobian",
+        kind="jvp",
+    ),
+    Row(
+        "centre_of_mass_jacobian_vjp",
+        ("q", "w_jacobian"),
+        _gradients("centre_of_mass_jacobian", "m/rad or 1", "q"),
+        "Gradient of the sum of the Jacobian's entries, each times its weight, by q.",
+        _FIRST_MOMENT,
+        TANGENT,
+        derivative_of="centre_of_mass_jacobian",
+        kind="vjp",
     ),
     Row(
         "integrate_derivatives",
         "qv",
         (
-            Output("coordinates_dq", "vv", "1, rad/m or m/rad", "integrated_dq", by="q"),
-            Output("coordinates_dv", "vv", "1, rad/m or m/rad", "integrated_dv", by="v"),
+            Output("coordinates_dq", "vv", "1, rad/m or m/rad", derivation="integrated_dq", by="q"),
+            Output("coordinates_dv", "vv", "1, rad/m or m/rad", derivation="integrated_dv", by="v"),
         ),
         "Derivatives of integrate(q, v) by q and v, in the tangent spaces at q and at the result.",
         "sums, or the exponential map of SE(3) for a quaternion with its position",
         "The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
         "coordinates_dq d, one of v by coordinates_dv d.",
-        on_request=True,
         derivative_of="integrate",
+        kind="jacobian",
+    ),
+    Row(
+        "difference_derivatives",
+        ("q0", "q1"),
+        (
+            replace(DISPLACEMENT, derivation="difference"),
+            *(
+                _jacobian("difference", DISPLACEMENT, by, "1, rad/m or m/rad")
+                for by in ("q0", "q1")
+            ),
+        ),
+        "Displacement from q0 to q1, and its derivatives by both.",
+        "differences, or the logarithm of SE(3) for a quaternion with its position",
+        "The same as Pinocchio's dDifference. Displacements d of q0 and e of q1, in the tangent "
+        "spaces there, change it by displacement_dq0 d + displacement_dq1 e.",
+        derivative_of="difference",
         kind="jacobian",
     ),
 )
 
 
-PARAMETERS = (
+_BY_PARAMETERS = Output(
+    *("p_bar", "p", f"{ACCELERATIONS}, by the unit of the parameter"),
+    f"{_WEIGHTED}, by each of PARAMETERS",
+    "forward_dynamics_p_bar",
+)
+PARAMETERS = on_request(
+    "parameters",
     Row(
         "regressor",
         "qva",
-        (
-            Output(
-                "regressor",
-                "vn",
-                "N m or N",
-                "regressor",
-                "{forces}, each by each of BASE_PARAMETERS",
-            ),
-        ),
+        (Output("regressor", "vn", "N m or N", "{forces}, each by each of BASE_PARAMETERS"),),
         "Matrix whose product with the base parameters is the inertial part of M a - R.",
         "eqs. 4-6, which are linear in the inertias",
         "regressor(q, v, a) base_parameters() = inverse_dynamics(q, v, a) without dampers, springs "
         "and armature. No column is a combination of the others at every state.",
-        on_request=True,
     ),
     Row(
         "base_parameters",
         "",
-        (
-            Output(
-                "parameters",
-                "n",
-                "kg, kg m or kg m^2",
-                "base_parameters",
-                "{base_parameters}",
-            ),
-        ),
+        (Output("parameters", "n", "kg, kg m or kg m^2", "{base_parameters}"),),
         "The fewest numbers of the bodies that determine the equations of motion.",
         "regrouping of the inertias",
         "Mass, first moment and second moments (integrals of r r^T dm, not moments of inertia) "
         "about the joint, with z along it. The numbers that are missing here are added to those of "
         "the parent: of a body that turns, its mass and what is along the joint; of a body that "
         "slides, its second moments.",
-        on_request=True,
     ),
     Row(
         "inverse_dynamics_parameters",
         "qva",
         (
             Output(
-                "force_dp",
-                "vp",
-                "N m or N",
-                "inverse_dynamics_dp",
+                *("force_dp", "vp", "N m or N"),
                 "{forces}, each by each of PARAMETERS",
+                "inverse_dynamics_dp",
             ),
         ),
         "Derivatives of the generalised forces M a - R by the parameters.",
-        "eqs. 4-6, differentiated",
-        on_request=True,
+        _MOTION,
         derivative_of="inverse_dynamics",
         kind="parameters",
     ),
     Row(
         "forward_dynamics_parameters_vjp",
-        ("q", "v", "u", "w"),
-        (
-            Output(
-                "p_bar",
-                "p",
-                "rad/s^2 or m/s^2, by the unit of the parameter",
-                "forward_dynamics_p_bar",
-                "[{unit}], with w without units, by each of PARAMETERS",
-            ),
-        ),
+        "qvuw",
+        (_BY_PARAMETERS,),
         "Gradient of w^T forward_dynamics(q, v, u) by the parameters.",
-        "eq. 19, solved for the free coordinates and differentiated",
-        on_request=True,
+        _SOLVED,
         derivative_of="forward_dynamics",
+        kind="parameters",
+    ),
+    Row(
+        "forward_dynamics_with_wrenches_parameters_vjp",
+        "qvuWw",
+        (replace(_BY_PARAMETERS, derivation=f"{_LOADED_DYNAMICS}_p_bar"),),
+        "Gradient of w^T forward_dynamics_with_wrenches(q, v, u, W) by the parameters.",
+        _SOLVED,
+        derivative_of=_LOADED_DYNAMICS,
         kind="parameters",
     ),
 )
@@ -413,10 +439,7 @@ PARAMETERS = (
 _ENTRIES = "[{unit}]; rows belong to q_next and then to v_next"
 _SLOPES = (
     Output(
-        "A",
-        "ss",
-        "1, s, 1/s, rad/m or m/rad",
-        entries=f"{_ENTRIES}, columns to q and then to v",
+        "A", "ss", "1, s, 1/s, rad/m or m/rad", entries=f"{_ENTRIES}, columns to q and then to v"
     ),
     Output("B", "su", "rad or m, or their rates, by N or N m", entries=f"{_ENTRIES}, columns to u"),
 )
@@ -447,7 +470,6 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
             f"Coordinates and velocities after a step of time, by {method}.",
             source,
             details,
-            on_request=True,
             composed=composed,
         ),
         Row(
@@ -458,7 +480,6 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
             source,
             "A displacement d of q and v together and one e of u move the result by A d + B e, "
             "with displacements of q and q_next in the tangent space, as integrate applies them.",
-            on_request=True,
             composed=with_derivatives,
             derivative_of=name,
             kind="jacobian",
@@ -466,7 +487,8 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
     )
 
 
-STEPS = (
+STEPS = on_request(
+    "steps",
     *_step(
         "step_euler",
         "the semi-implicit Euler method",

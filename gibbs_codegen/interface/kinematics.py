@@ -2,104 +2,118 @@
 
 from __future__ import annotations
 
-from gibbs_codegen.interface.rows import Output, Row
+from gibbs_codegen.interface.rows import MOTIONS, Output, Row
 
 _TWISTS = "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others"
 _BY_FRAME = ", a block for each of {frames}"
 _ROW_BY_FRAME = ", a row for each of {frames}"
-_VELOCITIES = "[m/s] in the first three, [rad/s] in the others" + _ROW_BY_FRAME
-_MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
+_POSE = "axes [1] and position [m]"
+POSES = Output("poses", "f44", "1 or m", _POSE + _BY_FRAME)
+VELOCITIES = Output(
+    "velocities",
+    "f6",
+    "m/s or rad/s",
+    "[m/s] in the first three, [rad/s] in the others" + _ROW_BY_FRAME,
+)
+BIAS_ACCELERATIONS = Output("bias_accelerations", "f6", "m/s^2 or rad/s^2", MOTIONS + _ROW_BY_FRAME)
+CENTRE_JACOBIAN = Output("jacobian", "3v", "m/rad or 1")
+DISPLACEMENT = Output("displacement", "v", "rad or m", "{displacement}")
 
 KINEMATICS = (
     Row(
         "positions",
         "q",
-        (Output("position", "k3", "m", "positions", "{points} [{unit}]"),),
+        (Output("position", "k3", "m", "{points} [{unit}]"),),
         "World positions of POINTS in m, one row each.",
         "forward kinematics",
+        group="kinematics",
     ),
     Row(
         "tip_pose",
         "q",
-        (Output("pose", "44", "1 or m", "tip_pose", "axes [1] and position [m]"),),
+        (Output("pose", "44", "1 or m", _POSE),),
         "Homogeneous transform from the tip's frame to the world.",
         "forward kinematics",
         "It is the frame of that name of the robot file. If the file has none, it is at the end of "
         "the last link with that link's axes; without links, at the base centre with the base's.",
         frame="tip",
+        group="tip",
+        on_request=True,
     ),
     Row(
         "tip_jacobian",
         "q",
-        (Output("jacobian", "6v", "m/rad, rad/m or 1", "tip_jacobian", _TWISTS),),
+        (Output("jacobian", "6v", "m/rad, rad/m or 1", _TWISTS),),
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "It takes v to the velocity of the tip in m/s and rad/s.",
         frame="tip",
+        group="tip",
+        on_request=True,
     ),
     Row(
         "tip_bias_acceleration",
         "qv",
-        (Output("bias_acceleration", "6", "m/s^2 or rad/s^2", "tip_bias_acceleration", _MOTIONS),),
+        (Output("bias_acceleration", "6", "m/s^2 or rad/s^2", MOTIONS),),
         "Acceleration of the tip where a is zero, gravity left out, in world axes.",
         "forward kinematics",
         "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
         "linear entries first, then angular.",
         frame="tip",
+        group="tip",
+        on_request=True,
     ),
     Row(
         "frame_poses",
         "q",
-        (Output("poses", "f44", "1 or m", "frame_poses", "axes [1] and position [m]" + _BY_FRAME),),
+        (POSES,),
         "Homogeneous transforms from the frames to the world.",
         "forward kinematics",
+        group="kinematics",
     ),
     Row(
         "frame_jacobians",
         "q",
-        (Output("jacobians", "f6v", "m/rad, rad/m or 1", "frame_jacobians", _TWISTS + _BY_FRAME),),
+        (Output("jacobians", "f6v", "m/rad, rad/m or 1", _TWISTS + _BY_FRAME),),
         "Jacobians of the frames: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "They take v to the velocities of the frames in m/s and rad/s.",
+        group="kinematics",
     ),
     Row(
         "frame_velocities",
         "qv",
-        (Output("velocities", "f6", "m/s or rad/s", "frame_velocities", _VELOCITIES),),
+        (VELOCITIES,),
         "Velocities of the frames' origins, then angular velocities, in world axes.",
         "forward kinematics",
+        group="kinematics",
     ),
     Row(
         "frame_bias_accelerations",
         "qv",
-        (
-            Output(
-                "bias_accelerations",
-                "f6",
-                "m/s^2 or rad/s^2",
-                "frame_bias_accelerations",
-                _MOTIONS + _ROW_BY_FRAME,
-            ),
-        ),
+        (BIAS_ACCELERATIONS,),
         "Accelerations of the frames where a is zero, gravity left out, in world axes.",
         "forward kinematics",
         "They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus "
         "this, linear entries first, then angular.",
+        group="kinematics",
     ),
     Row(
         "centre_of_mass",
         "q",
-        (Output("position", "3", "m", "centre_of_mass"),),
+        (Output("position", "3", "m"),),
         "World position of the centre of mass.",
         "the first moment of mass",
+        group="kinematics",
     ),
     Row(
         "centre_of_mass_jacobian",
         "q",
-        (Output("jacobian", "3v", "m/rad or 1", "centre_of_mass_jacobian"),),
+        (CENTRE_JACOBIAN,),
         "Jacobian of the centre of mass, in world axes.",
         "the first moment of mass",
         "Times the robot's mass it takes v to the linear momentum.",
+        group="kinematics",
     ),
     Row(
         "centroidal_momentum",
@@ -109,36 +123,40 @@ KINEMATICS = (
                 "momentum",
                 "6",
                 "kg m/s or kg m^2/s",
-                "centroidal_momentum",
                 "[kg m/s] in the first three, [kg m^2/s] in the others",
             ),
         ),
         "Linear momentum, then angular momentum about the centre of mass, in world axes.",
         "eq. 6 with rates for accelerations",
         "The same as Pinocchio's computeCentroidalMomentum.",
+        group="energies",
+        on_request=True,
     ),
     Row(
         "coordinate_rates",
         "qv",
-        (Output("rate", "q", "rad/s or m/s", "coordinate_rates", "{coordinate_rates}"),),
+        (Output("rate", "q", "rad/s or m/s", "{coordinate_rates}"),),
         "Rates of the coordinates q.",
         "kinematics of the base",
         "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
+        group="kinematics",
     ),
     Row(
         "integrate",
         "qv",
-        (Output("coordinates", "q", "rad or m", "integrated", "{coordinates}"),),
+        (Output("coordinates", "q", "rad or m", "{coordinates}", "integrated"),),
         "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
         "sums, or the exponential map of SE(3) for a quaternion with its position",
         "The same as Pinocchio's integrate. The only function that normalises a quaternion.",
+        group="kinematics",
     ),
     Row(
         "difference",
         ("q0", "q1"),
-        (Output("displacement", "v", "rad or m", "difference", "{displacement}"),),
+        (DISPLACEMENT,),
         "Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.",
         "differences, or the logarithm of SE(3) for a quaternion with its position",
         "The same as Pinocchio's difference. A quaternion and its opposite are one attitude.",
+        group="kinematics",
     ),
 )

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 # What a row may give of the function whose derivative it is: a matrix by each argument, a product
 # with a direction, a gradient of the results times weights, second derivatives of these, or what
 # the parameters change.
 Kind = Literal["", "jacobian", "jvp", "vjp", "hessian", "parameters"]
+# Units of accelerations, and of entries of a mass matrix.
+ACCELERATIONS = "rad/s^2 or m/s^2"
+INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
+# Entries of an input matrix, and of accelerations of frames.
+LEVERS = "[N/N], [N m/N] and [N m/(N m)], by row and column"
+MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
 
 
 @dataclass(frozen=True)
@@ -38,18 +44,23 @@ class Argument:
 class Output:
     """An array that a function returns: its name, its shape, and the unit of its entries.
 
-    `derivation` is the name under which `derivation.functions` has what derives it; outputs of
-    functions that are composed of others have none. `entries` says
-    what the entries are; `targets.documentation` puts a robot's lists in place of names in braces.
-    Of derivatives, `by` is the argument by which they are.
+    `entries` says what the entries are; `targets.documentation` puts a robot's lists in place of
+    names in braces. `derivation` is the name under which `derivation.functions` has what derives
+    it, where that is not the name of the row. Of derivatives, `by` is the argument by which they
+    are.
     """
 
     name: str
     shape: str
     unit: str
-    derivation: str = ""
     entries: str = "[{unit}]"
+    derivation: str = ""
     by: str = ""
+
+    @property
+    def is_coordinates(self) -> bool:
+        """Whether it is a configuration, a quaternion of unit length in it where there is one."""
+        return self.entries == "{coordinates}"
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers, given the length that each letter stands for."""
@@ -70,7 +81,8 @@ class Row:
     only where it was asked for; one that `is_long`, whose text grows with the cube of the number of
     joints, only where it was asked for by name. One that is `composed` has no derivation: it calls
     the functions named there so many times. `derivative_of` is the function of which it gives
-    derivatives, of some `kind`.
+    derivatives, of some `kind`. Functions of a `group` can be asked for by its name; those that are
+    not on request are compiled together.
     """
 
     name: str
@@ -85,3 +97,14 @@ class Row:
     composed: Mapping[str, int] = field(default_factory=dict)
     derivative_of: str = ""
     kind: Kind = ""
+    group: str = ""
+
+    @property
+    def derivations(self) -> tuple[str, ...]:
+        """For each output the name of what derives it; composed functions have none."""
+        return () if self.composed else tuple(o.derivation or self.name for o in self.outputs)
+
+
+def on_request(group: str, *rows: Row) -> tuple[Row, ...]:
+    """Rows of a group of functions that are generated on request only."""
+    return tuple(replace(row, group=group, on_request=True) for row in rows)

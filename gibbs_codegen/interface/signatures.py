@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gibbs_codegen.interface.choice import default_functions
 from gibbs_codegen.interface.rows import sizes
 from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS
 
@@ -29,21 +30,41 @@ class Signature:
 def module_signatures(module: Any) -> list[Signature]:
     """Signatures of a module, or of what lists the same constants, in the order of the table."""
     lists = {name: getattr(module, name, ()) for name in LISTS.values()}
-    return signatures(lists, module.DERIVATIVES)
+    # A module of version 0.2.0 or earlier has what was then there by default.
+    made = getattr(module, "FUNCTIONS", None)
+    if made is None:
+        made = [name for name in FUNCTIONS if hasattr(module, name)]
+    return signatures(lists, made)
+
+
+def entry_labels(lists: Mapping[str, Sequence[str]], signature: Signature) -> dict[str, list[str]]:
+    """What reports say of the entries of those arguments of a function that have two axes.
+
+    `lists` is as of `signatures`. The names are those that the first axis has, or else the second.
+    """
+    found = {}
+    for argument, sizes_of in zip(signature.arguments, signature.argument_shapes, strict=True):
+        shape = ARGUMENTS[argument].shape
+        if len(shape) == 2 and shape[0] in LISTS:
+            found[argument] = [name for name in lists[LISTS[shape[0]]] for _ in range(sizes_of[1])]
+        elif len(shape) == 2:
+            found[argument] = [*lists[LISTS[shape[1]]]] * sizes_of[0]
+    return found
 
 
 def signatures(
-    lists: Mapping[str, Collection[str]], derivatives: Collection[str] = ()
+    lists: Mapping[str, Collection[str]], functions: Collection[str] | None = None
 ) -> list[Signature]:
-    """Signatures of the functions that a robot has, in the order of the table.
+    """Signatures of those of some functions that a robot has, in the order of the table.
 
-    `lists` is what its module lists, by the names of `table.LISTS`; those left out are empty.
-    `derivatives` names the functions that were asked for.
+    `lists` is what its module lists, by the names of `table.LISTS`; those left out are empty. Of no
+    choice of functions it is those by default.
     """
     lengths = {letter: len(lists.get(name, ())) for letter, name in LISTS.items()}
     lengths["c"] = (lengths["h"] - lengths["v"]) // 2
     lengths["s"] = 2 * lengths["v"]
     lengths["x"] = lengths["s"] + lengths["u"]
+    chosen = default_functions() if functions is None else functions
     return [
         Signature(
             row.name,
@@ -52,6 +73,5 @@ def signatures(
             tuple(output.sizes(lengths) for output in row.outputs),
         )
         for row in FUNCTIONS.values()
-        if (not row.frame or row.frame in lists["FRAMES"])
-        and (not row.on_request or row.name in derivatives)
+        if row.name in chosen and (not row.frame or row.frame in lists["FRAMES"])
     ]

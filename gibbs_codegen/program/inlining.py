@@ -114,20 +114,16 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
         case Sum(terms):
             return Sum(tuple(_merged_terms(terms, values)))
         case Product(factors):
-            return _merged_product([substituted(factor, values) for factor in factors])
+            merged: list[Node] = []
+            for factor in factors:
+                inner = substituted(factor, values)
+                merged.extend(inner.factors if isinstance(inner, Product) else (inner,))
+            merged.sort(key=_is_no_number)  # Numbers come first.
+            return Product(tuple(merged))
         case Reciprocal(argument):
             return Reciprocal(substituted(argument, values))
         case Call(function, argument):
             return Call(function, substituted(argument, values))
-
-
-def _merged_product(factors: Sequence[Node]) -> Product:
-    """Factors with products among them opened up, numbers first."""
-    merged: list[Node] = []
-    for factor in factors:
-        merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
-    merged.sort(key=_is_no_number)
-    return Product(tuple(merged))
 
 
 def _is_no_number(factor: Node) -> bool:

@@ -63,6 +63,7 @@ _RUNS = re.compile(b"\x01+")
 Factor = str | float
 Term = tuple[int, tuple[Factor, ...]]
 Terms = tuple[Term, ...]
+Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -92,37 +93,27 @@ def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
     matcher = _Matcher(steps)
     queue = list(matcher.candidates())
     heapq.heapify(queue)
-    taken = [False] * len(steps)
+    occupied = [False] * len(steps)
     found = []
     while queue:
         covered, length, start = heapq.heappop(queue)
         count = -covered // length
-        free = [not any(taken[start + r * length : start + (r + 1) * length]) for r in range(count)]
+        free = [
+            not any(occupied[start + r * length : start + (r + 1) * length]) for r in range(count)
+        ]
         rest = [(start, count - 1)]
         if not all(free):
-            rest = _free_stretches(free, start, length)
+            # Stretches of blocks of which no step is taken.
+            runs = [[*run] for _, run in groupby(range(count), free.__getitem__)]
+            rest = [(start + run[0] * length, len(run)) for run in runs if free[run[0]]]
         elif match := matcher.match(start, length, count):
             found.append(match)
-            taken[match.start : match.stop] = [True] * (match.stop - match.start)
+            occupied[match.start : match.stop] = [True] * (match.stop - match.start)
             rest = [(start, count - len(match.blocks))]
         for new_start, new_count in rest:
             if is_profitable(new_count, length):
                 heapq.heappush(queue, (-new_count * length, length, new_start))
     return sorted(found, key=lambda match: match.start)
-
-
-def _free_stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int, int]]:
-    """First step and number of blocks of each stretch of blocks of which no step is taken.
-
-    `free` says that of each block; the first block begins at step `start`.
-    """
-    found = []
-    for is_free, group in groupby(free):
-        count = len(list(group))
-        if is_free:
-            found.append((start, count))
-        start += count * length
-    return found
 
 
 class _Matcher:
@@ -190,7 +181,10 @@ class _Matcher:
             pattern = pattern or [*forms]
             places.append([step.place for step in block if isinstance(step, Store)])
             defined = {step.name for step in block if isinstance(step, Statement)}
-            if forms != pattern or defined & used_later or not _is_affine(places[-3:]):
+            # Stores must have one stride over all blocks.
+            strides = zip(*places[-3:], strict=True) if len(places) > 2 else ()
+            is_affine = all(2 * b == a + c for a, b, c in strides)
+            if forms != pattern or defined & used_later or not is_affine:
                 break
             used_later.update(*self._names[first : first + length])
             used_later -= defined
@@ -245,11 +239,6 @@ def _canonical(
     terms.sort(key=lambda term: [key(factor) for factor in term[0]])
     form = [[k if k[0] < 3 else 3 for k in map(key, factors)] for factors, _ in terms]
     return form, tuple((sign, factors) for factors, sign in terms)
-
-
-def _is_affine(places: Sequence[Sequence[int]]) -> bool:
-    """Whether the places of each store have one stride over three blocks."""
-    return len(places) < 3 or all(2 * b == a + c for a, b, c in zip(*places, strict=True))
 
 
 def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
@@ -362,7 +351,7 @@ def _loop(
     # Names that every block reads mean themselves in the body, as do those that it defines.
     read = [{n for step in block for n in names_in(step.value)} for block in blocks]
     shared = set.intersection(*read)
-    operands: dict[str, tuple[str, ...]] = {}
+    operands: dict[str, Row] = {}
     body: list[Step] = []
     for p, step in enumerate(blocks[-1]):
         terms = []
@@ -384,10 +373,7 @@ def _loop(
 
 
 def _node(
-    column: Sequence[str | float],
-    defined: Sequence[str],
-    shared: set[str],
-    operands: dict[str, tuple[str, ...]],
+    column: Sequence[Factor], defined: Sequence[str], shared: set[str], operands: dict[str, Row]
 ) -> Node:
     """A factor of the body: a number or a name, by that factor in each block.
 
@@ -477,7 +463,7 @@ def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item]
             placed.append(item)
             continue
         here: dict[str, str] = {}
-        operands: dict[str, tuple[str, ...]] = {}
+        operands: dict[str, Row] = {}
         for i, (name, row) in enumerate(item.operands.items()):
             own = {name for name in row if name in defined}
             operands[name] = _place_row(row, f"{row[-1]}_{len(copies)}_{i}_", own, here, tuples)
@@ -494,8 +480,8 @@ def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item]
 
 
 def _place_row(
-    row: tuple[str, ...], prefix: str, defined: set[str], copies: dict[str, str], tuples: SlotTuples
-) -> tuple[str, ...]:
+    row: Row, prefix: str, defined: set[str], copies: dict[str, str], tuples: SlotTuples
+) -> Row:
     """Put a row, one name an iteration, into one tuple, with copies of names that cannot lie in it.
 
     `defined` are the names of the row that steps define, which therefore can have slots. Empty if
@@ -507,7 +493,7 @@ def _place_row(
         for candidate in (name, copy) if name in defined and name not in found else (copy,):
             tuples.add(candidate)
             anchor = found[0] if found else candidate
-            if tuples.coalesce(anchor, candidate, -i, _never_share):
+            if tuples.coalesce(anchor, candidate, -i, lambda *_: False):
                 found.append(candidate)
                 break
         else:
@@ -515,7 +501,3 @@ def _place_row(
         if found[-1] == copy:
             copies[copy] = name
     return tuple(reversed(found))
-
-
-def _never_share(_first: str, _second: str) -> bool:
-    return False

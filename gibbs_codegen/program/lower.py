@@ -24,20 +24,8 @@ from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, Kind, Ref, in_order
 from gibbs_codegen.graph.shortening import operations as graph_operations
 from gibbs_codegen.graph.shortening import optimised
+from gibbs_codegen.program import nodes
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
-from gibbs_codegen.program.nodes import (
-    Call,
-    Function,
-    Name,
-    Node,
-    Number,
-    Output,
-    Product,
-    Program,
-    Reciprocal,
-    Statement,
-    Sum,
-)
 from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
@@ -65,7 +53,7 @@ def lower(
     inputs: Mapping[str, tuple[str, ...]],
     parameters: Sequence[str],
     slices: Sequence[Slice],
-) -> Program:
+) -> nodes.Program:
     """Lower every slice of the tape, or of its graph, into one program.
 
     `inputs` names the scalars in each argument. Of `parameters` the program has those that a
@@ -79,30 +67,41 @@ def lower(
     prepare = lowering.prepare([node for node in reached if graph.operands[node]], needed)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
     numbered = {statement.name: f"k{i}" for i, statement in enumerate(prepare, start=1)}
-    constants: dict[str, Node] = {old: Name(new) for old, new in numbered.items()}
+    constants: dict[str, nodes.Node] = {old: nodes.Name(new) for old, new in numbered.items()}
     read = {lowering.name(node) for node in reached}
 
-    def names(nodes: set[int]) -> tuple[str, ...]:
-        own = map(lowering.name, sorted(nodes))
+    def names(numbers: set[int]) -> tuple[str, ...]:
+        own = map(lowering.name, sorted(numbers))
         return tuple(numbered.get(name, name) for name in own)
 
-    return Program(
+    return nodes.Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
         constants=names(needed),
         prepare=tuple(
-            Statement(numbered[s.name], substituted(s.value, constants), s.group) for s in prepare
+            nodes.Statement(numbered[s.name], substituted(s.value, constants), s.group)
+            for s in prepare
         ),
-        functions=tuple(
-            Function(
-                draft.piece.name,
-                draft.piece.arguments,
-                names(draft.constants),
-                *_renamed(draft, constants),
-            )
-            for draft in drafts
-        ),
+        functions=tuple(_numbered(draft, constants, names(draft.constants)) for draft in drafts),
     )
+
+
+def _numbered(
+    draft: _Draft, constants: Mapping[str, nodes.Node], constant_names: tuple[str, ...]
+) -> nodes.Function:
+    """A function whose temporaries are numbered from 1, so that each reads by itself."""
+    values = dict(constants)
+    values.update({s.name: nodes.Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
+    statements = tuple(
+        nodes.Statement(f"t{i}", substituted(statement.value, values), statement.group)
+        for i, statement in enumerate(draft.statements, start=1)
+    )
+    outputs = tuple(
+        nodes.Output(output.shape, tuple(substituted(entry, values) for entry in output.entries))
+        for output in draft.outputs
+    )
+    piece = draft.piece
+    return nodes.Function(piece.name, piece.arguments, constant_names, statements, outputs)
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
@@ -124,8 +123,8 @@ class _Draft:
 
     piece: Slice
     constants: set[int]
-    statements: list[Statement]
-    outputs: list[Output]
+    statements: list[nodes.Statement]
+    outputs: list[nodes.Output]
 
 
 class _Lowering:
@@ -140,38 +139,41 @@ class _Lowering:
         """Lower one slice, with what is used once written where it is used."""
         graph = self.graph
         origins: dict[int, int] = {}
-        given = [self._ref(entry) for _, entries in piece.outputs for entry in entries]
-        shortened = optimised(graph, given, origins, piece.repeats)
+        entries = [entry for _, entries in piece.outputs for entry in entries]
+        wanted = [e if isinstance(e, int) else self._imported.ref(e) for e in entries]
+        shortened = optimised(graph, wanted, origins, piece.repeats)
         refs, negated = shortened.outputs, shortened.polarity.negated
         computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
         words = self._words_of(computed, piece.groups, origins)
         statements = [
-            Statement(self.name(node), self.value(node, negated), words[node]) for node in computed
+            nodes.Statement(self.name(node), self.value(node, negated), words[node])
+            for node in computed
         ]
-        terms = iter([self._term(ref, negated) for ref in refs])
+        terms = iter([_with_sign(*self._signed(ref, negated)) for ref in refs])
         outputs = [
-            Output(shape, tuple(islice(terms, len(entries)))) for shape, entries in piece.outputs
+            nodes.Output(shape, tuple(islice(terms, len(entries))))
+            for shape, entries in piece.outputs
         ]
         read = [ref >> 1 for node in computed for ref in graph.operands[node]]
         read.extend(ref >> 1 for ref in refs)
         constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
-    def prepare(self, nodes: Sequence[int], needed: set[int]) -> list[Statement]:
+    def prepare(self, numbers: Sequence[int], needed: set[int]) -> list[nodes.Statement]:
         """Lower what parameters determine; what is used once is written where it is used.
 
-        `nodes` are constant, in order; `needed` are those that functions read.
+        `numbers` are those of constant nodes, in order; `needed` are those that functions read.
         """
-        words = self._words_of(nodes, {}, {})
+        words = self._words_of(numbers, {}, {})
         statements = [
-            Statement(
-                self.name(node),
-                self.value(node, frozenset()),
-                words[node] or WORDS_OF_CONSTANTS,
+            nodes.Statement(
+                self.name(n), self.value(n, frozenset()), words[n] or WORDS_OF_CONSTANTS
             )
-            for node in nodes
+            for n in numbers
         ]
-        kept = Output((len(needed),), tuple(Name(self.name(node)) for node in sorted(needed)))
+        kept = nodes.Output(
+            (len(needed),), tuple(nodes.Name(self.name(node)) for node in sorted(needed))
+        )
         return inline_single_uses(statements, [kept], products_only=True)
 
     def name(self, node: int) -> str:
@@ -179,11 +181,8 @@ class _Lowering:
         is_input = self.graph.kinds[node] is Kind.INPUT
         return str(self.graph.labels[node]) if is_input else f"n{node}"
 
-    def _ref(self, entry: sp.Expr | Ref) -> Ref:
-        return entry if isinstance(entry, int) else self._imported.ref(entry)
-
     def _words_of(
-        self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str], origins: Mapping[int, int]
+        self, numbers: Sequence[int], groups: Mapping[sp.Symbol, str], origins: Mapping[int, int]
     ) -> dict[int, str]:
         """Words of the groups that nodes belong to; what has none belongs to its first user's.
 
@@ -192,15 +191,15 @@ class _Lowering:
         """
         said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}
-        for node in reversed(nodes):
+        for node in reversed(numbers):
             origin = origins.get(node, node)
             own = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
             inherited[node] = own
             for ref in self.graph.operands[node]:
                 inherited[ref >> 1] = own
-        return {node: inherited[node] for node in nodes}
+        return {node: inherited[node] for node in numbers}
 
-    def value(self, node: int, negated: Collection[int]) -> Node:
+    def value(self, node: int, negated: Collection[int]) -> nodes.Node:
         """The right-hand side of a node."""
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
@@ -211,55 +210,35 @@ class _Lowering:
                 for (sign, term), ref in zip(signed, graph.operands[node], strict=True)
             ]
             # Positive terms first, numbers and oldest names first: few lines begin with a minus.
-            terms.sort(key=lambda t: (-t[0], not isinstance(t[2], Number), t[1]))
-            return Sum(tuple((sign, term) for sign, _, term in terms))
+            terms.sort(key=lambda t: (-t[0], not isinstance(t[2], nodes.Number), t[1]))
+            return nodes.Sum(tuple((sign, term) for sign, _, term in terms))
         if kind is Kind.PRODUCT:
             (first, x), (second, y) = signed
-            return _with_sign(flip * first * second, Product((x, y)))
+            return _with_sign(flip * first * second, nodes.Product((x, y)))
         ((sign, argument),) = signed
         if kind is Kind.RECIPROCAL:
-            return _with_sign(flip * sign, Reciprocal(argument))
+            return _with_sign(flip * sign, nodes.Reciprocal(argument))
         match graph.labels[node]:
             case "cos":
-                return _with_sign(flip, Call("cos", argument))
+                return _with_sign(flip, nodes.Call("cos", argument))
             case "sqrt":
-                return _with_sign(flip, Call("sqrt", _with_sign(sign, argument)))
+                return _with_sign(flip, nodes.Call("sqrt", _with_sign(sign, argument)))
             case "sin" | "atan" | "sign" as odd:
-                return _with_sign(flip * sign, Call(odd, argument))
+                return _with_sign(flip * sign, nodes.Call(odd, argument))
             case unknown:
                 raise ValueError(f"no program has a function {unknown!r}")
 
-    def _term(self, ref: Ref, negated: Collection[int]) -> Node:
-        return _with_sign(*self._signed(ref, negated))
-
-    def _signed(self, ref: Ref, negated: Collection[int]) -> tuple[int, Node]:
+    def _signed(self, ref: Ref, negated: Collection[int]) -> tuple[int, nodes.Node]:
         """The sign of a value against what is computed for its node, and that."""
         node, graph = ref >> 1, self.graph
         value = graph.value(ref)
         if value is not None:
-            return (-1, Number(-value)) if value < 0 else (1, Number(value))
+            return (-1, nodes.Number(-value)) if value < 0 else (1, nodes.Number(value))
         flipped = (ref & 1) ^ (node in negated)
-        return (-1 if flipped else 1), Name(self.name(node))
+        return (-1 if flipped else 1), nodes.Name(self.name(node))
 
 
-def _with_sign(sign: int, node: Node) -> Node:
+def _with_sign(sign: int, node: nodes.Node) -> nodes.Node:
     if sign > 0:
         return node
-    return Number(-node.value) if isinstance(node, Number) else Sum(((-1, node),))
-
-
-def _renamed(
-    draft: _Draft, constants: Mapping[str, Node]
-) -> tuple[tuple[Statement, ...], tuple[Output, ...]]:
-    """Number the temporaries of a function from 1, so that each function reads by itself."""
-    names = dict(constants)
-    names.update({s.name: Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
-    statements = tuple(
-        Statement(f"t{i}", substituted(statement.value, names), statement.group)
-        for i, statement in enumerate(draft.statements, start=1)
-    )
-    outputs = tuple(
-        Output(output.shape, tuple(substituted(entry, names) for entry in output.entries))
-        for output in draft.outputs
-    )
-    return statements, outputs
+    return nodes.Number(-node.value) if isinstance(node, nodes.Number) else nodes.Sum(((-1, node),))

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TypeAlias
 
-from gibbs_codegen.interface import FUNCTIONS, Signature, signatures
+from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among, signatures
 from gibbs_codegen.program.nodes import Function, Node, Program, names_in
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.module_lists import module_lists
 
 Progress = Callable[[str], None]
-# Which functions there are of those generated on request: True for all that are not long, or none
-# of them; one name, or several; "all" stands for the long ones too.
-Derivatives: TypeAlias = bool | str | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -23,27 +18,39 @@ class Model:
     """A derived robot: its program, and the defaults and units of its parameters.
 
     `folded` names the parameters that are zero in the file and therefore structural, unless
-    `keeps_zeros`. `derivatives` names the functions generated on request that it has.
+    `keeps_zeros`. `functions` names those of the table that it has; `total_mass` is what its
+    constants have for the mass of the whole robot, kg.
     """
 
-    robot: Robot
+    description: Description
     program: Program
     defaults: dict[str, float]
     units: dict[str, str]
     folded: tuple[str, ...]
     keeps_zeros: bool
-    derivatives: tuple[str, ...]
+    functions: tuple[str, ...]
+    total_mass: Node
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as plain data."""
+        return self.description.robot
 
     @property
     def lists(self) -> dict[str, Collection[str]]:
         """What its module lists, by the names of the constants."""
-        own = {"PARAMETERS": self.defaults, "DERIVATIVES": self.derivatives}
-        return {**module_lists(self.robot, self.derivatives), **own}
+        own = {
+            "PARAMETERS": self.defaults,
+            "FUNCTIONS": tuple(signature.name for signature in self.signatures),
+            "DERIVATIVES": derivatives_among(self.functions),
+        }
+        return {**self.description.lists(self.functions), **own}
 
     @property
     def signatures(self) -> list[Signature]:
         """Signatures of its functions, in the order of the table."""
-        return signatures(self.lists, self.derivatives)
+        lists = {**self.description.lists(self.functions), "PARAMETERS": self.defaults}
+        return signatures(lists, self.functions)
 
     @property
     def derived(self) -> list[tuple[Function, Signature]]:
@@ -55,16 +62,6 @@ class Model:
     def composed(self) -> list[Signature]:
         """Signatures of the functions that are composed of the program's."""
         return [s for s in self.signatures if FUNCTIONS[s.name].composed]
-
-    @property
-    def total_mass(self) -> Node:
-        """Mass of the whole robot: the mass matrix's entry of the position, whatever the attitude.
-
-        Of the position's three entries it is the last.
-        """
-        v = layout_of(self.robot).v
-        place: int = v.position.stop - 1
-        return self.program.function("mass_matrix").outputs[0].entries[place * (v.size + 1)]
 
     @property
     def parameters_read(self) -> list[str]:

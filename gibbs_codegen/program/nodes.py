@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import chain
 from typing import Any, Generic, Literal, TypeVar
 
@@ -297,13 +297,7 @@ class Operations:
     @property
     def total(self) -> int:
         """All but the sine–cosine pairs and arctangents."""
-        return (
-            self.additions
-            + self.subtractions
-            + self.multiplications
-            + self.divisions
-            + self.square_roots
-        )
+        return sum(astuple(self)[:5])
 
 
 def count_operations(nodes: Iterable[Node]) -> Operations:
@@ -312,8 +306,7 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
     What they have in common counts as often as it occurs, but for sine–cosine pairs, which are
     counted once per angle.
     """
-    additions = subtractions = multiplications = divisions = 0
-    others: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     angles: set[Node] = set()
     stack = list(nodes)
     while stack:
@@ -321,25 +314,20 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
         match node:
             case Sum(terms):
                 negative = sum(sign < 0 for sign, _ in terms)
-                subtractions += negative
-                additions += max(len(terms) - negative - 1, 0)
+                counts["-"] += negative
+                counts["+"] += max(len(terms) - negative - 1, 0)
             case Product(factors):
-                multiplications += len(factors) - 1
+                counts["*"] += len(factors) - 1
             case Reciprocal():
-                divisions += 1
+                counts["/"] += 1
             case Call("sin" | "cos", argument) if argument in angles:
                 continue
             case Call("sin" | "cos", argument):
                 angles.add(argument)
             case Call(function):
-                others[function] += 1
+                counts[function] += 1
         stack.extend(node.operands)
     return Operations(
-        additions,
-        subtractions + others["sign"],
-        multiplications,
-        divisions,
-        others["sqrt"],
-        len(angles),
-        others["atan"],
+        *(counts["+"], counts["-"] + counts["sign"], counts["*"], counts["/"], counts["sqrt"]),
+        *(len(angles), counts["atan"]),
     )

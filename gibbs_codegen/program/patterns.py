@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, derivatives_among
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Number, Output
 
@@ -35,7 +35,7 @@ def matrices(model: Model) -> dict[str, list[str]]:
             if len(shape) > 1
         ]
         for _, signature in model.derived
-        if signature.name in model.derivatives
+        if signature.name in derivatives_among(model.functions)
     }
     return {function: names for function, names in found.items() if names}
 
@@ -55,11 +55,12 @@ def patterns(model: Model) -> dict[str, Pattern]:
                 shapes[described.name] = output.shape
     return {
         name: Pattern(
-            *_sorted_by_column(found),
-            shapes[name][-1],
-            math.prod(shapes[name]),
+            tuple(row for row, _ in ordered),
+            tuple(column for _, column in ordered),
+            *(shapes[name][-1], math.prod(shapes[name])),
         )
         for name, found in places.items()
+        for ordered in [sorted(found, key=lambda place: place[::-1])]
     }
 
 
@@ -71,9 +72,3 @@ def nonzeros(output: Output) -> set[tuple[int, int]]:
     width = math.prod(output.shape[-1:])
     zero = Number(0.0)
     return {divmod(i, width) for i, e in enumerate(output.entries) if e != zero}
-
-
-def _sorted_by_column(places: set[tuple[int, int]]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Rows and columns of places, column by column."""
-    ordered = sorted(places, key=lambda place: place[::-1])
-    return tuple(row for row, _ in ordered), tuple(column for _, column in ordered)

@@ -42,16 +42,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
+from gibbs_codegen.program import steps
 from gibbs_codegen.program.loops import SlotTuples, insert_copies
 from gibbs_codegen.program.nodes import names_in
-from gibbs_codegen.program.steps import (
-    Item,
-    Loop,
-    Step,
-    defined_names,
-    split_into_sections,
-    used_names,
-)
 from gibbs_codegen.program.trigonometry import GatheredFunction
 
 # Stands for every iteration of a loop.
@@ -65,7 +58,7 @@ class LiveRanges:
     a name that nothing uses ends where it is defined.
     """
 
-    def __init__(self, sections: Sequence[Sequence[Item]]) -> None:
+    def __init__(self, sections: Sequence[Sequence[steps.Item]]) -> None:
         self.first_definition: dict[str, int] = {}
         self.last_use: dict[str, int] = {}
         # Of each loop, by section: the iterations that use a name, and the one that defines it.
@@ -73,16 +66,16 @@ class LiveRanges:
         self._defining: dict[int, dict[str, int]] = {}
         for i, section in enumerate(sections):
             for item in section:
-                defined = dict.fromkeys(defined_names(item), i)
+                defined = dict.fromkeys(steps.defined_names(item), i)
                 self.first_definition.update(defined)
                 self.last_use.update(defined)
                 self.last_use.update(
-                    (name, i) for name in used_names(item) if name in self.first_definition
+                    (name, i) for name in steps.used_names(item) if name in self.first_definition
                 )
-                if isinstance(item, Loop):
+                if isinstance(item, steps.Loop):
                     self._add_loop(i, item)
 
-    def _add_loop(self, section: int, loop: Loop) -> None:
+    def _add_loop(self, section: int, loop: steps.Loop) -> None:
         using: dict[str, set[int]] = {name: {_EVERY} for name in loop.invariants}
         for row in loop.operands.values():
             for iteration, name in enumerate(row):
@@ -125,7 +118,7 @@ class Section:
     For the row of a loop it is the slot of the first iteration; the others follow.
     """
 
-    code: tuple[Step, ...] | Loop
+    code: tuple[steps.Step, ...] | steps.Loop
     reloads: dict[str, int]
     spills: dict[str, int]
 
@@ -143,7 +136,9 @@ class Allocation:
         return "-" if name in self.negated else ""
 
 
-def allocate_scratch(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Allocation:
+def allocate_scratch(
+    items: Sequence[steps.Item], signs: Mapping[str, int], limit: int
+) -> Allocation:
     """Split a schedule into sections, and give slots to the values that they hand on.
 
     The rows of loops hold the names times their `signs`, +1 or −1; without loops these may be
@@ -153,13 +148,13 @@ def allocate_scratch(items: Sequence[Item], signs: Mapping[str, int], limit: int
     placed, copies = insert_copies(items, tuples)
     negated = {name for name, sign in signs.items() if sign < 0}
     negated |= {copy for copy, name in copies.items() if name in negated}
-    sections = split_into_sections(placed, limit)
+    sections = steps.split_into_sections(placed, limit)
     live = LiveRanges(sections)
     tuples.keep(live.first_definition)
     for name in live.slotted:
         tuples.add(name)
     for loop in placed:
-        if isinstance(loop, Loop):
+        if isinstance(loop, steps.Loop):
             for result in loop.results.values():
                 any(
                     tuples.coalesce(operand[0], result[0], 0, live.can_share)
@@ -184,18 +179,18 @@ def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:
     # Slots that are free, from the first to before the second, and those that are taken, with the
     # section of their last use.
     free = [(0, sys.maxsize)]
-    taken: list[tuple[int, int, int]] = []
+    occupied: list[tuple[int, int, int]] = []
     present = -1
     for start, end, members in sorted(intervals, key=lambda interval: interval[:2]):
         lowest, size = min(members), max(members) - min(members) + 1
         if start > present:  # A straight section reloads all before it spills.
             present, kept = start, start - live.is_loop(start)
-            free = _joined([*free, *(slot[:2] for slot in taken if slot[2] <= kept)])
-            taken = [slot for slot in taken if slot[2] > kept]
+            free = _joined([*free, *(slot[:2] for slot in occupied if slot[2] <= kept)])
+            occupied = [slot for slot in occupied if slot[2] > kept]
         place = next(i for i, (base, stop) in enumerate(free) if stop - base >= size)
         base, stop = free[place]
         free[place] = (base + size, stop)
-        taken.append((base, base + size, end))
+        occupied.append((base, base + size, end))
         for offset, names in members.items():
             slots.update(dict.fromkeys(names, base + offset - lowest))
     return slots
@@ -213,19 +208,19 @@ def _joined(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def _section(
-    number: int, items: Sequence[Item], slots: Mapping[str, int], live: LiveRanges
+    number: int, items: Sequence[steps.Item], slots: Mapping[str, int], live: LiveRanges
 ) -> Section:
     """Section `number`, from 0, of steps or a loop, with the slots of all names that have one."""
-    if items and isinstance(items[0], Loop):
+    if items and isinstance(items[0], steps.Loop):
         loop = items[0]
         reloads = {name: slots[name] for name in loop.invariants if name in slots}
         reloads |= {name: slots[row[0]] for name, row in loop.operands.items()}
         return Section(loop, reloads, {name: slots[row[0]] for name, row in loop.results.items()})
-    steps = tuple(item for item in items if not isinstance(item, Loop))
-    used = dict.fromkeys(name for step in steps for name in used_names(step))
-    defined = [name for step in steps for name in defined_names(step)]
+    straight = tuple(item for item in items if not isinstance(item, steps.Loop))
+    used = dict.fromkeys(name for step in straight for name in steps.used_names(step))
+    defined = [name for step in straight for name in steps.defined_names(step)]
     return Section(
-        steps,
+        straight,
         {name: slots[name] for name in used if name in slots and name not in defined},
         {name: slots[name] for name in defined if live.last_use[name] > number},
     )

@@ -13,16 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gibbs_codegen.program.nodes import (
-    Function,
-    Name,
-    Node,
-    Output,
-    Statement,
-    calls_in,
-    names_in,
-    replaced,
-)
+from gibbs_codegen.program import nodes
 
 
 @dataclass(frozen=True)
@@ -33,10 +24,10 @@ class GatheredFunction:
     i-th angle as `sine_name(i)` and its cosine as `cosine_name(i)`.
     """
 
-    angle_statements: tuple[Statement, ...]
-    angles: tuple[Node, ...]
-    statements: tuple[Statement, ...]
-    outputs: tuple[Output, ...]
+    angle_statements: tuple[nodes.Statement, ...]
+    angles: tuple[nodes.Node, ...]
+    statements: tuple[nodes.Statement, ...]
+    outputs: tuple[nodes.Output, ...]
 
 
 def sine_name(i: int) -> str:
@@ -49,50 +40,52 @@ def cosine_name(i: int) -> str:
     return f"c{i + 1}"
 
 
-def gather_angles(function: Function) -> GatheredFunction:
+def gather_angles(function: nodes.Function) -> GatheredFunction:
     """A function without calls, and its angles in the order of their first use."""
     calls = [
         call
         for node in function.nodes()
-        for call in calls_in(node)
+        for call in nodes.calls_in(node)
         if call.function in ("sin", "cos")
     ]
     angles = list(dict.fromkeys(call.argument for call in calls))
-    names: dict[Node, Node] = {}
+    names: dict[nodes.Node, nodes.Node] = {}
     for call in calls:
         place = angles.index(call.argument)
         text = sine_name(place) if call.function == "sin" else cosine_name(place)
-        names[call] = Name(text)
+        names[call] = nodes.Name(text)
     renamed: set[str] = set()
 
-    def gathered(node: Node) -> Node:
-        changes = calls_in(node) or not renamed.isdisjoint(names_in(node))
-        return replaced(node, names) if changes else node
+    def gathered(node: nodes.Node) -> nodes.Node:
+        changes = nodes.calls_in(node) or not renamed.isdisjoint(nodes.names_in(node))
+        return nodes.replaced(node, names) if changes else node
 
     statements = []
     for statement in function.statements:
         value = gathered(statement.value)
-        if isinstance(value, Name):
-            names[Name(statement.name)] = value
+        if isinstance(value, nodes.Name):
+            names[nodes.Name(statement.name)] = value
             renamed.add(statement.name)
-        elif value is statement.value:
-            statements.append(statement)
         else:
-            statements.append(replace(statement, value=value))
+            same = value is statement.value
+            statements.append(statement if same else replace(statement, value=value))
     outputs = tuple(
-        Output(output.shape, tuple(map(gathered, output.entries))) for output in function.outputs
+        nodes.Output(output.shape, tuple(map(gathered, output.entries)))
+        for output in function.outputs
     )
     before = _needed(function.statements, angles)
     after = _needed(tuple(statements), [entry for o in outputs for entry in o.entries])
     return GatheredFunction(before, tuple(angles), after, outputs)
 
 
-def _needed(statements: tuple[Statement, ...], roots: list[Node]) -> tuple[Statement, ...]:
+def _needed(
+    statements: tuple[nodes.Statement, ...], roots: list[nodes.Node]
+) -> tuple[nodes.Statement, ...]:
     """Those of `statements`, in order, that `roots` need."""
-    wanted = {name for root in roots for name in names_in(root)}
+    wanted = {name for root in roots for name in nodes.names_in(root)}
     kept = []
     for statement in reversed(statements):
         if statement.name in wanted:
             kept.append(statement)
-            wanted.update(names_in(statement.value))
+            wanted.update(nodes.names_in(statement.value))
     return tuple(reversed(kept))

@@ -1,23 +1,21 @@
-"""How a robot is balanced: wrenches of its rotors, its base, the thrusts of hovering, in words."""
+"""How a robot is balanced, and which of its numbers are probably in another unit.
+
+Wrenches of its rotors, its base and the thrusts of hovering, with what is told of them in words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
-from gibbs_codegen.robot.names import coordinate_of, rotor_label
+from gibbs_codegen.robot.model import BASE, RigidBody, Robot, as_rigid_body
+from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import Array, mounted_rotors
-from gibbs_codegen.robot.posture import (
-    AT_ORIGIN,
-    base_properties,
-    frames_on,
-    rounded,
-    whole_properties,
-)
+from gibbs_codegen.robot.rigid_body import inertia_matrix, named_bodies
 from gibbs_codegen.robot.wrenches import directions
 
 # Fewer times better is a matter of taste.
@@ -45,7 +43,9 @@ def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -
 
     `joints` are those that move, rad or m, zero if None.
     """
-    frames = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints)
+    frames = posture.frames_on(
+        robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints
+    )
     drags = np.array([*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)])
     moments = np.cross(frames.motors, frames.thrusts) + drags[:, np.newaxis] * frames.thrusts
     return np.concatenate([frames.thrusts, moments], axis=1).T
@@ -118,19 +118,15 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
     every_second = set(range(2, robot.rotors + 1, 2))
     found = []
     for motors in ({1}, every_second, every_second ^ {1}):
-        condition = arrangement(_mirrored(robot, motors)).condition
+        thrust = tuple(
+            (-x, -y, z) if k in motors else (x, y, z)
+            for k, (x, y, z) in enumerate(robot.base.thrust, start=1)
+        )
+        mirrored = replace(robot, base=replace(robot.base, thrust=thrust))
+        condition = arrangement(mirrored).condition
         found.append(TiltHint(tuple(sorted(motors)), condition))
     best = min(found, key=lambda hint: hint.condition)
     return best if best.condition * _FAR_BETTER < now.condition else None
-
-
-def _mirrored(robot: Robot, motors: Collection[int]) -> Robot:
-    """The robot with the thrusts of some motors tilted to the other side."""
-    thrust = tuple(
-        (-x, -y, z) if k in motors else (x, y, z)
-        for k, (x, y, z) in enumerate(robot.base.thrust, start=1)
-    )
-    return replace(robot, base=replace(robot.base, thrust=thrust))
 
 
 @dataclass(frozen=True)
@@ -161,52 +157,48 @@ def hangs(robot: Robot) -> bool:
 
 def hover(robot: Robot, margin: bool = True) -> Hover:
     """Hovering of a robot; for its margin SciPy is imported."""
-    needed, matrix = _weight(robot), wrench_matrix(robot)
+    body = posture.base_properties(robot) if hangs(robot) else posture.whole_properties(robot)
+    x, y, _ = body.mass * np.array(body.com)
+    # The wrench about the base centre that holds the robot, level, in the base's axes.
+    needed = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
+    matrix = wrench_matrix(robot)
     size = float(np.abs(needed).max())
     thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
     if not robot.rotors or np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
         return Hover(None, None, (), _moment_left(matrix, needed) if robot.rotors else None)
-    found = tuple(map(float, rounded(thrusts, size)))
+    found = tuple(map(float, posture.rounded(thrusts, size)))
     limits = [rotor.limits for rotor in robot.thrusters]
     beyond = [
         k
         for k, (thrust, bounds) in enumerate(zip(found, limits, strict=False), start=1)
         if bounds and not bounds[0] <= thrust <= bounds[1]
     ]
-    given = [bounds for bounds in limits if bounds]
-    limited = margin and size and len(given) == robot.rotors
-    return Hover(found, _margin(matrix, needed, given) if limited else None, tuple(beyond))
+    known = [bounds for bounds in limits if bounds]
+    limited = margin and size and len(known) == robot.rotors
+    return Hover(found, _margin(matrix, needed, known) if limited else None, tuple(beyond))
 
 
 def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     """Torques (N m), forces (N) that hold joints at zero, the base level, under thrusts (N)."""
-    links = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving))).links
-    acting = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
+    links = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving))).links
+    loads = np.zeros((len(robot.links) + 1, 6))  # On each body, about the base centre.
     for rotor, unit, thrust in zip(
         mounted_rotors(robot), wrench_matrix(robot).T, thrusts, strict=True
     ):
-        acting[rotor.on] += thrust * unit
+        loads[rotor.on] += thrust * unit
     for i in range(len(robot.links), 0, -1):
         body = as_rigid_body(robot.links[i - 1].body)
         weight = np.array([0.0, 0.0, -robot.gravity * body.mass])
-        acting[i] += *weight, *np.cross(links[i - 1].place(body.com), weight)
-        acting[robot.parents[i - 1]] += acting[i]
+        loads[i] += *weight, *np.cross(links[i - 1].place(body.com), weight)
+        loads[robot.parents[i - 1]] += loads[i]
     efforts = []
     for i in robot.moving:
-        link, frame, (force, moment) = robot.links[i - 1], links[i - 1], np.split(acting[i], 2)
+        link, frame, (force, moment) = robot.links[i - 1], links[i - 1], np.split(loads[i], 2)
         turns = link.joint == "revolute"
         along = moment - np.cross(frame.origin, force) if turns else force
         efforts.append(-link.passive.stiffness * link.passive.rest - along @ frame.axes @ link.axis)
     size = robot.gravity * robot.total_mass
-    return list(map(float, rounded(np.array(efforts), size)))
-
-
-def _weight(robot: Robot) -> Array:
-    """Wrench (6) about the base centre that holds the robot, level, in the base's axes."""
-    held = base_properties(robot) if hangs(robot) else whole_properties(robot)
-    x, y, _ = held.mass * np.array(held.com)
-    weight: Array = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
-    return weight
+    return list(map(float, posture.rounded(np.array(efforts), size)))
 
 
 def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
@@ -222,7 +214,7 @@ def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
         return None
     left = needed[3:] - moments @ thrusts
     left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
-    return tuple(map(float, rounded(left, float(np.abs(needed).max()))))
+    return tuple(map(float, posture.rounded(left, float(np.abs(needed).max()))))
 
 
 def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:
@@ -247,7 +239,7 @@ _MOST_LISTED = 12
 
 def balance_lines(robot: Robot) -> list[str]:
     """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
-    found = base_properties(robot)
+    found = posture.base_properties(robot)
     x, y, z = map(number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
     return [
@@ -310,7 +302,7 @@ def lopsided(robot: Robot) -> str | None:
     if not base.rotors or base.body or base.azimuth_deg is not None:
         return None
     longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
-    x, y, _ = base_properties(robot).com
+    x, y, _ = posture.base_properties(robot).com
     offset = float(np.hypot(x, y))
     if offset <= _LOPSIDED * longest or longest == 0.0:
         return None
@@ -341,3 +333,65 @@ def lopsided(robot: Robot) -> str | None:
 def number(value: float) -> str:
     """A number as reports have it, in four digits."""
     return f"{value:.4g}"
+
+
+# Robots are slender: none fills the cube around it with water, kg/m³.
+_WATER = 1000.0
+# Robots have substance: film to wrap food in weighs twice as much, kg/m². An arm of 64 rods of 3 m
+# and 1 kg/m weighs more, too, and all robots are a million times lighter in millimetres.
+_FILM = 0.004
+# Radius of gyration of a body, of the extent of the whole robot.
+_LARGEST_GYRATION = 3.0
+# Of propellers it is about 0.01 to 0.03 m.
+LARGEST_DRAG = 0.1
+
+
+def implausible(robot: Robot) -> tuple[str, ...]:
+    """Warnings of what is probably grams, millimetres or degrees, with what was perhaps meant."""
+    frames = posture.frames_on(robot, posture.AT_ORIGIN, np.zeros(len(robot.moving)))
+    ends: list[Array] = [frames.centre, *frames.motors]
+    for link, frame in zip(robot.links, frames.links, strict=True):
+        body = as_rigid_body(link.body)
+        ends += [frame.origin, frame.place(body.com), frame.point(body.length)]
+    # The longest side of a box around the joints, rotors, ends and centres of mass.
+    extent = float(np.ptp(np.array(ends), axis=0).max())
+    found = []
+    if extent and robot.total_mass > _WATER * extent**3:
+        found.append(
+            f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.3g} m, more than "
+            "water in a cube of that size; masses are in kg and lengths in m"
+        )
+    if robot.total_mass < _FILM * extent**2:
+        found.append(
+            f"the robot is {extent:.4g} m long and weighs {robot.total_mass:.4g} kg; are lengths "
+            "in millimetres? (they are in m)"
+        )
+    for name, each in named_bodies(robot):
+        gyration = _gyration(as_rigid_body(each))
+        if extent and gyration > _LARGEST_GYRATION * extent:
+            found.append(
+                f"the inertia of {name} is that of its mass at {gyration:.3g} m, and the whole "
+                f"robot is {extent:.3g} m long; inertias are in kg m²"
+            )
+    drags = [*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)]
+    for k, drag in enumerate(drags, start=1):
+        if abs(drag) > LARGEST_DRAG:
+            found.append(
+                f"the drag of rotor {rotor_label(robot, k)} is {drag:.4g} m; it is the reaction "
+                "torque per unit of thrust, and about 0.02 m for propellers"
+            )
+    for i in robot.moving:
+        link = robot.links[i - 1]
+        far = [v for v in (link.limits.low, link.limits.high) if v and abs(v) > 2.0 * np.pi]
+        if link.joint == "revolute" and far:
+            found.append(
+                f"a limit of {link_label(robot, i)} is {far[0]:.4g} rad, more than a turn; "
+                "limits are in rad, limits_deg in degrees"
+            )
+    return tuple(found)
+
+
+def _gyration(body: RigidBody) -> float:
+    """Radius of gyration about the axis of the largest moment of inertia, m, 0 without mass."""
+    largest = float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1])
+    return float(np.sqrt(max(largest, 0.0) / body.mass)) if body.mass else 0.0

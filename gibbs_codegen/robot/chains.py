@@ -11,16 +11,10 @@ For the paper's robots these are chains j = 1 … N−1 of the rods, and chain N
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gibbs_codegen.robot.layout import (
-    Layout,
-    constraint_torque,
-    held_coordinate,
-    hybrid_coordinates,
-    joint_terms,
-)
+from gibbs_codegen.robot.description import Description, constrained_coordinate, constraint_torque
+from gibbs_codegen.robot.layout import Layout, joint_terms
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import coordinate_of
 
@@ -34,8 +28,9 @@ class Chain:
     `rod` is the number of the base rod at its end, or None; `path` are the numbers of its links,
     from the base outwards, and `own` those of the links that have their mass in this chain;
     `has_core` says whether arm 1 has its own here too. `motors` are the rotors that push in it.
-    `held` are numbers of the arms that constraint torques hold. `unknowns` are the accelerations of
-    the chain's coordinates and those torques: the seven coordinates and eight unknowns of eq. 15.
+    `constrained` are numbers of the arms that constraint torques hold. `unknowns` are the
+    accelerations of the chain's coordinates and those torques: the seven coordinates and eight
+    unknowns of eq. 15.
     """
 
     number: int
@@ -45,7 +40,7 @@ class Chain:
     own: tuple[int, ...]
     has_core: bool
     motors: tuple[int, ...]
-    held: tuple[int, ...]
+    constrained: tuple[int, ...]
     coordinates: tuple[str, ...]
     unknowns: tuple[str, ...]
 
@@ -62,22 +57,23 @@ class Chain:
     @property
     def is_constrained(self) -> bool:
         """Whether a torque holds a joint of the chain."""
-        return bool(self.held)
+        return bool(self.constrained)
 
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
     """Open chains that a robot falls into (eq. 1), in order."""
     chains = [_rod_chain(robot, k) for k in range(2, robot.base.rotors + 1)]
-    taken: set[int] = {BASE} if chains else set()
+    # Numbers of the bodies whose mass is in a chain.
+    counted: set[int] = {BASE} if chains else set()
     for path in _paths(robot):
-        chains.append(_link_chain(robot, len(chains) + 1, path, taken))
-        taken.update((BASE, *path))
+        chains.append(_link_chain(robot, len(chains) + 1, path, {BASE, *path} - counted))
+        counted.update((BASE, *path))
     return tuple(chains)
 
 
 def _rod_chain(robot: Robot, k: int) -> Chain:
     first = k == 2
-    own = held_coordinate(robot, k)
+    own = constrained_coordinate(robot, k)
     coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
     return Chain(
         number=k - 1,
@@ -87,7 +83,7 @@ def _rod_chain(robot: Robot, k: int) -> Chain:
         own=(),
         has_core=first,
         motors=(1, k) if first else (k,),
-        held=(k,),
+        constrained=(k,),
         coordinates=coordinates,
         unknowns=(*coordinates, constraint_torque(robot, k).name),
     )
@@ -105,39 +101,38 @@ def _paths(robot: Robot) -> list[tuple[int, ...]]:
     return paths or [()]
 
 
-def _link_chain(robot: Robot, number: int, path: Sequence[int], taken: set[int]) -> Chain:
+def _link_chain(robot: Robot, number: int, path: tuple[int, ...], new: set[int]) -> Chain:
     """A chain that ends in a link.
 
-    `path` are numbers of its links, from the base outwards, and `taken` those of bodies that chains
-    before it have.
+    `path` are numbers of its links, from the base outwards, and `new` those of the bodies that no
+    chain before it has.
     """
     rotors = robot.rotors
-    new = {BASE, *path} - taken
     jointed = [i for i in path if i in robot.moving or i in robot.constrained]
     names = [coordinate_of(robot, i) for i in jointed]
     units = [joint_terms(robot, i).unit for i in jointed]
     coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
-    held = tuple(rotors + i for i in path if i in robot.constrained)
+    constrained = tuple(rotors + i for i in path if i in robot.constrained)
     on_rods = [1] if robot.base.rotors and BASE in new else []
     motors = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]
     return Chain(
         number=number,
         links=(*_ROOT_ARMS, *(rotors + i for i in path)),
         rod=None,
-        path=tuple(path),
+        path=path,
         own=tuple(i for i in path if i in new),
         has_core=BASE in new,
         motors=(*on_rods, *motors),
-        held=held,
+        constrained=constrained,
         coordinates=coordinates,
-        unknowns=(*coordinates, *(constraint_torque(robot, arm).name for arm in held)),
+        unknowns=(*coordinates, *(constraint_torque(robot, arm).name for arm in constrained)),
     )
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
-    """Where the unknowns of each chain stand among the hybrid ones (eq.
+    """Where the unknowns of each chain stand among the hybrid ones (eq. 18, Figs. 6–9).
 
-    18, Figs. 6–9). Places count from 0; the method counts its rows from −1.
+    Places count from 0; the method counts its rows from −1.
     """
-    place = {unknown.name: i for i, unknown in enumerate(hybrid_coordinates(robot))}
+    place = {unknown.name: i for i, unknown in enumerate(Description(robot).hybrid_coordinates)}
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

@@ -24,6 +24,8 @@ JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fi
 # Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
 # in C like the places of frames and bodies.
 _ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "q_dot", "v_dot", "a_dot", "f", "b"}
+# Entries of weights of matrices, w_B_x_F_1.
+_ARGUMENTS |= {"w_b", "w_j"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 # Most characters that names of links, rotors, frames and coordinates have.
 LONGEST_LABEL = 128
@@ -94,8 +96,8 @@ def coordinate_of(robot: Robot, i: int) -> str:
     That is of the link's coordinate or else of its name; without either theta_{N+i} or d_{N+i}.
     """
     link = robot.links[i - 1]
-    given = link.coordinate or link.name
-    return identifier(given) if given else joint_name(link.joint, robot.rotors + i)
+    name = link.coordinate or link.name
+    return identifier(name) if name else joint_name(link.joint, robot.rotors + i)
 
 
 def link_label(robot: Robot, i: int) -> str:

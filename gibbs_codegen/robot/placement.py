@@ -1,18 +1,35 @@
-"""Where the frames of a robot's bodies are, in plain numbers, as the robot file places them."""
+"""Where the frames of a robot's bodies are, in plain numbers, and the rotations that this takes."""
 
 from __future__ import annotations
+
+import math
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.robot.model import BASE, Base, Pose, Robot, Rotor, Vector3
+from gibbs_codegen.robot.model import BASE, Angles3, Base, Pose, Robot, Rotor, Vector3
 
 Array = NDArray[np.float64]
 
 
 def turn(axis: int, angle: float) -> Array:
     """Rotation matrix (3, 3) about axis 0, 1 or 2, x, y or z, by an angle in rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    return _turn(axis, math.cos(angle), math.sin(angle))
+
+
+def turn_by_degrees(axis: int, angle: Fraction) -> Array:
+    """Rotation matrix (3, 3) about axis 0, 1 or 2 by degrees, exact for multiples of 90°."""
+    turns = round(angle / 90)
+    rest = angle - 90 * turns
+    c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
+    s = 0.5 if rest == 30 else -0.5 if rest == -30 else s
+    for _ in range(turns % 4):
+        c, s = -s, c
+    return _turn(axis, c, s) + 0.0
+
+
+def _turn(axis: int, c: float, s: float) -> Array:
     p, q = (axis + 1) % 3, (axis + 2) % 3
     matrix: Array = np.eye(3)
     matrix[p, p] = matrix[q, q] = c
@@ -24,16 +41,29 @@ def turn_about(axis: Array, angle: float) -> Array:
     """Rotation matrix (3, 3) about any unit vector (3), by an angle in rad (Rodrigues)."""
     if np.count_nonzero(axis) == 1 and axis.max() == 1.0:
         return turn(int(np.argmax(axis)), angle)
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    matrix: Array = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
-    return matrix
+    cross = _cross(*axis)
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def turn_of_quaternion(x: float, y: float, z: float, w: float) -> Array:
+    """Rotation matrix (3, 3) of a quaternion, which is not zero but need not be of unit length."""
+    v, n = np.array([x, y, z]), x * x + y * y + z * z + w * w
+    return ((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * _cross(x, y, z)) / n
+
+
+def _cross(x: float, y: float, z: float) -> Array:
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def turn_of_rpy(rpy_deg: Angles3) -> Array:
+    """Rotation matrix (3, 3) R_z·R_y·R_x of roll, pitch and yaw."""
+    x, y, z = (turn_by_degrees(axis, angle) for axis, angle in enumerate(rpy_deg))
+    return z @ y @ x
 
 
 def pose_frame(pose: Pose) -> tuple[Array, Array]:
     """Axes (3, 3) of a pose, a column each, and origin (3), m."""
-    x, y, z = (turn(axis, np.deg2rad(float(angle))) for axis, angle in enumerate(pose.rpy_deg))
-    return z @ y @ x, np.array(pose.xyz)
+    return turn_of_rpy(pose.rpy_deg), np.array(pose.xyz)
 
 
 def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
@@ -43,7 +73,7 @@ def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
     """
     if _starts_at_motor(base, k):
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
-    return turn(2, np.deg2rad(float(base.arm_angle_deg(k)))), np.zeros(3)
+    return turn_by_degrees(2, base.arm_angle_deg(k)), np.zeros(3)
 
 
 def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
@@ -55,9 +85,9 @@ def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
     if link.pose is not None:
         return pose_frame(link.pose)
     before = robot.links[parent - 1].body.length if parent != BASE else 0.0
-    twist = turn(0, np.deg2rad(float(link.alpha_deg)))
+    twist = turn_by_degrees(0, link.alpha_deg)
     step = np.array([before if link.a is None else link.a, 0.0, 0.0])
-    axes: Array = twist @ turn(2, np.deg2rad(float(link.theta_deg)))
+    axes: Array = twist @ turn_by_degrees(2, link.theta_deg)
     return axes, step + link.d * twist[:, 2]
 
 

@@ -6,7 +6,7 @@ emitted `positions` come from; a test compares the two.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,18 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.layout import Layout, frames_of, layout_of
+from gibbs_codegen.robot import placement
+from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import BASE, Body, Robot, as_rigid_body
-from gibbs_codegen.robot.placement import (
-    Array,
-    arm_frame,
-    base_centre,
-    joint_frame,
-    mounted_rotors,
-    pose_frame,
-    turn,
-    turn_about,
-)
+from gibbs_codegen.robot.placement import turn
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 
@@ -33,20 +25,18 @@ from gibbs_codegen.robot.rigid_body import inertia_matrix
 class Frame:
     """Origin (3) in m and axes (3, 3), a column each, of a frame in another or in the world."""
 
-    origin: Array
-    axes: Array
+    origin: placement.Array
+    axes: placement.Array
 
-    def point(self, x: float) -> Array:
+    def point(self, x: float) -> placement.Array:
         """A point (3), m, at a distance along the x axis, in the outer axes."""
-        place: Array = self.origin + x * self.axes[:, 0]
-        return place
+        return self.origin + x * self.axes[:, 0]
 
-    def place(self, point: Sequence[float] | Array) -> Array:
+    def place(self, point: Sequence[float] | placement.Array) -> placement.Array:
         """A point (3) of the frame seen from outside, m."""
-        place: Array = self.origin + self.axes @ np.asarray(point)
-        return place
+        return self.origin + self.axes @ np.asarray(point)
 
-    def within(self, axes: Array, origin: Array) -> Frame:
+    def within(self, axes: placement.Array, origin: placement.Array) -> Frame:
         """A frame that is given in this one, in the outer axes."""
         return Frame(self.place(origin), self.axes @ axes)
 
@@ -66,18 +56,18 @@ class RobotFrames:
     base: Frame
     rods: tuple[Frame, ...]
     links: tuple[Frame, ...]
-    motors: Array
-    thrusts: Array
+    motors: placement.Array
+    thrusts: placement.Array
     named: dict[str, Frame]
     moving: tuple[int, ...]
 
     @property
-    def centre(self) -> Array:
+    def centre(self) -> placement.Array:
         """The base centre (3), m."""
         return self.base.origin
 
     @property
-    def points(self) -> Array:
+    def points(self) -> placement.Array:
         """Positions in the order of the emitted POINTS: base, rotors, joints, frames."""
         core = [self.motors[0], self.centre] if self.rods else [self.centre]
         joints = [self.links[i - 1].origin for i in self.moving]
@@ -85,29 +75,37 @@ class RobotFrames:
         return np.array([*core, *self.motors, *joints, *frames])
 
 
-def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
+def robot_frames(robot: Robot, q: Sequence[float] | placement.Array) -> RobotFrames:
     """Frames of a robot at q, in world axes. Raises `UsageError` if q has another length."""
     layout = layout_of(robot)
     if np.shape(q) != (layout.q.size,):
         raise UsageError(f"{robot.name} has {layout.q.size} coordinates, not {np.shape(q)}")
     values = np.asarray(q, dtype=float)
-    attitude = _attitude(layout, values[layout.q.attitude])
-    origin = values[layout.q.position] + attitude @ base_centre(robot.base)
+    attitude, parts = np.eye(3), values[layout.q.attitude]
+    if layout.is_quaternion:
+        attitude = placement.turn_of_quaternion(*parts)
+    else:
+        for letter, angle in zip(layout.attitude, parts, strict=True):
+            attitude = attitude @ turn("xyz".index(letter), angle)
+    origin = values[layout.q.position] + attitude @ placement.base_centre(robot.base)
     return frames_on(robot, Frame(origin, attitude), values[layout.q.joints])
 
 
-def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> RobotFrames:
+def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | placement.Array) -> RobotFrames:
     """Frames of a robot with a base's frame at the base centre, in the axes that it is given in.
 
     `joints` are those that move, rad or m.
     """
     bodies = _bodies(robot, base, joints)
-    rods = tuple(base.within(*arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1))
-    rotors = mounted_rotors(robot)
+    rods = tuple(
+        base.within(*placement.arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1)
+    )
+    rotors = placement.mounted_rotors(robot)
     seats = [bodies[rotor.on].place(rotor.position) for rotor in rotors]
     thrusts = [bodies[rotor.on].axes @ np.array(rotor.direction) for rotor in rotors]
     named = {
-        frame.name: bodies[frame.on].within(*pose_frame(frame.pose)) for frame in frames_of(robot)
+        frame.name: bodies[frame.on].within(*placement.pose_frame(frame.pose))
+        for frame in frames_of(robot)
     }
     return RobotFrames(
         base,
@@ -120,20 +118,79 @@ def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> Rob
     )
 
 
-def _attitude(layout: Layout, parts: Array) -> Array:
-    """Rotation matrix (3, 3) of attitude angles (3), or of a quaternion (4)."""
-    attitude = np.eye(3)
-    if not layout.is_quaternion:
-        for letter, angle in zip(layout.attitude, parts, strict=True):
-            attitude = attitude @ turn("xyz".index(letter), angle)
-        return attitude
-    vector, scalar = parts[:3], parts[3]
-    across = np.cross(np.eye(3), vector)
-    attitude += 2.0 * (across @ across + scalar * across)
-    return attitude
+def default_posture(robot: Robot) -> placement.Array:
+    """Coordinates q (nq) in which a robot shows its parts.
+
+    The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
+    by 40° or 140°, those of links with rotors by 40° only, within their limits, each so that the
+    ends of the arms move down and away. Prismatic ones stand in the middle of their limits, or at
+    half of the longest link.
+    """
+    layout = layout_of(robot)
+    q, bends = np.array(layout.neutral), {i: _bends(robot, i) for i in robot.moving}
+    places = dict(zip(robot.moving, layout.q.joint_places, strict=True))
+    for i, place in places.items():
+        q[place] = 0.0 if robot.links[i - 1].joint == "revolute" else bends[i][0]
+    frames = robot_frames(robot, q)
+    leaves = [i for i in range(1, len(robot.links) + 1) if i not in robot.parents]
+    carried = {i: [*_links_up_to(robot, i)] for i in range(1, len(robot.links) + 1)}
+    # What a joint turns: the joints (n) after it with their axes, and the ends of the arms.
+    joints = np.reshape([frames.links[i - 1].origin for i in carried], (-1, 3))
+    turned = [frames.links[i - 1].axes @ np.array(robot.links[i - 1].axis) for i in carried]
+    axes = np.reshape(turned, (-1, 3))
+    ends = np.reshape([link_end(robot, frames, leaf) for leaf in leaves], (-1, 3))
+    for i in 2 * [i for i in robot.moving if robot.links[i - 1].joint == "revolute"]:
+        after = np.array([i in way for way in carried.values()])
+        moved = np.array([i in carried[leaf] for leaf in leaves])
+        origin, axis = joints[i - 1].copy(), axes[i - 1].copy()
+        turns = [placement.turn_about(axis, value - q[places[i]]) for value in bends[i]]
+        far = [origin + (ends[moved] - origin) @ turn.T for turn in turns]
+        away = [np.linalg.norm(each - frames.centre, axis=1) for each in far]
+        scores = [np.sum(e[:, 2] - length) for e, length in zip(far, away, strict=True)]
+        best = int(np.argmin(np.round(scores, 9)))
+        q[places[i]], ends[moved] = bends[i][best], far[best]
+        joints[after] = origin + (joints[after] - origin) @ turns[best].T
+        axes[after] = axes[after] @ turns[best].T
+    return q
 
 
-def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> list[Frame]:
+def _links_up_to(robot: Robot, i: int) -> Iterator[int]:
+    """Numbers of a link and of all that carry it, inwards."""
+    while i != BASE:
+        yield i
+        i = robot.parents[i - 1]
+
+
+def _bends(robot: Robot, i: int) -> list[float]:
+    """Values that the joint of a link may have in a drawing; of equally good ones the first."""
+    link = robot.links[i - 1]
+    low = -np.inf if link.limits.low is None else link.limits.low
+    high = np.inf if link.limits.high is None else link.limits.high
+    if link.joint == "prismatic":
+        longest = max(link.body.length for link in robot.links)
+        middle = (low + high) / 2.0
+        return [middle if np.isfinite(middle) else float(np.clip(longest / 2.0, low, high))]
+    carries = any(rotor.on == i for rotor in robot.thrusters)
+    angles = [-40.0, 40.0] if carries else [-40.0, 40.0, -140.0, 140.0]
+    return [float(np.clip(angle, low, high)) for angle in np.deg2rad(angles)]
+
+
+def link_end(robot: Robot, frames: RobotFrames, i: int) -> placement.Array:
+    """Where (3) the drawing of link `i`, from 1, ends in the world, m."""
+    link, frame = robot.links[i - 1], frames.links[i - 1]
+    children = [k for k in range(1, len(robot.links) + 1) if robot.parents[k - 1] == i]
+    if children:
+        return frames.links[children[0] - 1].origin
+    if link.body.length:
+        return frame.point(link.body.length)
+    placed = [frames.named[found.name].origin for found in frames_of(robot) if found.on == i]
+    rotors = zip(placement.mounted_rotors(robot), frames.motors, strict=True)
+    placed += [seat for rotor, seat in rotors if rotor.on == i]
+    placed.append(frame.place(as_rigid_body(link.body).com))
+    return max(placed, key=lambda place: float(np.linalg.norm(place - frame.origin)))
+
+
+def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | placement.Array) -> list[Frame]:
     """Frames of the base and of all links, also welded or held ones, by the numbers of the bodies.
 
     `base` is at the base centre, `joints` are those that move, rad or m.
@@ -141,12 +198,12 @@ def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> list[
     values = dict(zip(robot.moving, joints, strict=True))
     frames = [base]
     for i, link in enumerate(robot.links, start=1):
-        frame = frames[robot.parents[i - 1]].within(*joint_frame(robot, i))
+        frame = frames[robot.parents[i - 1]].within(*placement.joint_frame(robot, i))
         axis, value = np.array(link.axis), values.get(i, 0.0)
         if link.joint == "prismatic":
             frame = frame.within(np.eye(3), value * axis)
         elif value:
-            frame = frame.within(turn_about(axis, value), np.zeros(3))
+            frame = frame.within(placement.turn_about(axis, value), np.zeros(3))
         frames.append(frame)
     return frames
 
@@ -168,17 +225,19 @@ class MassProperties:
 
 def base_properties(robot: Robot) -> MassProperties:
     """Mass properties of the base: its central body and its rods."""
-    return _together(_base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
+    return _sum_of_bodies(_base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
 
 
-def whole_properties(robot: Robot, joints: Sequence[float] | Array | None = None) -> MassProperties:
+def whole_properties(
+    robot: Robot, joints: Sequence[float] | placement.Array | None = None
+) -> MassProperties:
     """Mass properties of the whole robot, with moving joints at rad or m, at zero if None."""
     frames = frames_on(robot, AT_ORIGIN, _at_zero(robot) if joints is None else joints)
     links = zip((link.body for link in robot.links), frames.links, strict=True)
-    return _together([*_base_bodies(robot, frames), *links])
+    return _sum_of_bodies([*_base_bodies(robot, frames), *links])
 
 
-def _at_zero(robot: Robot) -> Array:
+def _at_zero(robot: Robot) -> placement.Array:
     return np.zeros(len(robot.moving))
 
 
@@ -188,31 +247,29 @@ def _base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, Frame]]:
     return [*rods, *([(base.body, frames.base)] if base.body else [])]
 
 
-def _together(bodies: Iterable[tuple[Body, Frame]]) -> MassProperties:
+def _sum_of_bodies(bodies: Iterable[tuple[Body, Frame]]) -> MassProperties:
     """Mass properties of bodies, each in its frame."""
     mass, moment, second, size = 0.0, np.zeros(3), np.zeros((3, 3)), 0.0
-    for given, frame in bodies:
-        body = as_rigid_body(given)
+    for each, frame in bodies:
+        body = as_rigid_body(each)
         place = frame.place(body.com)
         mass += body.mass
         moment += body.mass * place
         turned = frame.axes @ inertia_matrix(body.inertia) @ frame.axes.T
         second += turned + body.mass * _about_origin(place)
         size = max(size, body.length, float(np.abs(place).max()))
-    com: Array = moment / mass if mass else moment
+    com: placement.Array = moment / mass if mass else moment
     inertia = second - mass * _about_origin(com)
     entries = rounded(inertia, float(np.abs(second).max()))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     com = rounded(com, size)
     return MassProperties(mass, tuple(map(float, com)), tuple(map(float, entries)))
 
 
-def _about_origin(place: Array) -> Array:
+def _about_origin(place: placement.Array) -> placement.Array:
     """Inertia of a unit of mass at a place about the origin."""
-    matrix: Array = place @ place * np.eye(3) - np.outer(place, place)
-    return matrix
+    return place @ place * np.eye(3) - np.outer(place, place)
 
 
-def rounded(values: NDArray[np.floating[Any]], size: float) -> Array:
+def rounded(values: NDArray[np.floating[Any]], size: float) -> placement.Array:
     """Values with zeros for what is rounding, of sums of what is about as large as `size`."""
-    clean: Array = np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
-    return clean
+    return np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)

@@ -48,24 +48,24 @@ _ENDS: dict[NamedKind, tuple[str, ...]] = {
 }
 
 
-class TakenNames:
-    """Names that a robot has given, and whose they are; at first only those of its base."""
+class NameRegistry:
+    """Names of a robot, and whose they are; at first only those of its base."""
 
     def __init__(self, rods: int = 0) -> None:
         self._owners: dict[str, str] = {}
-        self.take("base", "base", "the base")
-        self.take("frame", "base", "the base's own frame")
+        self.add("base", "base", "the base")
+        self.add("frame", "base", "the base's own frame")
         for k in ("", *range(1, rods + 1)) if rods else ():
-            self.take("arm", f"base_arm{k}", "the base's arms")
+            self.add("arm", f"base_arm{k}", "the base's arms")
         for entry in BASE_ENTRIES:
-            self.take("joint", entry, "a coordinate of the base")
+            self.add("joint", entry, "a coordinate of the base")
         for k in range(2, rods + 1):
-            self.take("joint", joint_name("fixed", k), f"the angle of base arm {k}")
+            self.add("joint", joint_name("fixed", k), f"the angle of base arm {k}")
 
-    def take(self, kind: NamedKind, name: str, whose: str) -> None:
-        """Note that a name of a kind is given, and whose it is, in words."""
-        for taken in (_form(kind, name), *parameter_names(kind, name)):
-            self._owners.setdefault(taken, whose)
+    def add(self, kind: NamedKind, name: str, whose: str) -> None:
+        """Add a name of a kind, and whose it is, in words."""
+        for each in (_form(kind, name), *parameter_names(kind, name)):
+            self._owners.setdefault(each, whose)
 
     def owner(self, kind: NamedKind, name: str) -> str | None:
         """Whose a name is, in words, or None where it is free among the names of its kind."""
@@ -128,20 +128,21 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     frames = _tables(document, "frame", MAX_FRAMES)
     numbers = body_numbers([_text(link, "name") for link in links])
     yield from _parent_faults(links, numbers)
-    placed: list[tuple[Place, str | None]] = [
-        ((kind, place, "on"), _text(table, "on"))
+    carried: dict[Place, str | None] = {
+        (kind, place, "on"): _text(table, "on")
         for kind, tables in (("rotor", rotors), ("frame", frames))
         for place, table in enumerate(tables)
-    ]
-    yield from _unknown(placed, numbers, 'must be "base" or the name of a link')
+    }
+    yield from _unknown(carried, numbers, 'must be "base" or the name of a link')
     base = document.get("base")
     arms: Entry = base if isinstance(base, dict) else {}
     rods = arms.get("rotors", 0)
     rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
-    taken = TakenNames(rods)
-    yield from _clashes(_named({"link": links, "rotor": rotors, "frame": frames}, taken), taken)
+    registry = NameRegistry(rods)
+    named = _named({"link": links, "rotor": rotors, "frame": frames}, registry)
+    yield from _clashes(named, registry)
     if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
-        yield from _coordinate_clashes(links, rods + len(rotors), taken)
+        yield from _coordinate_clashes(links, rods + len(rotors), registry)
 
 
 def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
@@ -158,14 +159,11 @@ def _text(entry: Entry, key: str) -> str | None:
 
 
 def _unknown(
-    references: Sequence[tuple[Place, str | None]], numbers: Mapping[str, int], right: str
+    references: Mapping[Place, str | None], numbers: Mapping[str, int], right: str
 ) -> Iterator[PlacedFault]:
-    """Faults of references, by place and text, that refer to no body.
-
-    `right` says what would be right.
-    """
-    unknown = [(place, name) for place, name in references if name and name not in numbers]
-    for place, name in unknown:
+    """Faults of references, by place, that refer to no body; `right` says what would be right."""
+    unknown = {at: name for at, name in references.items() if name and name not in numbers}
+    for place, name in unknown.items():
         few = len(unknown) <= _MOST_SUGGESTIONS
         near = difflib.get_close_matches(name, numbers, n=1) if few else []
         hint = f"; did you mean {shown(near[0])}?" if near else ""
@@ -175,41 +173,30 @@ def _unknown(
 def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator[PlacedFault]:
     right = 'must be "base" or the name of a link given earlier'
     names = [_text(link, "parent") for link in links]
-    named: list[tuple[Place, str | None]] = [
-        (("link", i, "parent"), n) for i, n in enumerate(names)
-    ]
-    yield from _unknown(named, numbers, right)
+    yield from _unknown({("link", i, "parent"): n for i, n in enumerate(names)}, numbers, right)
     parents = [numbers.get(name, BASE) if name else before for before, name in enumerate(names)]
     for i, (parent, name) in enumerate(zip(parents, names, strict=True), start=1):
         if parent < i:
             continue
+        # What carries the parent, directly or over others; `parents` are in any order.
+        carriers: list[int] = []
+        carrier = parent
+        while carrier != BASE and carrier not in carriers:
+            carriers.append(carrier)
+            carrier = parents[carrier - 1]
         if parent == i:
             why = "a link cannot carry itself"
-        elif _carries(parents, i, parent):
+        elif i in carriers:
             why = f"{shown(name)} is itself carried by this link, which makes a cycle"
         else:
             why = f"{shown(name)} comes later; move this link below it"
         yield ("link", i - 1, "parent"), f"{right}: {why}"
 
 
-def _carries(parents: Sequence[int], carrier: int, carried: int) -> bool:
-    """Whether a link carries another, directly or over others.
-
-    `parents` of the links are in any order.
-    """
-    passed: set[int] = set()
-    while carried != BASE and carried not in passed:
-        if carried == carrier:
-            return True
-        passed.add(carried)
-        carried = parents[carried - 1]
-    return False
-
-
-def _named(arrays: Mapping[str, Sequence[Entry]], taken: TakenNames) -> list[_Named]:
+def _named(arrays: Mapping[str, Sequence[Entry]], registry: NameRegistry) -> list[_Named]:
     """Place, kind and name of what the file names or has a default for, and whose it is, in words.
 
-    `taken` are the names of the base.
+    `registry` has the names of the base.
     """
     named: list[_Named] = []
     for array, tables in arrays.items():
@@ -221,43 +208,43 @@ def _named(arrays: Mapping[str, Sequence[Entry]], taken: TakenNames) -> list[_Na
             if name := _text(table, "name"):
                 named.append(((array, number - 1, "name"), kind, name, whose))
             elif array != "frame":  # A frame needs its name.
-                taken.take(kind, default_prefix(array, number), whose)
+                registry.add(kind, default_prefix(array, number), whose)
                 if array == "rotor":  # Its thrust is called by its number.
-                    taken.take(kind, str(number), whose)
+                    registry.add(kind, str(number), whose)
     return named
 
 
 def _coordinate_clashes(
-    links: Sequence[Entry], rotors: int, taken: TakenNames
+    links: Sequence[Entry], rotors: int, registry: NameRegistry
 ) -> Iterator[PlacedFault]:
     """Coordinates that clash with each other or with the base's own.
 
     Names of links that clash are told already. `rotors` is N.
     """
     by_name: dict[str, _Named] = {}
-    given: list[_Named] = []
+    by_coordinate: list[_Named] = []
     for place, link in enumerate(links):
         kind, label = link.get("joint", "revolute"), f"the coordinate of link {place + 1}"
         if kind == "fixed" and link.get("constrained") is not True:
             continue
         if text := _text(link, "coordinate"):
-            given.append((("link", place, "coordinate"), "joint", text, label))
+            by_coordinate.append((("link", place, "coordinate"), "joint", text, label))
         elif text := _text(link, "name"):
             by_name[identifier(text)] = (("link", place, "name"), "joint", text, label)
         else:
             default = joint_name(
                 "prismatic" if kind == "prismatic" else "fixed", rotors + place + 1
             )
-            if owner := taken.owner("joint", default):
+            if owner := registry.owner("joint", default):
                 yield ("link", place), f"{default} is {owner}: give the link a name"
-            taken.take("joint", default, label)
-    yield from _clashes([*by_name.values(), *given], taken)
+            registry.add("joint", default, label)
+    yield from _clashes([*by_name.values(), *by_coordinate], registry)
 
 
-def _clashes(named: Iterable[_Named], taken: TakenNames) -> Iterator[PlacedFault]:
+def _clashes(named: Iterable[_Named], registry: NameRegistry) -> Iterator[PlacedFault]:
     """Faults of names that are taken; those that are not yet are added."""
     for place, kind, name, whose in named:
-        if words := taken.fault(kind, name):
+        if words := registry.fault(kind, name):
             yield place, words
         else:
-            taken.take(kind, name, whose)
+            registry.add(kind, name, whose)

@@ -59,13 +59,18 @@ def body_fault(body: Body) -> str | None:
     return found
 
 
+def named_bodies(robot: Robot) -> list[tuple[str, Body]]:
+    """All bodies with what they are called in messages."""
+    bodies: list[tuple[str, Body]] = [("the base", robot.base.body)] if robot.base.body else []
+    bodies += [(f"base arm {k}", arm) for k, arm in enumerate(robot.base.arms, start=1)]
+    return bodies + [
+        (link_label(robot, i), link.body) for i, link in enumerate(robot.links, start=1)
+    ]
+
+
 def impossible_inertias(robot: Robot) -> tuple[str, ...]:
     """Warnings of inertias that no body has and that the robot file lets pass, with the body."""
-    bodies: list[tuple[str, Body]] = []
-    bodies += [("the base", robot.base.body)] if robot.base.body else []
-    bodies += [(f"base arm {k}", arm) for k, arm in enumerate(robot.base.arms, start=1)]
-    bodies += [(link_label(robot, i), link.body) for i, link in enumerate(robot.links, start=1)]
-    faults = [(label, body_fault(body)) for label, body in bodies]
+    faults = [(label, body_fault(body)) for label, body in named_bodies(robot)]
     return tuple(f"{label}: its inertia {fault}" for label, fault in faults if fault)
 
 

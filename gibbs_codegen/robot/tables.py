@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import field
 from fractions import Fraction
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
     AfterValidator,
-    AllowInfNan,
     BeforeValidator,
-    ConfigDict,
     Field,
+    GetCoreSchemaHandler,
+    GetPydanticSchema,
     TypeAdapter,
     ValidationInfo,
     WithJsonSchema,
@@ -26,82 +27,58 @@ from pydantic import (
     model_validator,
 )
 from pydantic.config import JsonDict
+from pydantic_core import CoreSchema, core_schema
 
 from gibbs_codegen.files.table import (
+    AnyReal,
     Bounds,
+    Flag,
     Place,
+    Real,
     Table,
     Tables,
+    Whole,
     at_most,
     fault,
+    file_table,
+    key,
     list_of,
     listed,
+    optional,
     refusal,
     shown,
 )
-from gibbs_codegen.robot.model import (
-    AXES,
-    BASE,
-    MAX_FRAMES,
-    MAX_LINKS,
-    MAX_ROTORS,
-    ROD_ORIGINS,
-    Angles3,
-    Attitude,
-    Base,
-    Body,
-    Frame,
-    JointLimits,
-    Link,
-    LinkKind,
-    Origin,
-    Passive,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-    Vector3,
-    alternating_thrust,
-)
+from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import LONGEST_LABEL, NAME_PATTERN, name_fault
 from gibbs_codegen.robot.references import body_numbers, reference_faults
 from gibbs_codegen.robot.rigid_body import body_fault, size_fault
 
-_SIGNED_AXES = AXES | {
-    f"-{letter}": (0.0 - x, 0.0 - y, 0.0 - z) for letter, (x, y, z) in AXES.items()
+_SIGNED_AXES = model.AXES | {
+    f"-{letter}": (0.0 - x, 0.0 - y, 0.0 - z) for letter, (x, y, z) in model.AXES.items()
 }
 
 
-def _sized(number: float) -> float:
-    if words := size_fault(number):
-        raise fault(words)
-    return number
+def _told(words_for: Callable[[Any], str | None]) -> AfterValidator:
+    """Metadata of a value that is refused with words, if there are any for it."""
+
+    def check(value: Any) -> Any:
+        if words := words_for(value):
+            raise fault(words)
+        return value
+
+    return AfterValidator(check)
 
 
-def _bound(number: float) -> float:
-    if math.isnan(number):
-        raise fault("must be a number, or inf where there is no limit, not nan")
-    return number if math.isinf(number) else _sized(number)
+def _end_fault(end: float) -> str | None:
+    if math.isnan(end):
+        return "must be a number, or inf where there is no limit, not nan"
+    return None if math.isinf(end) else size_fault(end)
 
 
-def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
+def _order_fault(limits: tuple[float, float]) -> str | None:
     low, high = limits
-    if not low <= high or low == math.inf or high == -math.inf:
-        raise fault(f"must be [lower, upper], not [{low:g}, {high:g}]")
-    return limits
-
-
-def _named(name: str) -> str:
-    if words := name_fault(name):
-        raise fault(words)
-    return name
-
-
-def _label(text: str) -> str:
-    if not 0 < len(text) <= LONGEST_LABEL:
-        raise fault(f"must be 1 to {LONGEST_LABEL} characters, not {len(text)}")
-    return text
+    right = low <= high and low != math.inf and high != -math.inf
+    return None if right else f"must be [lower, upper], not [{low:g}, {high:g}]"
 
 
 def _axis(value: object) -> object:
@@ -113,52 +90,53 @@ def _axis(value: object) -> object:
     return _SIGNED_AXES[value]
 
 
-def _unit_vector(direction: Vector3) -> Vector3:
-    x, y, z = direction
-    largest = max(abs(x), abs(y), abs(z))
+def _unit_vector(direction: model.Vector3) -> model.Vector3:
+    largest = max(map(abs, direction))
     if largest == 0.0:
         raise fault("a direction of length zero; give at least one entry that is not 0")
-    if abs(math.hypot(x, y, z) - 1.0) < 1e-15:  # A unit vector stays what it is, bit for bit.
-        return (x, y, z)
+    if abs(math.hypot(*direction) - 1.0) < 1e-15:  # A unit vector stays what it is, bit for bit.
+        return direction
     # Scaled by the largest entry first, so that tiny and huge vectors neither vanish nor overflow.
-    x, y, z = x / largest, y / largest, z / largest
+    x, y, z = (entry / largest for entry in direction)
     norm = math.hypot(x, y, z)
     return (x / norm, y / norm, z / norm)
 
 
-def exact(angle: float) -> Fraction:
+def _exact(source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     """An angle, degrees, as the shortest decimal that is its float: what the file says."""
-    return Fraction(repr(angle))
+    # In radians huge angles lose the part of a turn that they end in.
+    bounds = Bounds(-360.0, 360.0, " degrees", "; leave out whole turns")
+    degrees = handler.generate_schema(Annotated[Real, bounds])
+    return core_schema.no_info_after_validator_function(lambda v: Fraction(repr(v)), degrees)
 
 
-def exact3(angles: tuple[float, float, float]) -> Angles3:
-    """Roll, pitch and yaw, degrees, each as `exact` gives it."""
-    roll, pitch, yaw = angles
-    return (exact(roll), exact(pitch), exact(yaw))
-
-
-Size = Annotated[float, AfterValidator(_sized)]
+_IN_ORDER = _told(_order_fault)
+Size = Annotated[Real, _told(size_fault)]
 NotNegative = Annotated[Size, Bounds(0.0)]
-# In radians huge angles lose the part of a turn that they end in.
-Angle = Annotated[float, Bounds(-360.0, 360.0, " degrees", "; leave out whole turns")]
+Angle = Annotated[Fraction, GetPydanticSchema(_exact)]
 Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
 _ENTRIES = "numbers, xx, yy, zz, xy, xz, yz"
 Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6, _ENTRIES)]
-Turns3 = Annotated[tuple[Angle, Angle, Angle], listed(3)]
-Range = Annotated[tuple[Size, Size], listed(2), AfterValidator(_in_order)]
-_Bound = Annotated[float, AllowInfNan(True), AfterValidator(_bound)]
-OpenRange = Annotated[tuple[_Bound, _Bound], listed(2), AfterValidator(_in_order)]
-
+Angles = Annotated[tuple[Angle, Angle, Angle], listed(3)]
+Range = Annotated[tuple[Size, Size], listed(2), _IN_ORDER]
+_End = Annotated[AnyReal, _told(_end_fault)]
+OpenRange = Annotated[tuple[_End, _End], listed(2), _IN_ORDER]
 Name = Annotated[
-    str, AfterValidator(_named), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})
+    str, _told(name_fault), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})
 ]
 Label = Annotated[
     str,
-    AfterValidator(_label),
+    _told(
+        lambda text: (
+            None
+            if 0 < len(text) <= LONGEST_LABEL
+            else f"must be 1 to {LONGEST_LABEL} characters, not {len(text)}"
+        )
+    ),
     WithJsonSchema({"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}),
 ]
 Direction = Annotated[
-    Vector3,
+    tuple[Real, Real, Real],
     BeforeValidator(_axis),
     AfterValidator(_unit_vector),
     WithJsonSchema(
@@ -170,33 +148,34 @@ Direction = Annotated[
         }
     ),
 ]
+_ORIGIN = (0.0, 0.0, 0.0)
+_NO_ANGLE = Fraction(0)
 
 
 # Key of the robot file that lets inertias pass that no body has.
 ALLOWED = "allow_impossible_inertia"
 RIGID_NEEDS_MASS: JsonDict = {"com": ["mass"], "inertia": ["mass"]}
 NOT_BOTH_BODIES: JsonDict = {
-    "mass": {"properties": {"mass_per_length": False, "section_inertia": False}},
+    "mass": {"properties": {"mass_per_length": False, "section_inertia": False}}
 }
 
 
+@file_table
 class RigidTable(Table):
     """Mass, centre of mass and inertia of a rigid body."""
 
-    mass: NotNegative | None = Field(default=None, description="mass of a rigid body, kg")
-    com: Sizes3 | None = Field(
-        default=None,
-        description="centre of mass of a rigid body, in the axes of its link or of the base, m; "
-        "default 0",
+    mass: NotNegative | None = optional("mass of a rigid body, kg")
+    com: Sizes3 = optional(
+        "centre of mass of a rigid body, in the axes of its link or of the base, m", _ORIGIN
     )
-    inertia: Sizes6 | None = Field(
-        default=None,
-        description="inertia xx, yy, zz, xy, xz, yz of a rigid body about its centre of mass, in "
-        "the same axes, with xy = −∫ xy dm, kg m²; default 0",
+    inertia: Sizes6 = optional(
+        "inertia xx, yy, zz, xy, xz, yz of a rigid body about its centre of mass, in "
+        "the same axes, with xy = −∫ xy dm, kg m²",
+        (*_ORIGIN, *_ORIGIN),
     )
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Fault of a rigid body without a mass."""
         if ("com" in values or "inertia" in values) and "mass" not in values:
             yield "mass", "missing: a rigid body needs its mass in kg"
@@ -207,49 +186,39 @@ class RigidTable(Table):
         allowed = (info.context or {}).get(ALLOWED) is True
         if body is None or allowed or not (words := body_fault(body)):
             return self
-        key = "section_inertia" if isinstance(body, Rod) else "inertia"
-        raise refusal([((key,), f"{words}; {ALLOWED} = true lets it pass")])
+        place = ("section_inertia" if isinstance(body, model.Rod) else "inertia",)
+        raise refusal([(place, f"{words}; {ALLOWED} = true lets it pass")])
 
-    def body(self) -> Body | None:
+    def body(self) -> model.Body | None:
         """The body that the table describes, or None where it gives no mass."""
         return self.rigid_body(0.0)
 
-    def rigid_body(self, length: float) -> RigidBody | None:
+    def rigid_body(self, length: float) -> model.RigidBody | None:
         """The rigid body, None without mass; `length`, m, is the way along x to what comes next."""
         if self.mass is None:
             return None
-        return RigidBody(length, self.mass, self.com or (0.0,) * 3, self.inertia or (0.0,) * 6)
+        return model.RigidBody(length, self.mass, self.com, self.inertia)
 
 
-class RodTable(Table):
-    """What is known of a rod, or of any body, along x."""
-
-    length: NotNegative = Field(
-        default=0.0,
-        description="distance along x to what comes next, a motor, a joint or the tip, m",
-    )
-    mass_per_length: NotNegative | None = Field(
-        default=None, description="mass per length of a rod, kg/m; default 0"
-    )
-    section_inertia: Sizes3 | None = Field(
-        default=None,
-        description="inertia xx, yy, zz of a whole rod, added about its centre of mass, kg m²; "
-        "default 0",
-    )
-
-
-class BodyTable(RigidTable, RodTable):
+@file_table
+class BodyTable(RigidTable):
     """A rod, with mass_per_length and section_inertia, or any rigid body, with mass."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentRequired": RIGID_NEEDS_MASS,
-            "dependentSchemas": NOT_BOTH_BODIES,
-        }
+    length: NotNegative = optional(
+        "distance along x to what comes next, a motor, a joint or the tip, m", 0.0
+    )
+    mass_per_length: NotNegative = optional("mass per length of a rod, kg/m", 0.0)
+    section_inertia: Sizes3 = optional(
+        "inertia xx, yy, zz of a whole rod, added about its centre of mass, kg m²", _ORIGIN
     )
 
+    conditions: ClassVar[JsonDict] = {
+        "dependentRequired": RIGID_NEEDS_MASS,
+        "dependentSchemas": NOT_BOTH_BODIES,
+    }
+
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of a body that is both a rod and a rigid body, or has no mass."""
         rigid = [key for key in ("mass", "com", "inertia") if key in values]
         rod = [key for key in ("mass_per_length", "section_inertia") if key in values]
@@ -259,81 +228,78 @@ class BodyTable(RigidTable, RodTable):
                 f"belongs to a rod, but {rigid[0]} describes a rigid body: give mass_per_length "
                 "and section_inertia, or mass, com and inertia",
             )
-        yield from super().key_faults(values)
+        yield from super()._key_faults(values)
 
-    def body(self) -> Body:
+    def body(self) -> model.Body:
         """The body that the table describes."""
-        rod = Rod(self.length, self.mass_per_length or 0.0, self.section_inertia or (0.0,) * 3)
+        rod = model.Rod(self.length, self.mass_per_length, self.section_inertia)
         return self.rigid_body(self.length) or rod
 
 
+@file_table
 class ArmTable(BodyTable):
     """An arm of the base, with a motor at its end."""
 
+    # Without a default, which a body has.
     length: NotNegative = Field(description="the distance from the base centre to the motor, in m")
 
 
-_ARMS = TypeAdapter(list[ArmTable])
+_ARM, _ARMS = TypeAdapter(ArmTable), TypeAdapter(list[ArmTable])
 # The keys of rods and of the motors at their ends.
 ROD_KEYS = ("rotors", "arm", "thrust", "drag", "azimuth_deg")
 
 
+@file_table
 class BaseTable(RigidTable):
     """The flying base, rigid: a central body, rods with a motor at the end of each, or both."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentRequired": {
-                **RIGID_NEEDS_MASS,
-                **{key: [other for other in ROD_KEYS[:2] if other != key] for key in ROD_KEYS},
-            }
+    conditions: ClassVar[JsonDict] = {
+        "dependentRequired": {
+            **RIGID_NEEDS_MASS,
+            **{key: [other for other in ROD_KEYS[:2] if other != key] for key in ROD_KEYS},
         }
-    )
+    }
 
-    rotors: Annotated[int, Bounds(2, MAX_ROTORS)] | None = Field(
-        default=None, description="the number of rotors and arms, N"
+    rotors: Annotated[Whole, Bounds(2, model.MAX_ROTORS)] | None = optional(
+        "the number of rotors and arms, N"
     )
-    attitude: Attitude = Field(
-        default="xyz", description="intrinsic sequence of the attitude angles, or quaternion"
+    attitude: model.Attitude = optional(
+        "intrinsic sequence of the attitude angles, or quaternion", "xyz"
     )
-    origin: Origin | None = Field(
-        default=None,
-        description="the point whose position is x, y, z: motor1 or centre where the base has "
-        "arms, base where it has none; default: motor1 with arms, base without",
+    origin: model.Origin | None = optional(
+        "the point whose position is x, y, z: motor1 or centre where the base has "
+        "arms, base where it has none; default: motor1 with arms, base without"
     )
-    thrust: list[Direction] | None = Field(
-        default=None,
-        description="direction of the thrust of each motor in its arm's frame: an axis, or "
-        "[x, y, z]; default: z for odd motors, y for even ones",
+    thrust: list[Direction] | None = optional(
+        "direction of the thrust of each motor in its arm's frame: an axis, or "
+        "[x, y, z]; default: z for odd motors, y for even ones"
     )
-    drag: list[Size] | None = Field(
-        default=None,
-        description="reaction torque of each motor about its thrust's direction per unit of "
-        "thrust, m; default 0",
+    drag: list[Size] | None = optional(
+        "reaction torque of each motor about its thrust's direction per unit of "
+        "thrust, m; default 0"
     )
-    azimuth_deg: list[Angle] | None = Field(
-        default=None,
-        description="angle of each arm about the base's normal z, from the base's x axis, degrees; "
-        "default: equal angles, with arm 1 seen from its motor",
+    azimuth_deg: list[Angle] | None = optional(
+        "angle of each arm about the base's normal z, from the base's x axis, degrees; "
+        "default: equal angles, with arm 1 seen from its motor"
     )
-    arm: ArmTable | list[ArmTable] | None = Field(
-        default=None, description="one table for all arms, or a list of one for each"
+    arm: ArmTable | list[ArmTable] | None = optional(
+        "one table for all arms, or a list of one for each"
     )
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of arms that are not whole, or not as many as there are rotors."""
-        yield from super().key_faults(values)
-        if any(key in values for key in ROD_KEYS):
-            for key in ROD_KEYS[:2]:
-                if key not in values:
-                    yield key, f"missing: {cls.model_fields[key].description}"
-        elif values.get("origin") in ROD_ORIGINS:
+        yield from super()._key_faults(values)
+        if any(each in values for each in ROD_KEYS):
+            for each in ROD_KEYS[:2]:
+                if each not in values:
+                    yield each, cls._missing(each)
+        elif values.get("origin") in model.ROD_ORIGINS:
             yield "origin", 'must be "base" where the base has no arms (base.rotors and base.arm)'
         arms, rotors = values.get("arm"), values.get("rotors")
         if not isinstance(arms, list) or not isinstance(rotors, int):
             return
-        if 1 < rotors <= MAX_ROTORS and rotors != len(arms) <= MAX_ROTORS:
+        if 1 < rotors <= model.MAX_ROTORS and rotors != len(arms) <= model.MAX_ROTORS:
             what = f"a list of {len(arms)} for {rotors} rotors"
             yield "arm", f"{what}; give one table for all, or one each"
 
@@ -342,7 +308,7 @@ class BaseTable(RigidTable):
     def _one_per_motor(cls, value: object, info: ValidationInfo) -> object:
         rotors = info.data.get("rotors")
         if rotors is None:  # How many there must be is not known; a flood there is not.
-            return value[:MAX_ROTORS] if isinstance(value, list) else value
+            return value[: model.MAX_ROTORS] if isinstance(value, list) else value
         if info.field_name != "thrust":
             return list_of(value, rotors)
         if not isinstance(value, list) or len(value) != rotors:
@@ -359,130 +325,103 @@ class BaseTable(RigidTable):
         The field's own validator would try both forms and tell faults of both.
         """
         if isinstance(value, list):
-            arms = at_most(value, MAX_ROTORS, "arms")
+            arms = at_most(value, model.MAX_ROTORS, "arms")
             return _ARMS.validate_python(arms, context=info.context)
-        return ArmTable.model_validate(value, context=info.context)
+        return _ARM.validate_python(value, context=info.context)
 
-    def built(self) -> Base:
+    def built(self) -> model.Base:
         """The base that the table describes."""
         body = self.rigid_body(0.0)
         if self.rotors is None or self.arm is None:
-            return Base(attitude=self.attitude, origin=self.origin or "base", body=body)
+            return model.Base(attitude=self.attitude, origin=self.origin or "base", body=body)
         arms = self.arm if isinstance(self.arm, list) else [self.arm]
-        return Base(
+        return model.Base(
             self.rotors,
             tuple(arm.body() for arm in arms),
-            tuple(self.thrust) if self.thrust else alternating_thrust(self.rotors),
+            tuple(self.thrust) if self.thrust else model.alternating_thrust(self.rotors),
             tuple(self.drag or (0.0,) * self.rotors),
             self.attitude,
             self.origin or "motor1",
             body,
-            tuple(map(exact, self.azimuth_deg)) if self.azimuth_deg else None,
+            tuple(self.azimuth_deg) if self.azimuth_deg else None,
         )
 
 
 _ON = 'what carries it: "base" or the name of a link'
 
 
+@file_table
 class PoseTable(Table):
     """A pose in the frame of a body."""
 
-    xyz: Sizes3 | None = Field(
-        default=None, description="place in the frame of what carries it, m; default [0, 0, 0]"
-    )
-    rpy_deg: Turns3 | None = Field(
-        default=None,
-        description="roll, pitch and yaw in that frame, R = R_z·R_y·R_x as in URDF, degrees; "
-        "default [0, 0, 0]",
+    xyz: Sizes3 | None = optional("place in the frame of what carries it, m; default [0, 0, 0]")
+    rpy_deg: Angles | None = optional(
+        "roll, pitch and yaw in that frame, R = R_z·R_y·R_x as in URDF, degrees; default [0, 0, 0]"
     )
 
-    @classmethod
-    def synonyms(cls) -> Mapping[str, str]:
-        """Rotors have a position."""
-        return {"position": "xyz"}
+    synonyms: ClassVar[Mapping[str, str]] = {"position": "xyz"}
 
-    def pose(self) -> Pose:
+    def pose(self) -> model.Pose:
         """The pose that the table describes."""
-        return Pose(self.xyz or (0.0,) * 3, exact3(self.rpy_deg or (0.0,) * 3))
+        return model.Pose(self.xyz or _ORIGIN, self.rpy_deg or model.Pose.rpy_deg)
 
 
+@file_table
 class RotorTable(Table):
     """A rotor on the base or on a link."""
 
-    name: Label | None = Field(
-        default=None, description="name of the rotor, any text; without it its number counts"
+    name: Label | None = optional("name of the rotor, any text; without it its number counts")
+    on: Label = optional(_ON, "base")
+    position: Sizes3 = optional("place in the frame of what carries it, m", _ORIGIN)
+    direction: Annotated[Direction, Field(json_schema_extra={"default": "z"})] = optional(
+        'direction of its thrust in that frame: an axis such as "x" or "-y", or [x, y, z]',
+        model.AXES["z"],
     )
-    on: Label = Field(default="base", description=_ON)
-    position: Sizes3 = Field(
-        default=(0.0, 0.0, 0.0), description="place in the frame of what carries it, m"
-    )
-    direction: Direction = Field(
-        default=AXES["z"],
-        description='direction of its thrust in that frame: an axis such as "x" or "-y", or '
-        "[x, y, z]",
-        json_schema_extra={"default": "z"},
-    )
-    drag: Size = Field(
-        default=0.0,
-        description="reaction torque about its direction per unit of thrust, m: negative for a "
+    drag: Size = optional(
+        "reaction torque about its direction per unit of thrust, m: negative for a "
         "rotor that spins counter-clockwise, seen from the tip of its thrust",
+        0.0,
     )
-    limits: Range | None = Field(
-        default=None,
-        description="least and greatest thrust, for simulators and controllers, N; default: none",
+    limits: Range | None = optional(
+        "least and greatest thrust, for simulators and controllers, N; default: none"
     )
-    time_constant: NotNegative | None = Field(
-        default=None, description="time constant of its thrust, for simulators, s; default: none"
+    time_constant: NotNegative | None = optional(
+        "time constant of its thrust, for simulators, s; default: none"
     )
-    spin_inertia: NotNegative | None = Field(
-        default=None,
-        description="moment of inertia of what spins with it, about its axis, for gyroscopic "
-        "torques in simulators, kg m^2; default: none",
+    spin_inertia: NotNegative | None = optional(
+        "moment of inertia of what spins with it, about its axis, for gyroscopic "
+        "torques in simulators, kg m^2; default: none"
     )
-    speed_per_sqrt_thrust: NotNegative | None = Field(
-        default=None,
-        description="its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); "
-        "default: none",
+    speed_per_sqrt_thrust: NotNegative | None = optional(
+        "its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); default: none"
     )
 
-    @classmethod
-    def synonyms(cls) -> Mapping[str, str]:
-        """Links and frames have their place in xyz."""
-        return {"xyz": "position"}
+    synonyms: ClassVar[Mapping[str, str]] = {"xyz": "position"}
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of a rotor of which the angular momentum is not known."""
-        for key, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
-            if key in values and other not in values:
-                yield key, f"needs {other} beside it: give both or none"
+        for each, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
+            if each in values and other not in values:
+                yield each, f"needs {other} beside it: give both or none"
         if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
             yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
 
-    def rotor(self, on: int) -> Rotor:
+    def rotor(self, on: int) -> model.Rotor:
         """The rotor that the table describes, on the body of that number."""
-        return Rotor(
-            self.position,
-            self.direction,
-            self.drag,
-            on,
-            self.name,
-            self.limits,
-            self.time_constant,
-            self.spin_inertia,
-            self.speed_per_sqrt_thrust,
-        )
+        return model.Rotor(**vars(self) | {"on": on})
 
 
+@file_table
 class FrameTable(PoseTable):
     """A named frame, such as an end effector or a sensor."""
 
-    name: Label = Field(description="name of the frame, any text")
-    on: Label = Field(default="base", description=_ON)
+    name: Annotated[Label, key("name of the frame, any text")]
+    on: Label = optional(_ON, "base")
 
-    def frame(self, on: int) -> Frame:
+    def frame(self, on: int) -> model.Frame:
         """The frame that the table describes, on the body of that number."""
-        return Frame(self.name, on, self.pose())
+        return model.Frame(self.name, on, self.pose())
 
 
 DH_KEYS = ("alpha_deg", "a", "d", "theta_deg")
@@ -491,120 +430,85 @@ PASSIVE_KEYS = ("damping", "armature", "stiffness", "rest")
 LIMIT_KEYS = ("limits", "limits_deg", "effort", "velocity")
 
 
-class PlaceTable(PoseTable):
-    """Where a link's joint is, by modified Denavit–Hartenberg parameters or a pose."""
-
-    name: Label | None = Field(
-        default=None, description="name of the link, any text; without it link 2 is called link2"
-    )
-    parent: Label | None = Field(
-        default=None,
-        description='what carries the link: "base" or the name of a link given earlier; default: '
-        "the link before, the base for the first",
-    )
-    alpha_deg: Angle = Field(
-        default=0.0, description="twist about x of the parent's frame, degrees"
-    )
-    a: Size | None = Field(
-        default=None,
-        description="distance along x of the parent's frame, m; default: the length of the "
-        "parent, 0 where it is the base",
-    )
-    d: Size = Field(default=0.0, description="offset along the joint's axis z, m")
-    theta_deg: Angle = Field(default=0.0, description="offset of the joint angle, degrees")
-    axis: Direction = Field(
-        default=AXES["z"],
-        description="axis of a joint that xyz or rpy_deg places, in the link's frame: an axis such "
-        'as "x" or "-y", or a direction [x, y, z]',
-        json_schema_extra={"default": "z"},
-    )
-
-
 def _not_continuous(kind: object) -> object:
     if kind == "continuous":
         raise fault('must be "revolute", without limits, for what URDF calls "continuous"')
     return kind
 
 
-class JointTable(Table):
-    """What a link's joint does."""
+@file_table
+class JointTable(PoseTable):
+    """A joint: what it does, and its place, by modified Denavit–Hartenberg parameters or a pose."""
 
-    joint: Annotated[LinkKind, BeforeValidator(_not_continuous)] = Field(
-        default="revolute",
-        description="what the joint does: it turns about its axis, slides along it, or is fixed",
+    name: Label | None = optional("name of the link, any text; without it link 2 is called link2")
+    parent: Label | None = optional(
+        'what carries the link: "base" or the name of a link given earlier; default: '
+        "the link before, the base for the first"
     )
-    constrained: bool = Field(
-        default=False,
-        description="whether a fixed link is held by a constraint torque about its axis, which the "
+    alpha_deg: Angle = optional("twist about x of the parent's frame, degrees", _NO_ANGLE)
+    a: Size | None = optional(
+        "distance along x of the parent's frame, m; default: the length of the "
+        "parent, 0 where it is the base"
+    )
+    d: Size = optional("offset along the joint's axis z, m", 0.0)
+    theta_deg: Angle = optional("offset of the joint angle, degrees", _NO_ANGLE)
+    axis: Annotated[Direction, Field(json_schema_extra={"default": "z"})] = optional(
+        "axis of a joint that xyz or rpy_deg places, in the link's frame: an axis such "
+        'as "x" or "-y", or a direction [x, y, z]',
+        model.AXES["z"],
+    )
+    joint: Annotated[model.LinkKind, BeforeValidator(_not_continuous)] = optional(
+        "what the joint does: it turns about its axis, slides along it, or is fixed", "revolute"
+    )
+    constrained: Flag = optional(
+        "whether a fixed link is held by a constraint torque about its axis, which the "
         "hybrid system has, instead of welded",
+        False,
     )
-    coordinate: Label | None = Field(
-        default=None,
-        description="name of the joint's coordinate, any text; default: the link's name, or "
-        "theta_… or d_… with the joint's number",
+    coordinate: Label | None = optional(
+        "name of the joint's coordinate, any text; default: the link's name, or "
+        "theta_… or d_… with the joint's number"
     )
-    damping: NotNegative = Field(
-        default=0.0, description="torque or force against the joint's rate, N m s/rad or N s/m"
+    damping: NotNegative = optional(
+        "torque or force against the joint's rate, N m s/rad or N s/m", 0.0
     )
-    armature: NotNegative = Field(
-        default=0.0,
-        description="inertia of what turns with the joint alone, such as a geared motor, kg m² or "
-        "kg",
+    armature: NotNegative = optional(
+        "inertia of what turns with the joint alone, such as a geared motor, kg m² or kg", 0.0
     )
-    stiffness: NotNegative = Field(default=0.0, description="of a spring, N m/rad or N/m")
-    rest: Size = Field(default=0.0, description="coordinate at which the spring rests, rad or m")
-    limits: OpenRange | None = Field(
-        default=None,
-        description="least and greatest coordinate, rad or m; inf where there is none. Limits are "
-        "for simulators and controllers",
+    stiffness: NotNegative = optional("of a spring, N m/rad or N/m", 0.0)
+    rest: Size = optional("coordinate at which the spring rests, rad or m", 0.0)
+    limits: OpenRange | None = optional(
+        "least and greatest coordinate, rad or m; inf where there is none. Limits are "
+        "for simulators and controllers"
     )
-    limits_deg: OpenRange | None = Field(
-        default=None, description="limits of a joint that turns, degrees"
+    limits_deg: OpenRange | None = optional("limits of a joint that turns, degrees")
+    effort: NotNegative | None = optional(
+        "greatest torque or force of the joint, N m or N; default: none"
     )
-    effort: NotNegative | None = Field(
-        default=None, description="greatest torque or force of the joint, N m or N; default: none"
-    )
-    velocity: NotNegative | None = Field(
-        default=None, description="greatest rate of the joint, rad/s or m/s; default: none"
+    velocity: NotNegative | None = optional(
+        "greatest rate of the joint, rad/s or m/s; default: none"
     )
 
-    def passive(self) -> Passive:
-        """What acts on the joint by itself."""
-        return Passive(self.damping, self.armature, self.stiffness, self.rest)
 
-    def bounds(self) -> JointLimits:
-        """The limits of the joint, in rad or m."""
-        low, high = self.limits or (-math.inf, math.inf)
-        if self.limits_deg:
-            low, high = map(math.radians, self.limits_deg)
-        return JointLimits(
-            low if math.isfinite(low) else None,
-            high if math.isfinite(high) else None,
-            self.effort,
-            self.velocity,
-        )
-
-
-class LinkTable(BodyTable, JointTable, PlaceTable):
+@file_table
+class LinkTable(BodyTable, JointTable):
     """A link, with the joint that carries it."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentRequired": RIGID_NEEDS_MASS,
-            "dependentSchemas": {
-                **NOT_BOTH_BODIES,
-                **{key: {"properties": dict.fromkeys(DH_KEYS, False)} for key in POSE_KEYS},
-                "axis": {"anyOf": [{"required": [key]} for key in POSE_KEYS]},
-                "limits": {"properties": {"limits_deg": False}},
-                "limits_deg": {"properties": {"joint": {"const": "revolute"}}},
-            },
-        }
-    )
+    conditions: ClassVar[JsonDict] = {
+        "dependentRequired": RIGID_NEEDS_MASS,
+        "dependentSchemas": {
+            **NOT_BOTH_BODIES,
+            **{key: {"properties": dict.fromkeys(DH_KEYS, False)} for key in POSE_KEYS},
+            "axis": {"anyOf": [{"required": [key]} for key in POSE_KEYS]},
+            "limits": {"properties": {"limits_deg": False}},
+            "limits_deg": {"properties": {"joint": {"const": "revolute"}}},
+        },
+    }
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that do not go with each other."""
-        yield from super().key_faults(values)
+        yield from super()._key_faults(values)
         pose = [key for key in POSE_KEYS if key in values]
         dh = [key for key in DH_KEYS if key in values]
         if pose and dh:
@@ -619,10 +523,6 @@ class LinkTable(BodyTable, JointTable, PlaceTable):
                 "needs a pose, since by Denavit–Hartenberg parameters the axis is z: give xyz or "
                 "rpy_deg",
             )
-        yield from cls._joint_faults(values)
-
-    @classmethod
-    def _joint_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         kind, constrained = values.get("joint", "revolute"), values.get("constrained") is True
         if kind == "fixed":
             for key in (*PASSIVE_KEYS, *LIMIT_KEYS):
@@ -638,14 +538,15 @@ class LinkTable(BodyTable, JointTable, PlaceTable):
             elif kind == "prismatic":
                 yield "limits_deg", "belongs to a joint that turns: give limits, in m"
 
-    def link(self, parent: int | None) -> Link:
+    def link(self, parent: int | None) -> model.Link:
         """The link that the table describes; `parent` numbers its carrier, None the link before."""
-        return Link(
+        low, high = self.limits or map(math.radians, self.limits_deg or (-math.inf, math.inf))
+        return model.Link(
             self.body(),
-            exact(self.alpha_deg),
+            self.alpha_deg,
             self.a,
             self.d,
-            exact(self.theta_deg),
+            self.theta_deg,
             self.joint,
             parent,
             self.pose() if self.xyz or self.rpy_deg else None,
@@ -653,53 +554,65 @@ class LinkTable(BodyTable, JointTable, PlaceTable):
             self.constrained,
             self.name,
             self.coordinate,
-            self.passive(),
-            self.bounds(),
+            model.Passive(self.damping, self.armature, self.stiffness, self.rest),
+            model.JointLimits(
+                low if math.isfinite(low) else None,
+                high if math.isfinite(high) else None,
+                self.effort,
+                self.velocity,
+            ),
         )
 
 
+@file_table
 class RobotTable(Table):
     """An aerial robot: a base, rotors, links that branch from the base as a tree, and frames.
 
     SI units: kg, m, s. Angles are in degrees, in keys that end in `_deg`.
     """
 
-    model_config = ConfigDict(title="Robot file of gibbs_codegen")
+    title: ClassVar[str] = "Robot file of gibbs_codegen"
 
-    name: Name = Field(
-        description="the robot's name, which becomes that of the module and the prefix in C"
-    )
-    gravity: NotNegative = Field(default=9.81, description="acceleration of gravity, m/s²")
-    allow_impossible_inertia: bool = Field(
-        default=False,
-        description="whether inertias pass that no body has, as some published models have them; "
+    name: Annotated[
+        Name, key("the robot's name, which becomes that of the module and the prefix in C")
+    ]
+    gravity: NotNegative = optional("acceleration of gravity, m/s²", 9.81)
+    allow_impossible_inertia: Flag = optional(
+        "whether inertias pass that no body has, as some published models have them; "
         "a warning names the body",
+        False,
     )
-    base: BaseTable = Field(description="the flying base, [base]")
-    rotor: Annotated[list[RotorTable], Tables("rotor", MAX_ROTORS, "rotors")] = Field(
-        default_factory=list, description="rotors on the base or on links, instead of base.rotors"
-    )
-    link: Annotated[list[LinkTable], Tables("link", MAX_LINKS, "links")] = Field(
-        default_factory=list, description="the links, each after the one that carries it"
-    )
-    frame: Annotated[list[FrameTable], Tables("frame", MAX_FRAMES, "frames")] = Field(
-        default_factory=list, description="named frames on the base or on links"
+    base: Annotated[BaseTable, key("the flying base, [base]")]
+    rotor: Annotated[
+        list[RotorTable],
+        Tables("rotor", model.MAX_ROTORS, "rotors"),
+        key("rotors on the base or on links, instead of base.rotors"),
+    ] = field(default_factory=list)
+    link: Annotated[
+        list[LinkTable],
+        Tables("link", model.MAX_LINKS, "links"),
+        key("the links, each after the one that carries it"),
+    ] = field(default_factory=list)
+    frame: Annotated[
+        list[FrameTable],
+        Tables("frame", model.MAX_FRAMES, "frames"),
+        key("named frames on the base or on links"),
+    ] = field(default_factory=list)
+
+    mistaken: ClassVar[tuple[str, frozenset[str]]] = (
+        "a scenario",
+        frozenset({"duration", "control", "motors", "integration"}),
     )
 
     @classmethod
-    def mistaken(cls) -> tuple[str, frozenset[str]]:
-        """Scenarios, by keys of theirs."""
-        return "a scenario", frozenset({"duration", "control", "motors", "integration"})
-
-    @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
         """Faults of names and references, and of two forms of rotors at once."""
         base = values.get("base")
-        given = [key for key in ROD_KEYS if isinstance(base, dict) and key in base]
-        if given and values.get("rotor"):
+        rods = [key for key in ROD_KEYS if isinstance(base, dict) and key in base]
+        if rods and values.get("rotor"):
             yield (
                 ("rotor",),
-                f"belongs to a base without arms, but base.{given[0]} gives them motors: give "
+                f"belongs to a base without arms, but base.{rods[0]} gives them motors: give "
                 "[[rotor]] tables, or base.rotors and base.arm",
             )
         yield from reference_faults(values)
@@ -711,11 +624,11 @@ class RobotTable(Table):
             raise refusal([(place, "the robot has no mass; give its base or links some")])
         return self
 
-    def robot(self) -> Robot:
+    def robot(self) -> model.Robot:
         """The robot that the file describes, as far as its names can be resolved."""
         numbers = body_numbers([link.name for link in self.link])
         parents = [numbers.get(link.parent or "", before) for before, link in enumerate(self.link)]
-        return Robot(
+        return model.Robot(
             self.name,
             self.base.built(),
             tuple(
@@ -723,7 +636,7 @@ class RobotTable(Table):
                 for before, (link, parent) in enumerate(zip(self.link, parents, strict=True))
             ),
             self.gravity,
-            tuple(rotor.rotor(numbers.get(rotor.on, BASE)) for rotor in self.rotor),
-            tuple(frame.frame(numbers.get(frame.on, BASE)) for frame in self.frame),
+            tuple(rotor.rotor(numbers.get(rotor.on, model.BASE)) for rotor in self.rotor),
+            tuple(frame.frame(numbers.get(frame.on, model.BASE)) for frame in self.frame),
             self.allow_impossible_inertia,
         )

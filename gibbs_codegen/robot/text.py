@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import (
     AXES,
     BASE,
-    Base,
     Body,
     Link,
     Pose,
@@ -26,14 +25,12 @@ from gibbs_codegen.robot.names import default_prefix
 
 def quoted(text: str) -> str:
     """A text in double quotes on one line, with escapes for what cannot be printed."""
-    escapes = {'"': '\\"', "\\": "\\\\"}
-    return '"' + "".join(escapes.get(letter) or _escaped(letter) for letter in text) + '"'
-
-
-def _escaped(letter: str) -> str:
-    if letter.isprintable():
-        return letter
-    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
+    letters = []
+    for letter in text:
+        escape = f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
+        printed = f"\\{letter}" if letter in '"\\' else letter
+        letters.append(printed if letter.isprintable() else escape)
+    return f'"{"".join(letters)}"'
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -60,17 +57,10 @@ def body_lines(body: Body) -> list[str]:
     """The keys of a rod or rigid body, a line each."""
     lines = [f"length = {body.length!r}"]
     if isinstance(body, Rod):
-        return [
-            *lines,
-            f"mass_per_length = {body.mass_per_length!r}",
-            f"section_inertia = [{numbers(body.section_inertia)}]",
-        ]
-    return [
-        *lines,
-        f"mass = {body.mass!r}",
-        f"com = [{numbers(body.com)}]",
-        f"inertia = [{numbers(body.inertia)}]",
-    ]
+        lines.append(f"mass_per_length = {body.mass_per_length!r}")
+        return [*lines, f"section_inertia = [{numbers(body.section_inertia)}]"]
+    lines.append(f"mass = {body.mass!r}")
+    return [*lines, f"com = [{numbers(body.com)}]", f"inertia = [{numbers(body.inertia)}]"]
 
 
 def inline_table(body: Body) -> str:
@@ -78,59 +68,52 @@ def inline_table(body: Body) -> str:
     return "{ " + ", ".join(body_lines(body)) + " }"
 
 
-@dataclass(frozen=True)
-class LinkText:
-    """What the template is given of a link.
-
-    `pose` has the lines of a pose, empty where Denavit–Hartenberg parameters place the link; `a`
-    may be a comment, and `rigid` are comments.
-    """
-
-    title: str
-    names: list[str]
-    alpha_deg: str
-    a: str
-    d: str
-    theta_deg: str
-    pose: list[str]
-    joint: str
-    acting: list[str]
-    body: list[str]
-    rigid: list[str]
-
-
-def link_text(robot: Robot, i: int, in_both_forms: bool) -> LinkText:
-    """The text of link i, from 1, with its body in comments as a rigid one too if so asked."""
+def link_lines(robot: Robot, i: int, in_both_forms: bool) -> list[str]:
+    """The table of link i, from 1, with its body in comments as a rigid one too if so asked."""
     link, parent = robot.links[i - 1], robot.parents[i - 1]
-    if link.a is not None:
-        a = f"a         = {link.a!r}  # distance along x of the frame before"
+    if link.moves:
+        how = f"{'turned' if link.joint == 'revolute' else 'moved'} by joint {robot.rotors + i}"
+    else:
+        how = "held by a constraint torque" if link.constrained else "welded to what carries it"
+    lines = [f"[[link]]  # link {i}, {how}"]
+    lines += [] if link.name is None else [f"name = {quoted(link.name)}"]
+    lines += [] if parent == i - 1 else [f"parent = {_reference(robot, parent)}"]
+    lines += [] if link.coordinate is None else [f"coordinate = {quoted(link.coordinate)}"]
+    if link.pose:
+        lines += [
+            "# Pose of the joint in the frame of what carries the link (m, R = Rz Ry Rx), axis in "
+            "the link's frame.",
+            *_pose_lines(link.pose),
+            f"axis = {direction(link.axis)}",
+            f'joint = "{link.joint}"  # "revolute", "prismatic" or "fixed"',
+        ]
     else:
         default = "0" if parent == BASE else "the length of the link before"
         a = f"# a: distance along x of the frame before; here {default}"
-    names = [] if link.name is None else [f"name = {quoted(link.name)}"]
-    if parent != i - 1:
-        names.append(f"parent = {_reference(robot, parent)}")
-    if link.coordinate is not None:
-        names.append(f"coordinate = {quoted(link.coordinate)}")
-    return LinkText(
-        title=_title(robot, i),
-        names=names,
-        alpha_deg=degrees(link.alpha_deg),
-        a=a,
-        d=repr(link.d),
-        theta_deg=degrees(link.theta_deg),
-        pose=_axis_in(link, link.pose) if link.pose else [],
-        joint=link.joint,
-        acting=_acting(link),
-        body=[line for line in body_lines(link.body) if not link.pose or line != "length = 0.0"],
-        rigid=_rigid_link(link.body) if in_both_forms else [],
-    )
+        if link.a is not None:
+            a = f"a         = {link.a!r}  # distance along x of the frame before"
+        twist = "modified Denavit-Hartenberg: twist about x of the frame before"
+        lines += [
+            f"alpha_deg = {degrees(link.alpha_deg)}  # {twist}",
+            a,
+            f"d         = {link.d!r}",
+            f"theta_deg = {degrees(link.theta_deg)}  # offset of the joint angle",
+            f'joint     = "{link.joint}"  # or "prismatic", along z',
+        ]
+    lines += _joint_lines(link)
+    lines += [line for line in body_lines(link.body) if not link.pose or line != "length = 0.0"]
+    if in_both_forms:
+        rigid = body_lines(rigid_form(link.body))[1:]
+        heading = "The same link as a rigid body, in place of mass_per_length and section_inertia:"
+        lines += [f"# {line}" for line in (heading, *rigid)]
+    return lines
 
 
 def rotor_lines(robot: Robot, k: int) -> list[str]:
-    """The keys of placed rotor k, from 1, a line each."""
+    """The table of placed rotor k, from 1."""
     rotor = robot.thrusters[k - 1]
-    lines = [] if rotor.name is None else [f"name = {quoted(rotor.name)}"]
+    lines = [f"[[rotor]]  # rotor {k}"]
+    lines += [] if rotor.name is None else [f"name = {quoted(rotor.name)}"]
     lines += [
         f"on = {_reference(robot, rotor.on)}",
         f"position = [{numbers(rotor.position)}]",
@@ -148,10 +131,10 @@ def rotor_lines(robot: Robot, k: int) -> list[str]:
 
 
 def frame_lines(robot: Robot, k: int) -> list[str]:
-    """The keys of frame k in the file, from 1, a line each."""
+    """The table of frame k in the file, from 1."""
     frame = robot.frames[k - 1]
     names = [f"name = {quoted(frame.name)}", f"on = {_reference(robot, frame.on)}"]
-    return names + _pose(frame.pose)
+    return ["[[frame]]", *names, *_pose_lines(frame.pose)]
 
 
 def rigid_form(body: Body) -> RigidBody:
@@ -167,25 +150,12 @@ def _reference(robot: Robot, number: int) -> str:
     return quoted(robot.links[number - 1].name or default_prefix("link", number))
 
 
-def _title(robot: Robot, i: int) -> str:
-    link = robot.links[i - 1]
-    if link.moves:
-        how = f"{'turned' if link.joint == 'revolute' else 'moved'} by joint {robot.rotors + i}"
-    else:
-        how = "held by a constraint torque" if link.constrained else "welded to what carries it"
-    return f"link {i}, {how}"
-
-
-def _pose(pose: Pose) -> list[str]:
+def _pose_lines(pose: Pose) -> list[str]:
     angles = ", ".join(map(degrees, pose.rpy_deg))
     return [f"xyz = [{numbers(pose.xyz)}]", f"rpy_deg = [{angles}]"]
 
 
-def _axis_in(link: Link, pose: Pose) -> list[str]:
-    return [*_pose(pose), f"axis = {direction(link.axis)}"]
-
-
-def _acting(link: Link) -> list[str]:
+def _joint_lines(link: Link) -> list[str]:
     """Lines of what acts on a joint, and of its limits, where they are not the defaults."""
     turns = link.joint == "revolute"
     rate, unit, effort = ("rad/s", "rad", "N m") if turns else ("m/s", "m", "N")
@@ -210,109 +180,55 @@ def _acting(link: Link) -> list[str]:
     return lines
 
 
-def _rigid_link(body: Body) -> list[str]:
-    heading = "The same link as a rigid body, in place of mass_per_length and section_inertia:"
-    return [heading, *body_lines(rigid_form(body))[1:]]
-
-
-@dataclass(frozen=True)
-class ArmsText:
-    """What the template is given of the base's arms; `rigid` are comments."""
-
-    rotors: int
-    thrust: str
-    drag: str
-    azimuth: str
-    arm: str
-    rigid: list[str]
-
-
-# What is said beside an attitude: of a sequence of angles, and of a quaternion.
-_ATTITUDE = (
-    "intrinsic sequence of the attitude angles: any order of x, y and z",
-    "or an intrinsic sequence of attitude angles: any order of x, y and z",
-)
-
-
-@dataclass(frozen=True)
-class RobotText:
-    """What the template is given; `arms` is None where the base has none."""
-
-    to_start_from: bool
-    name: str
-    gravity: str
-    allow_impossible_inertia: bool
-    attitude: str
-    attitude_words: str
-    origin: str
-    arms: ArmsText | None
-    central_body: list[str]
-    rotors: list[list[str]]
-    links: list[LinkText]
-    frames: list[list[str]]
-
-
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
     """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
 
     `to_start_from`: whether to name the schema for editors in the first line, and to add, as
-    comments, the arm and the last link in the other form of a body, and further tables.
+    comments, the arm and the last link in the other form of a body, and further tables. What is of
+    rods is empty where the base has none.
     """
-    base = robot.base
-    last = len(robot.links) if to_start_from else None
-    context = RobotText(
-        to_start_from=to_start_from,
-        name=name or robot.name,
-        gravity=repr(robot.gravity),
-        allow_impossible_inertia=robot.allow_impossible_inertia,
-        attitude=base.attitude,
-        attitude_words=_ATTITUDE[base.attitude == "quaternion"],
-        origin=base.origin,
-        arms=_arms(base, to_start_from) if base.arms else None,
-        central_body=body_lines(base.body)[1:] if base.body else [],
-        rotors=[rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
-        links=[link_text(robot, i, i == last) for i in range(1, len(robot.links) + 1)],
-        frames=[frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
-    )
-    return render("robot.toml.jinja", context)
-
-
-@dataclass(frozen=True)
-class PlacedRobotText:
-    """What the template of a robot whose parts have positions is given."""
-
-    name: str
-
-
-def placed_robot_text(name: str) -> str:
-    """A commented robot file to start from: a quadrotor with an arm, whose parts have positions."""
-    return render("placed_robot.toml.jinja", PlacedRobotText(name))
-
-
-def _arms(base: Base, in_both_forms: bool) -> ArmsText:
-    tables = [inline_table(arm) for arm in base.arms]
-    return ArmsText(
-        rotors=base.rotors,
-        thrust=_lines([direction(vector) for vector in base.thrust]),
-        drag=_lines([repr(float(value)) for value in base.drag]),
-        azimuth=_lines([degrees(angle) for angle in base.azimuth_deg or ()]),
-        arm=tables[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(tables) + ",\n]",
-        rigid=_rigid_arm(base.arm(1)) if in_both_forms else [],
-    )
-
-
-def _rigid_arm(body: Body) -> list[str]:
-    return [
+    base, links = robot.base, len(robot.links)
+    words = "intrinsic sequence of the attitude angles: any order of x, y and z"
+    if base.attitude == "quaternion":
+        words = "or an intrinsic sequence of attitude angles: any order of x, y and z"
+    arms = [inline_table(arm) for arm in base.arms]
+    arm = "".join(arms) if len(arms) < 2 else "[\n    " + ",\n    ".join(arms) + ",\n]"
+    rigid_arm = [
         "The same arm as a rigid body. Arm 1 counts from the motor, with x towards the centre, the",
         "others from the centre: where the arm is not the same from both ends, give a list of N",
         "tables, the first with com = [length - x, -y, z] and with the signs of inertia xz and yz",
         "turned. The directions of tilted thrusts turn alike: x and y of motor 1 have other signs.",
-        f"arm = {inline_table(rigid_form(body))}",
     ]
+    if base.arms:
+        rigid_arm.append(f"arm = {inline_table(rigid_form(base.arm(1)))}")
+    context = {
+        "to_start_from": to_start_from,
+        "name": name or robot.name,
+        "gravity": repr(robot.gravity),
+        "allow_impossible_inertia": robot.allow_impossible_inertia,
+        "attitude": base.attitude,
+        "attitude_words": words,
+        "origin": base.origin,
+        "rods": base.rotors,
+        "thrust": _list_text([direction(vector) for vector in base.thrust]),
+        "drag": _list_text([repr(float(value)) for value in base.drag]),
+        "azimuth": _list_text([degrees(angle) for angle in base.azimuth_deg or ()]),
+        "arm": arm,
+        "rigid_arm": rigid_arm if to_start_from else [],
+        "central_body": body_lines(base.body)[1:] if base.body else [],
+        "rotors": [rotor_lines(robot, k) for k in range(1, len(robot.thrusters) + 1)],
+        "links": [link_lines(robot, i, to_start_from and i == links) for i in range(1, links + 1)],
+        "frames": [frame_lines(robot, k) for k in range(1, len(robot.frames) + 1)],
+    }
+    return render("robot.toml.jinja", context)
 
 
-def _lines(entries: list[str]) -> str:
+def placed_robot_text(name: str) -> str:
+    """A commented robot file to start from: a quadrotor with an arm, whose parts have positions."""
+    return render("placed_robot.toml.jinja", {"name": name})
+
+
+def _list_text(entries: list[str]) -> str:
     """Entries of a list, over several lines where one would be too long."""
-    return ("," + "\n" + " " * 12).join(
-        ", ".join(entries[i : i + 10]) for i in range(0, len(entries), 10)
-    )
+    lines = (", ".join(entries[i : i + 10]) for i in range(0, len(entries), 10))
+    return ("," + "\n" + " " * 12).join(lines)

@@ -9,20 +9,24 @@ import itertools
 import logging
 import os
 import platform
+import re
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
-from gibbs_codegen.interface import Signature
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.runtime.cache import cached_library
 
 # Sixty-four links take minutes.
@@ -100,6 +104,11 @@ def find_compiler(chosen: str | None) -> Compiler:
     raise CompilerError(f"CC={chosen}: no such compiler" if chosen else "no C compiler found")
 
 
+def chosen_compiler() -> Compiler:
+    """The compiler by the environment's CC, as of `find_compiler`."""
+    return find_compiler(os.environ.get("CC") or None)
+
+
 def _version(command: Sequence[str]) -> str:
     code, said = _run([*command, "--version"], 20.0, Path.cwd())
     if code is None:
@@ -161,17 +170,120 @@ NATIVE = Path(__file__).parent / "native"
 _ROWS = "_rows.c"
 
 
+class ModuleLibrary:
+    """The compiled functions of a generated module, each compiled when it is first asked for.
+
+    With it are compiled those of its group; a function on request stands alone, and time steps are
+    together. There is one library of everything where that is asked for by `whole`, or the module
+    has a CasADi adapter, which calls them all. With `each` they are the functions that take
+    constants of each state.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        functions: Collection[str],
+        compiler: Compiler,
+        flags: Sequence[str] = (),
+        *,
+        each: bool = False,
+        whole: bool = False,
+    ) -> None:
+        """Take what is compiled later; `flags` come after the compiler's."""
+        self._folder, self._name, self._functions = folder, name, functions
+        self._compiler, self._flags, self._each = compiler, tuple(flags), each
+        self._locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        self._units: dict[str, ctypes.CDLL] = {}
+        self._is_whole = whole or (not each and (folder / f"{name}_casadi.c").is_file())
+
+    @functools.cached_property
+    def core(self) -> Path:
+        """The library with the constants and `rows.c`; where there is one for all, that.
+
+        Raises `CompilerError`, `CacheError` and `UsageError` as `compiled_files` does.
+        """
+        if self._is_whole:
+            return compiled_library(self._folder, self._name, self._compiler, self._flags)
+        files = [f"{self._name}.h", f"{self._name}.c"]
+        return self._compiled(files, (), {_ROWS: (NATIVE / "rows.c").read_bytes()})
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """What differs where the functions do."""
+        text = (self._folder / f"{self._name}.c").read_bytes()
+        return hashlib.sha256(self._compiler.identity.encode() + text).hexdigest()[:32]
+
+    def function(self, name: str, form: str = "") -> Any:
+        """A function of the module by the name of its row, with the end of its name in C.
+
+        Raises as `core` does, and `CompilerError` where the library lacks it.
+        """
+        library = self._library(self._unit(name))
+        own = f"{self._name}_{name}{form}"
+        if not hasattr(library, own):
+            raise CompilerError(f"the library has no {own}; do flags in CC hide or rename it?")
+        return library[own]
+
+    def build(self, names: Iterable[str]) -> None:
+        """Compile functions that will be asked for, side by side. Raises as `function` does."""
+        units = {self._unit(name) for name in names}
+        with ThreadPoolExecutor(max(1, len(units))) as pool:
+            for done in [pool.submit(self._library, unit) for unit in units]:
+                done.result()
+
+    def _library(self, unit: str) -> ctypes.CDLL:
+        with self._locks[unit]:
+            library = self._units.get(unit)
+            if library is None:
+                library = self._units[unit] = opened(self._path(unit))
+            return library
+
+    def _unit(self, name: str) -> str:
+        row = FUNCTIONS[name]
+        if self._is_whole:
+            return "whole"
+        if row.composed:
+            return "steps"
+        return name if row.on_request else row.group
+
+    def _path(self, unit: str) -> Path:
+        if self._is_whole:
+            return self.core
+        own = [name for name in self._functions if self._unit(name) == unit]
+        parts = {part for name in own for part in FUNCTIONS[name].composed}
+        files = [f"{self._name}.h", f"{self._name}.c"]
+        if self._each:
+            files.append(f"{self._name}_each.c")
+        return self._compiled(files, [*parts, *own], {})
+
+    def _compiled(
+        self, files: Sequence[str], functions: Collection[str], others: Mapping[str, bytes]
+    ) -> Path:
+        return compiled_files(
+            self._folder,
+            self._name,
+            files,
+            self._compiler,
+            self._flags,
+            others,
+            included=[f"{self._name}.c"] if self._each else [],
+            functions=functions,
+        )
+
+
 def compiled_library(
     folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
 ) -> Path:
-    """Path of the shared library of a generated module, from the cache or compiled now.
+    """Path of a shared library of all that a generated module has in C.
 
-    It exports the module's C functions, those of its CasADi adapter but in single precision, which
-    CasADi does not have, and those of `rows.c`. `extra` flags come after the compiler's.
+    Those of its CasADi adapter, if it has one, are not there in single precision, which CasADi does
+    not have; `rows.c` is. `extra` flags come after the compiler's.
     """
     files = c_files(name)
-    if f"-D{name.upper()}_FLOAT" in extra:
-        files.remove(f"{name}_casadi.c")
+    adapter = f"{name}_casadi.c"
+    if (folder / adapter).is_file() and f"-D{name.upper()}_FLOAT" not in extra:
+        files.append(adapter)
     rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
     return compiled_files(folder, name, files, compiler, extra, rows)
 
@@ -184,13 +296,14 @@ def compiled_files(
     extra: Sequence[str] = (),
     others: Mapping[str, bytes] = MappingProxyType({}),
     included: Sequence[str] = (),
+    functions: Collection[str] | None = None,
 ) -> Path:
     """Path of a shared library of C files of a generated module, from the cache or compiled now.
 
     `files` are those that it is made of, and what they include; of these, those `included` are not
     compiled by themselves. `others` are texts of further sources, by names that no file of the
-    module has. Raises `UsageError` for a file that is missing, or was not generated with the
-    module.
+    module has. Of the module's C source there are only some `functions`, unless they are None.
+    Raises `UsageError` for a file that is missing, or was not generated with the module.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     missing = [file for file in files if not (folder / file).is_file()]
@@ -199,7 +312,15 @@ def compiled_files(
             f"{printable(folder)}: has no {', '.join(missing)}; generate the module again"
         )
     texts = {file: (folder / file).read_bytes() for file in files}
-    _check_of_one_make(folder, texts)
+    made = _make_of((folder / "numpy_module.py").read_bytes())
+    for file, text in texts.items():
+        if _make_of(text) != made:
+            raise UsageError(
+                f"{printable(folder / file)}: was not generated together with numpy_module.py; "
+                f"generate the module again"
+            )
+    if functions is not None:
+        texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], functions)
     texts |= others
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
@@ -209,25 +330,36 @@ def compiled_files(
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         own = [file for file in texts if file.endswith(".c") and file not in included]
-        told = f"{name}: compiling {', '.join(own)}; the library is kept for the next time"
-        with announced(told):
+        message = f"{name}: compiling {', '.join(own)}; the library is kept for the next time"
+        with announced(message):
             compiler.library([sources / file for file in own], output, extra)
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
 
 
-def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> ctypes.CDLL:
-    """The shared library of a generated module, once it is known to have all functions.
+def some_functions(source: bytes, functions: Collection[str]) -> bytes:
+    """The C source of a module with some of its functions, and without patterns."""
+    begin, *parts = re.split(rb"(?m)^(?=/\* ---- )", source)
+    words = [f"/* ---- {name} ---- */".encode() for name in functions]
+    return begin + b"".join(part for part in parts if part.startswith(tuple(words)))
 
-    Raises `CompilerError` if it cannot be loaded, or lacks one. `prefix` is the robot's name.
-    """
+
+def opened(path: Path) -> ctypes.CDLL:
+    """A shared library. Raises `CompilerError`."""
     try:
-        library = ctypes.CDLL(str(path))
+        return ctypes.CDLL(str(path))
     except OSError as error:
         raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
-    names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
-    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost", *names):
+
+
+def opened_core(path: Path, prefix: str) -> ctypes.CDLL:
+    """The library with the constants of a module; `prefix` is the robot's name.
+
+    Raises `CompilerError` if it cannot be loaded, or lacks one of its functions.
+    """
+    library = opened(path)
+    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost"):
         if not hasattr(library, name):
             raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
     return library
@@ -246,17 +378,6 @@ def announced(what: str) -> Iterator[None]:
         timer.cancel()
 
 
-def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:
-    """Refuse C that was not generated together with the module's Python. Raises `UsageError`."""
-    made = _make_of((folder / "numpy_module.py").read_bytes())
-    for file, text in texts.items():
-        if _make_of(text) != made:
-            raise UsageError(
-                f"{printable(folder / file)}: was not generated together with numpy_module.py; "
-                f"generate the module again"
-            )
-
-
 def _make_of(text: bytes) -> list[bytes]:
     """Version, robot and digest of the robot file that an emitted file names in its header."""
     return [line.strip(b"#/* \r") for line in text.split(b"\n", 4)[:4]]
@@ -264,4 +385,4 @@ def _make_of(text: bytes) -> list[bytes]:
 
 def c_files(name: str) -> list[str]:
     """Names of the files that the C target of a module consists of."""
-    return [f"{name}.h", f"{name}.c", f"{name}_casadi.c"]
+    return [f"{name}.h", f"{name}.c"]

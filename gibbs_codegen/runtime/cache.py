@@ -39,7 +39,12 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
 
             with FileLock(root / f"{entry.name}.lock", mode=0o600):
                 if not _is_whole(entry):
-                    _fill(entry, make)
+                    # What was there is renamed: a library that another process has loaded must not
+                    # change under it.
+                    with staging_folder(root) as new:
+                        make(new / _LIBRARY)
+                        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
+                        put_in_place(new, entry)
     except OSError as error:
         where = error.filename or cache_folder()
         raise CacheError(f"{where}: {cause_of(error)}") from None
@@ -101,14 +106,6 @@ def _is_whole(entry: Path) -> bool:
         return _digest(entry / _LIBRARY) == (entry / _DIGEST).read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError):
         return False
-
-
-def _fill(entry: Path, make: Callable[[Path], None]) -> None:
-    # What was there is renamed: a library that another process has loaded must not change under it.
-    with staging_folder(entry.parent) as new:
-        make(new / _LIBRARY)
-        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
-        put_in_place(new, entry)
 
 
 def _digest(path: Path) -> str:

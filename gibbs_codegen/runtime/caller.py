@@ -31,13 +31,12 @@ _NAME = "gibbs_codegen.runtime._caller"
 def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     """The extension type `Caller`, which the compiler makes where there is none yet.
 
-    Caller(address, shapes of inputs, shapes of outputs, default constants, general function); None
-    where it was not built, and Python's headers are not installed or it cannot be made, which the
-    log says.
+    Caller(shapes of inputs, shapes of outputs, default constants, general function) has a method
+    `bind`, which takes the address of the compiled function. None where the type was not built, and
+    Python's headers are not installed or it cannot be made, which the log says.
     """
     try:
-        caller: Callable[..., Any] = importlib.import_module(_NAME).Caller
-        return caller
+        return importlib.import_module(_NAME).Caller
     except ImportError as error:
         _log.debug("the extension of the installed package is not there or not usable: %s", error)
     include = sysconfig.get_path("include")
@@ -45,7 +44,14 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
         _log.info("calls for one state take the long way: Python's headers are not installed")
         return None
     try:
-        return _imported(_library(compiler, include))
+        path = str(_library(compiler, include))
+        loader = importlib.machinery.ExtensionFileLoader(_NAME, path)
+        spec = importlib.util.spec_from_file_location(_NAME, path, loader=loader)
+        if spec is None:
+            return None
+        made = importlib.util.module_from_spec(spec)
+        loader.exec_module(made)
+        return made.Caller
     except (CompilerError, CacheError, ImportError) as error:
         _log.info("calls for one state take the long way: %s", error)
         return None
@@ -69,14 +75,3 @@ def _library(compiler: Compiler, include: str) -> Path:
         source.read_text(encoding="utf-8"),
     ]
     return cached_library("\n".join(key), make)
-
-
-def _imported(path: Path) -> Callable[..., Any] | None:
-    loader = importlib.machinery.ExtensionFileLoader(_NAME, str(path))
-    spec = importlib.util.spec_from_file_location(_NAME, str(path), loader=loader)
-    if spec is None:
-        return None
-    made = importlib.util.module_from_spec(spec)
-    loader.exec_module(made)
-    caller: Callable[..., Any] = made.Caller
-    return caller

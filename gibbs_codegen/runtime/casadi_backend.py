@@ -29,11 +29,6 @@ _ELEMENTARY = {
 _QUATERNION = ("qx", "qy", "qz", "qw")
 
 
-def casadi_module(module: ModuleType) -> ModuleType:
-    """A module's functions, of the type `CasadiFunction`, and constants, computed by CasADi."""
-    return _CasadiModule(module)
-
-
 class CasadiFunction(casadi.Function):
     """A function of a module with the default parameters; `constants` selects others.
 
@@ -96,8 +91,11 @@ def _symbols(entries: Sequence[Any]) -> Objects:
     return objects(entries).view(_Symbols)
 
 
-class _CasadiModule(LoadedModule):
-    """A module whose functions are made when they are first looked up."""
+class CasadiModule(LoadedModule):
+    """A module's functions, of the type `CasadiFunction`, and constants, computed by CasADi.
+
+    Functions are made when they are first looked up.
+    """
 
     def __init__(self, module: ModuleType) -> None:
         super().__init__(module, "casadi")
@@ -124,19 +122,19 @@ class _CasadiModule(LoadedModule):
         module's `prepare` does, and `TypeError` if a value is a vector or a matrix, or both SX and
         MX are among them.
         """
-        given = {**parameters}
-        for name, value in given.items():
+        by_name = {**parameters}
+        for name, value in by_name.items():
             own = isinstance(value, casadi.DM | casadi.SX | casadi.MX)
             shape = value.shape if own else real_numbers(name, value).shape
             if shape != ((1, 1) if own else ()):
                 raise TypeError(f"{name} must be one number or symbol, not of shape {shape}")
-            given[name] = float(value) if isinstance(value, casadi.DM) else value
-        kinds = {type(value) for value in given.values()} & {casadi.SX, casadi.MX}
+            by_name[name] = float(value) if isinstance(value, casadi.DM) else value
+        kinds = {type(value) for value in by_name.values()} & {casadi.SX, casadi.MX}
         if not kinds:
-            return casadi.DM(self._module.prepare(given))
+            return casadi.DM(self._module.prepare(by_name))
         if len(kinds) > 1:
             raise TypeError("symbols among the parameters must be all SX or all MX")
-        self._module.prepare({name: self.PARAMETERS.get(name, 0.0) for name in given})
+        self._module.prepare({name: self.PARAMETERS.get(name, 0.0) for name in by_name})
         if "_prepared" not in self.__dict__:
             symbols = casadi.SX.sym("parameters", len(self.PARAMETERS))
             values = dict(zip(self.PARAMETERS, casadi.vertsplit(symbols), strict=True))
@@ -144,7 +142,7 @@ class _CasadiModule(LoadedModule):
             self._prepared = casadi.Function(
                 "prepare", [symbols], [column], ["parameters"], ["constants"]
             )
-        return self._prepared(casadi.vertcat(*{**self.PARAMETERS, **given}.values()))
+        return self._prepared(casadi.vertcat(*{**self.PARAMETERS, **by_name}.values()))
 
     def _made(self, signature: Signature) -> CasadiFunction:
         name, names = signature.name, [*signature.arguments]
@@ -192,14 +190,11 @@ def _matrix(output: Objects) -> Any:
     is_matrix = output.ndim > 1
     *above, columns = output.shape if is_matrix else (*output.shape, 1)
     table = output.reshape(math.prod(above), columns)
+    # Those that are zero in the emitted code; CasADi may find more than PATTERNS has.
+    is_zero = [is_matrix and not isinstance(e, casadi.SX) and e == 0.0 for e in table.T.flat]
     kept = [
-        (i, j) for j, i in np.ndindex(*table.T.shape) if not (is_matrix and _is_zero(table[i, j]))
+        (i, j) for (j, i), zero in zip(np.ndindex(table.T.shape), is_zero, strict=True) if not zero
     ]
     rows, places = [i for i, _ in kept], [j for _, j in kept]
     pattern = casadi.Sparsity.triplet(*table.shape, rows, places)
     return casadi.SX(pattern, casadi.SX(casadi.vertcat(*(table[place] for place in kept))))
-
-
-def _is_zero(entry: Any) -> bool:
-    """Whether the emitted code has a zero there; CasADi may find more than PATTERNS has."""
-    return not isinstance(entry, casadi.SX) and entry == 0.0

@@ -10,7 +10,6 @@ import ctypes
 import functools
 import logging
 import math
-import os
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,19 +20,11 @@ import jax
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import Signature, module_signatures
-from gibbs_codegen.runtime.c_backend import EachLibrary
-from gibbs_codegen.runtime.c_library import (
-    NATIVE,
-    CompilerError,
-    c_files,
-    compiled_library,
-    find_compiler,
-    loaded_library,
-)
+from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 
 _log = logging.getLogger("gibbs_codegen")
-_SLOW = "%s: XLA compiles all functions, which takes long: %s"
+_SLOW = "%s: XLA compiles what is called, which takes long: %s"
 _ONE_BY_ONE = "%s: states with constants of their own are computed one by one: %s"
 _TARGET = "gibbs_codegen"
 _adding = threading.Lock()
@@ -43,38 +34,53 @@ class CompiledCalls:
     """Calls of a module's compiled functions in programs of XLA."""
 
     def __init__(
-        self, module: ModuleType, path: Path, caller: ctypes.CDLL, each: EachLibrary
+        self,
+        module: ModuleType,
+        library: c_library.ModuleLibrary,
+        caller: ctypes.CDLL,
+        of_states: c_library.ModuleLibrary,
     ) -> None:
-        """Add the functions of a library to those that XLA can call.
+        """Take the compiled functions of a module, which XLA is told of when they are called.
 
-        `caller` is the library of `native/jax_call.c`, `each` that of the functions for constants
-        of each state. Raises `CompilerError` if one is lacking or cannot be added.
+        `caller` is the library of `native/jax_call.c`, `of_states` has the functions for constants
+        of each state. Raises `CompilerError` if the constants are lacking.
         """
-        signatures = module_signatures(module)
-        # The folder in the cache has its name from what the library was made of.
-        self._prefix = f"{module.NAME}/{path.parent.name}/"
-        self._library = loaded_library(path, module.NAME, signatures)
+        self._library = library
+        self._core = c_library.opened_core(library.core, module.NAME)
+        # Another module of this name has another text.
+        self._prefix = f"{module.NAME}/{library.digest}/"
         self._constants = len(module.prepare({}))
-        self._module, self._caller, self._each = module.NAME, caller, each
+        self._module, self._caller, self._of_states = module.NAME, caller, of_states
+        self._reasons: dict[str, str] = {}
         self._known: set[str] = set()
-        for signature in signatures:
-            self._add(module.NAME, signature, caller)
 
-    def _add(self, module: str, signature: Signature, caller: ctypes.CDLL) -> None:
-        """Add a function to those that XLA can call, or raise `CompilerError`."""
+    def why_not(self, signature: Signature) -> str:
+        """Why XLA cannot call a function, which it is told of now; empty where it can."""
+        with _adding:
+            if signature.name not in self._reasons:
+                try:
+                    self._add(signature)
+                    self._reasons[signature.name] = ""
+                except (c_library.CompilerError, CacheError) as error:
+                    reason = self._reasons[signature.name] = printable(error, 400)
+                    _log.warning(_SLOW, f"{self._module}.{signature.name}", reason)
+            return self._reasons[signature.name]
+
+    def _add(self, signature: Signature) -> None:
+        """Add a function to those that XLA can call. Raises `CompilerError` or `CacheError`."""
         sizes = [*signature.widths, *map(math.prod, signature.shapes), self._constants]
-        own = f"{module}_{signature.name}_batch"
-        failed = caller.gibbs_codegen_jax_add(
+        batch = self._library.function(signature.name, "_batch")
+        failed = self._caller.gibbs_codegen_jax_add(
             f"{self._prefix}{signature.name}".encode(),
-            ctypes.cast(self._library["gibbs_codegen_rows"], ctypes.c_void_p),
-            ctypes.cast(self._library[own], ctypes.c_void_p),
-            ctypes.byref(ctypes.c_double.in_dll(self._library, f"{module}_default_constants")),
+            ctypes.cast(self._core["gibbs_codegen_rows"], ctypes.c_void_p),
+            ctypes.cast(batch, ctypes.c_void_p),
+            ctypes.byref(ctypes.c_double.in_dll(self._core, f"{self._module}_default_constants")),
             len(signature.widths),
             len(signature.shapes),
             (ctypes.c_size_t * len(sizes))(*sizes),
         )
         if failed:
-            raise CompilerError(f"{signature.name} cannot be added to what XLA can call")
+            raise c_library.CompilerError(f"{signature.name} cannot be added to what XLA can call")
 
     def __call__(
         self, signature: Signature, constants: Any, arguments: Sequence[Any]
@@ -104,11 +110,12 @@ class CompiledCalls:
                 return
             self._known.add(name)
             try:
-                address = self._each.function(f"{self._module}_{name}_batch_each")
-            except (CompilerError, CacheError, UsageError) as error:
+                found = self._of_states.function(name, "_batch_each")
+            except (c_library.CompilerError, CacheError, UsageError) as error:
                 if len(self._known) == 1:
                     _log.warning(_ONE_BY_ONE, self._module, printable(error, 400))
                 return
+            address = ctypes.cast(found, ctypes.c_void_p)
             self._caller.gibbs_codegen_jax_add_each(f"{self._prefix}{name}".encode(), address)
 
 
@@ -120,17 +127,20 @@ def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
     """
     if (backend := jax.default_backend()) != "cpu":
         return f"JAX computes on the {backend}, and compiled functions run on the CPU only"
-    if any(not (folder / name).is_file() for name in c_files(module.NAME)):
+    if any(not (folder / name).is_file() for name in c_library.c_files(module.NAME)):
         reason = "the module was generated without the C target"
         _log.warning(_SLOW, module.NAME, reason)
         return reason
     try:
-        compiler = find_compiler(os.environ.get("CC") or None)
-        library = compiled_library(folder, module.NAME, compiler)
+        compiler = c_library.chosen_compiler()
+        names = [signature.name for signature in module_signatures(module)]
+        library, of_states = (
+            c_library.ModuleLibrary(folder, module.NAME, names, compiler, each=each)
+            for each in (False, True)
+        )
         with _adding:
-            each = EachLibrary(folder, module.NAME, compiler)
-            return CompiledCalls(module, library, _caller(), each)
-    except (CompilerError, CacheError, OSError) as error:
+            return CompiledCalls(module, library, _caller(), of_states)
+    except (c_library.CompilerError, CacheError, OSError) as error:
         reason = printable(error, 400)
         _log.warning(_SLOW, module.NAME, reason)
         return reason
@@ -143,8 +153,8 @@ def _caller() -> ctypes.CDLL:
     Raises `CompilerError` or `CacheError` where it cannot be made or kept, `OSError` where it
     cannot be loaded.
     """
-    compiler = find_compiler(os.environ.get("CC") or None)
-    source = NATIVE / "jax_call.c"
+    compiler = c_library.chosen_compiler()
+    source = c_library.NATIVE / "jax_call.c"
     include = Path(jax.ffi.include_dir())
     header = include / "xla" / "ffi" / "api" / "c_api.h"
     texts = [path.read_text(encoding="utf-8") for path in (source, header)]

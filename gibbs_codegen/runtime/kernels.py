@@ -32,11 +32,11 @@ class Kernels:
     """The kernels of a module with the elementary functions of another library."""
 
     def __init__(self, module: ModuleType, elementary: Mapping[str, Callable[..., Any]]) -> None:
-        """Take the kernels of a generated module with the NumPy back end.
+        """Take the kernels of a generated module with the NumPy back end, or of its source alone.
 
         `elementary`: the library's functions by "sin", "cos" and the names of `ELEMENTARY`.
         """
-        self._source = module.numpy_module
+        self._source = getattr(module, "numpy_module", module)
         self._sine_cosine = elementary["sin"], elementary["cos"]
         self._names = {**vars(self._source), **{name: elementary[name] for name in ELEMENTARY}}
 
@@ -50,8 +50,7 @@ class Kernels:
         state.
         """
         kernel = self._rebound(f"_{function}")
-        entries: Sequence[Any] = kernel(constants, *self._sine_cosine, *arguments)
-        return entries
+        return kernel(constants, *self._sine_cosine, *arguments)
 
     def outputs(
         self,
@@ -69,7 +68,10 @@ class Kernels:
         names = self.source()
         # What takes and returns floats. Everything between them stands in the module.
         names["state_array"] = lambda _, values, *shape: values.reshape(-1)
-        names["_evaluate"] = self._evaluated
+        names["_evaluate"] = lambda kernel, k, *entries: (
+            kernel(k, *self._sine_cosine, *entries),
+            (),
+        )
         names["shaped"] = lambda entries, shape, _: array(entries).reshape(shape)
         outputs = names[function](*arguments, constants=constants)
         return list(outputs) if isinstance(outputs, tuple) else [outputs]
@@ -87,19 +89,12 @@ class Kernels:
         names["_composed"] = lambda _, compute, __: compute()  # Only numbers can be not finite.
         return names
 
-    def _evaluated(
-        self, kernel: Callable[..., Any], constants: Sequence[Any], *arguments: Objects
-    ) -> tuple[Sequence[Any], tuple[int, ...]]:
-        """What stands for the module's `_evaluate`: the entries, and the shape of no batch."""
-        return kernel(constants, *self._sine_cosine, *arguments), ()
-
     def constants(self, parameters: Mapping[str, Any]) -> tuple[Any, ...]:
         """Constants for all of PARAMETERS, which need not be numbers, and are not checked.
 
         `entries` takes them.
         """
-        constants: tuple[Any, ...] = self._rebound("_constants")(parameters)[1]
-        return constants
+        return self._rebound("_constants")(parameters)[1]
 
     def _rebound(self, name: str) -> Callable[..., Any]:
         """A function of the module's source that sees the other library's functions."""

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
-from gibbs_codegen.interface import DATA, module_signatures
+from gibbs_codegen.interface import DATA
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 BACKENDS = ("numpy", "c")
@@ -122,13 +122,12 @@ def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
     """
     require(library, f"back end {library!r}")
     if library == "casadi":
-        from gibbs_codegen.runtime.casadi_backend import casadi_module
+        from gibbs_codegen.runtime.casadi_backend import CasadiModule
 
-        return casadi_module(module)
+        return CasadiModule(module)
     from gibbs_codegen.runtime import jax_backend
 
-    made: ModuleType = jax_backend.jax_module(module, folder)
-    return made
+    return jax_backend.jax_module(module, folder)
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
@@ -137,7 +136,7 @@ def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
     Raises `UsageError` for a C file that is missing or of another make.
     """
     from gibbs_codegen.runtime.c_backend import c_module
-    from gibbs_codegen.runtime.c_library import CompilerError, c_files, find_compiler
+    from gibbs_codegen.runtime.c_library import CompilerError, c_files, chosen_compiler
     from gibbs_codegen.runtime.cache import CacheError
 
     missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
@@ -147,7 +146,7 @@ def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
             "generate the module with the C target"
         )
     try:
-        return c_module(module, folder, find_compiler(os.environ.get("CC") or None), threads)
+        return c_module(module, folder, chosen_compiler(), threads)
     except (CompilerError, CacheError) as error:
         _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
         return module
@@ -176,8 +175,6 @@ def _import(folder: Path) -> ModuleType:
         del sys.modules[module_name]
         raise
     missing = [name for name in DATA if not hasattr(module, name)]
-    if not missing:
-        missing = [s.name for s in module_signatures(module) if not hasattr(module, s.name)]
     if missing:
         raise UsageError(
             f"{printable(folder)}: has no {', '.join(missing)}, "

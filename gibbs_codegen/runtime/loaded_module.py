@@ -7,6 +7,7 @@ from typing import Any
 
 from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS
+from gibbs_codegen.interface.choice import option_with
 
 # Functions that bring what is no function of the table.
 _BROUGHT_BY = {
@@ -36,8 +37,14 @@ class LoadedModule(ModuleType):
                 setattr(self, name, getattr(module, name))
 
     def __getattr__(self, name: str) -> Any:
-        """Raise `MissingFunctionError` for what is generated on request, else `AttributeError`."""
-        function = _BROUGHT_BY.get(name, name)
-        if function in FUNCTIONS and FUNCTIONS[function].on_request:
-            raise MissingFunctionError(self.NAME, name, self.DERIVATIVES, function)
+        """Raise `MissingFunctionError` for what can be generated, else `AttributeError`."""
+        if _BROUGHT_BY.get(name, name) in FUNCTIONS:
+            raise missing_function(self, name)
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+
+
+def missing_function(module: ModuleType, name: str) -> MissingFunctionError:
+    """The error for a function, or what comes with one, that a module lacks."""
+    has = [function for function in FUNCTIONS if function in vars(module)]
+    option, words = option_with(_BROUGHT_BY.get(name, name), has)
+    return MissingFunctionError(module.NAME, name, option, words)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -26,8 +25,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.runtime.c_library import Compiler, CompilerError, compiled_files, find_compiler
-from gibbs_codegen.runtime.compiled_function import Pool
+from gibbs_codegen.runtime.c_backend import Pool
+from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler, compiled_files, opened
+from gibbs_codegen.runtime.rollout_source import rollout_files, rollout_text
 
 Array = NDArray[np.float64]
 Method = Literal["euler", "rk4"]
@@ -223,9 +223,8 @@ class _Pieces:
         return piece
 
 
-@functools.cache
-def _pool(threads: int) -> Pool:
-    return Pool(threads)
+# For each number of threads.
+_pool = functools.cache(Pool)
 
 
 State = tuple[Array, ...]
@@ -252,8 +251,7 @@ class Steps:
             return self._xp.zeros(len(q), dtype=bool)
         least, most = self._problem.bounds
         state = self._xp.concatenate([q, v], axis=1)
-        outside: Any = ((state < least) | (state > most)).any(axis=1)
-        return outside
+        return ((state < least) | (state > most)).any(axis=1)
 
     def commanded(self, number: Any, q: Array, v: Array) -> Array:
         """Inputs (n, nu) that are commanded in a step, within their limits."""
@@ -264,8 +262,7 @@ class Steps:
             slower = _of_step(feedback.v, number) - v
             u = u + xp.concatenate([away, slower], axis=1) @ feedback.gain.T
         motors = problem.motors
-        limited: Array = u if motors is None else xp.clip(u, motors.least, motors.most)
-        return limited
+        return u if motors is None else xp.clip(u, motors.least, motors.most)
 
     def after(self, number: Any, q: Array, v: Array, *thrusts: Array) -> State:
         """Coordinates, velocities, and thrusts if motors lag (n, rotors), N, after a step.
@@ -288,8 +285,7 @@ class Steps:
         xp, lag, (before,) = self._xp, self._problem.motors.time_constants, thrusts
         decay = xp.where(lag > 0.0, xp.exp(-time / xp.where(lag > 0.0, lag, 1.0)), 0.0)
         settled, efforts = xp.split(commanded, [before.shape[1]], axis=1)
-        acting: Array = xp.concatenate([settled + (before - settled) * decay, efforts], axis=1)
-        return acting
+        return xp.concatenate([settled + (before - settled) * decay, efforts], axis=1)
 
     def _acceleration(self, number: Any, q: Array, v: Array, u: Array) -> Array:
         """Accelerations (n, nv) in a step, of inputs `u` (n, nu) that act."""
@@ -304,8 +300,7 @@ class Steps:
 
     def _moved(self, q: Array, displacement: Array) -> Array:
         """Coordinates (n, nq) after a displacement (n, nv)."""
-        found: Array = self._problem.module.integrate(q, displacement, self._problem.constants)
-        return found
+        return self._problem.module.integrate(q, displacement, self._problem.constants)
 
     def _euler(self, number: Any, q: Array, v: Array, acting: Any) -> tuple[Array, Array]:
         """Coordinates and velocities after a semi-implicit Euler step.
@@ -338,7 +333,7 @@ def _of_step(values: Array, number: Any) -> Array:
     return values[:, number if values.shape[1] > 1 else 0]
 
 
-def plain_rollout(
+def numpy_rollout(
     problem: Problem, progress: Callable[[float], None] = lambda share: None
 ) -> Rollout:
     """Roll states out in NumPy, always in double precision.
@@ -388,15 +383,9 @@ class _States(ctypes.Structure):
     """Where states are read and written."""
 
     _fields_ = (
-        ("q", ctypes.c_void_p),
-        ("v", ctypes.c_void_p),
-        ("thrusts", ctypes.c_void_p),
-        ("steps", ctypes.c_void_p),
-        ("ended", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("q", "v", "thrusts", "steps", "ended")),
         ("samples", ctypes.c_size_t),
-        ("q_samples", ctypes.c_void_p),
-        ("v_samples", ctypes.c_void_p),
-        ("thrust_samples", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("q_samples", "v_samples", "thrust_samples")),
     )
 
 
@@ -529,11 +518,8 @@ class _Run:
         """An array (1 or n, 1 or steps, …) as rows of states and steps."""
         states, steps, *shape = array.shape
         width = math.prod(shape)
-        return _Rows(
-            self._read(array),
-            width * steps if states > 1 else 0,
-            width if steps > 1 else 0,
-        )
+        by_state, by_step = width * steps if states > 1 else 0, width if steps > 1 else 0
+        return _Rows(self._read(array), by_state, by_step)
 
 
 def _constants(problem: Problem) -> Reals:
@@ -545,8 +531,7 @@ def _constants(problem: Problem) -> Reals:
         constants = np.frombuffer(constants)
     elif isinstance(constants, tuple):
         constants = np.stack(np.broadcast_arrays(*constants), axis=-1)
-    rows: Reals = np.atleast_2d(constants)
-    return rows
+    return np.atleast_2d(constants)
 
 
 @functools.lru_cache(maxsize=64)
@@ -563,8 +548,7 @@ def rollout_function(
 
     Raises what `compiled_rollout` does.
     """
-    compiler = find_compiler(os.environ.get("CC") or None)
-    return _loaded(module, precision == "single", compiler, flags)
+    return _loaded(module, precision == "single", chosen_compiler(), flags)
 
 
 @functools.lru_cache(maxsize=64)
@@ -577,15 +561,25 @@ def _loaded(
     it ends.
     """
     name = module.NAME
-    files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c", "_rollout.h", "_rollout.c")]
-    extra = [*flags, f"-D{name.upper()}_FLOAT"] if single else flags
+    text = rollout_text(module)
+    for called in text.functions:
+        getattr(module, called)  # It says how the module is to be generated, if it lacks one.
     folder = Path(module.__path__[0])
-    path = compiled_files(folder, name, files, compiler, extra, included=[f"{name}.c"])
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
-    function = library[f"{name}_rollout{'_float' if single else ''}"]
+    made = {file: source.encode() for file, source in rollout_files(text).items()}
+    own = [file for file in made if (folder / file).is_file()]
+    files = [*(f"{name}{ending}" for ending in (".h", ".c", "_each.c")), *own]
+    extra = [*flags, f"-D{name.upper()}_FLOAT"] if single else flags
+    path = compiled_files(
+        folder,
+        name,
+        files,
+        compiler,
+        extra,
+        {file: source for file, source in made.items() if file not in own},
+        included=[f"{name}.c"],
+        functions=text.functions,
+    )
+    function = opened(path)[f"{name}_rollout{'_float' if single else ''}"]
     function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_size_t] * 4]
     function.restype = None
     return function

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, Values
 
-Rows = Sequence[Sequence[sp.Expr]]
+Rows = Sequence[Values]
 
 
 class ZeroPivotError(Exception):
@@ -20,7 +20,7 @@ class ZeroPivotError(Exception):
 
 
 def solve_symmetric(
-    tape: Scalars, matrix: Rows, right: Sequence[sp.Expr], order: Sequence[int]
+    tape: Scalars, matrix: Rows, right: Values, order: Sequence[int]
 ) -> list[sp.Expr]:
     """Unknowns of a symmetric system by LDLᵀ; zeros of the matrix cost nothing.
 

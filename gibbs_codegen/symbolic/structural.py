@@ -12,10 +12,11 @@ from functools import cache
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.vectors import DIGITS, Rotation, Vector, X, Z, cos_sin_deg
+from gibbs_codegen.symbolic.tape import Vector
+from gibbs_codegen.symbolic.vectors import DIGITS, Rotation, X, Z, cos_sin_deg
 
 # By rows: takes components in the turned frame to components in the frame it was turned from.
-Turn = tuple[Vector, Vector, Vector]
+Turn = tuple[Vector, ...]
 
 _GUARD = DIGITS + 10
 _VANISHING = sp.Float("1e-30", DIGITS)

@@ -20,10 +20,10 @@ fraction of the time.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import IntEnum
-from typing import Protocol
 
 import sympy as sp
 
@@ -99,15 +99,26 @@ class Stage(IntEnum):
     MOTION = 2
 
 
-class Scalars(Protocol):
-    """What a derivation needs of a tape."""
+# Three components in one frame.
+Vector = tuple[sp.Expr, ...]
+# Entries of a row, a column or an argument.
+Values = Sequence[sp.Expr]
+# Products in a line of a sum of products.
+_PRODUCTS = 3
 
+
+class Scalars(ABC):
+    """What a derivation needs of a tape: names of scalars, and of the components of vectors."""
+
+    @abstractmethod
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
         """An input of the program by its name, with the stage at which its value is known."""
 
+    @abstractmethod
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a sum of products of what earlier calls returned; the result stands for it."""
 
+    @abstractmethod
     def group(
         self, words: str, earliest: Stage = Stage.CONFIGURATION
     ) -> AbstractContextManager[None]:
@@ -117,8 +128,45 @@ class Scalars(Protocol):
         `earliest` belongs to the constants.
         """
 
+    def add(self, *vectors: Vector) -> Vector:
+        """Sum of vectors in one frame."""
+        return tuple([self.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True)])
 
-class Tape:
+    def scale(self, factor: sp.Expr, vector: Vector) -> Vector:
+        """Vector times scalar."""
+        return tuple([self.let(times(factor, entry)) for entry in vector])
+
+    def cross(self, a: Vector, b: Vector) -> Vector:
+        """Vector product a × b, in one frame."""
+        return tuple(
+            self.let(times(a[i - 2], b[i - 1]) - times(a[i - 1], b[i - 2])) for i in range(3)
+        )
+
+    def dot(self, a: Vector, b: Vector) -> sp.Expr:
+        """Scalar product a·b, in one frame."""
+        return self.let(sp.Add(*map(times, a, b)))
+
+    def sum_of_products(self, a: Values, b: Values, *others: sp.Expr) -> sp.Expr:
+        """Σ a_i·b_i, and `others` added.
+
+        It is named after every third product, so that the same sum in another column is written in
+        the same lines, and lines that repeat become loops.
+        """
+        pairs = [(p, q) for p, q in zip(a, b, strict=True) if p != 0 and q != 0]
+        products = [self.let(times(p, q)) for p, q in pairs]
+        total: sp.Expr = sp.S.Zero
+        for first in range(0, len(products), _PRODUCTS):
+            last = first + _PRODUCTS >= len(products)
+            part = products[first : first + _PRODUCTS]
+            total = self.let(sp.Add(total, *part, *(others if last else ())))
+        return total if products else self.let(sp.Add(*others))
+
+    def combination(self, factors: Values, lists: Sequence[Values]) -> list[sp.Expr]:
+        """Lists of one length, each times its factor, added up entry by entry."""
+        return [self.sum_of_products(factors, entries) for entries in zip(*lists, strict=True)]
+
+
+class Tape(Scalars):
     """A tape that names every non-trivial result.
 
     `statements` maps each temporary to its definition, an expression of one kind of operation in
@@ -334,7 +382,7 @@ def _all_differ(terms: list[SignedTerm]) -> bool:
     return len({*symbols}) == len(symbols) and len(numbers) < 2 and 0 not in numbers
 
 
-class InlineTape:
+class InlineTape(Scalars):
     """A tape that names nothing: the derivation's results are closed-form expressions."""
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:

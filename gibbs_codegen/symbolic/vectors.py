@@ -15,7 +15,7 @@ from typing import Protocol, Self, TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.tape import Scalars, times
+from gibbs_codegen.symbolic.tape import Scalars, Vector, times
 
 DIGITS = 40
 _VANISHING = sp.Float("1e-25", DIGITS)
@@ -78,7 +78,6 @@ def _number_and_rest(term: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
     return sp.Mul(*numbers), sp.Mul(*rest)
 
 
-Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 Matrix = list[list[sp.Expr]]
 
 ZERO: Vector = (sp.S.Zero,) * 3
@@ -97,37 +96,13 @@ def identity(size: int) -> Matrix:
 
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
     """A vector along X, Y or Z."""
-    x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
-    return (x, y, z)
-
-
-def add(tape: Scalars, *vectors: Vector) -> Vector:
-    """Sum of vectors in one frame."""
-    x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
-    return (x, y, z)
+    return tuple(length if i == axis else sp.S.Zero for i in range(3))
 
 
 def minus(vector: Vector) -> Vector:
     """The opposite of a vector of symbols and numbers, whose signs need no names on a tape."""
     x, y, z = vector
     return (-x, -y, -z)
-
-
-def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
-    """Vector times scalar."""
-    x, y, z = (tape.let(times(factor, entry)) for entry in vector)
-    return (x, y, z)
-
-
-def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
-    """Vector product a × b, in one frame."""
-    x, y, z = (tape.let(times(a[i - 2], b[i - 1]) - times(a[i - 1], b[i - 2])) for i in range(3))
-    return (x, y, z)
-
-
-def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
-    """Scalar product a·b, in one frame."""
-    return tape.let(sp.Add(*map(times, a, b)))
 
 
 @dataclass(frozen=True)
@@ -183,7 +158,7 @@ class Rotation:
 NO_ROTATION = Rotation(Z, sp.S.One, sp.S.Zero)
 
 
-def turned_axes(tape: Scalars, rotations: Sequence[Rotation]) -> tuple[Vector, Vector, Vector]:
+def turned_axes(tape: Scalars, rotations: Sequence[Rotation]) -> tuple[Vector, ...]:
     """Axes of a frame in another, to which `rotations` take components one after the other."""
     axes = [axis_vector(axis) for axis in (X, Y, Z)]
     for rotation in rotations:
@@ -229,7 +204,7 @@ class Wrench:
 
     def plus(self, tape: Scalars, other: Wrench) -> Wrench:
         """Sum of two wrenches about one point, in one frame."""
-        return Wrench(add(tape, self.force, other.force), add(tape, self.moment, other.moment))
+        return Wrench(tape.add(self.force, other.force), tape.add(self.moment, other.moment))
 
 
 NO_WRENCH = Wrench(ZERO, ZERO)

@@ -6,72 +6,64 @@ import textwrap
 from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, count_operations
-from gibbs_codegen.robot.layout import (
-    Coordinate,
-    constraint_torque,
-    frame_names,
-    free_unknowns,
-    held_arms,
-    hybrid_coordinates,
-    inputs,
-    layout_of,
-    points,
-    reduced_coordinates,
-    velocities,
-)
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.module_lists import base_parameters, body_names
+from gibbs_codegen.robot.description import Coordinate, Description
+from gibbs_codegen.targets.printers import Context, InfixPrinter
 
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
 HANGING = "    "
 
 
-def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
+def docstring(description: Description, signature: Signature, work: str) -> list[str]:
     """Documentation of a Python function as it stands between quotes, without indentation.
 
     `work` is what a call takes: what `operations` or `calls` returns.
     """
     row = FUNCTIONS[signature.name]
-    takes = [f"{a}: {meaning(robot, a)}, {argument_text(robot, a)}" for a in signature.arguments]
+    takes = [
+        f"{a}: {meaning(description, a)}, {argument_text(description, a)}"
+        for a in signature.arguments
+    ]
     takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
     returns = ["Returns:"]
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = ", ".join(["...", *map(str, sizes)])
-        returns.append(f"{output.name}: array ({shape}); {output_text(robot, output)}")
+        returns.append(f"{output.name}: array ({shape}); {output_text(description, output)}")
     returns.append(f"Source: {row.source}. {work}.")
     lines = [row.summary]
     if row.details:
-        lines += ["", *wrapped([details(robot, row)], _DOCSTRING_WIDTH, "")]
+        lines += ["", *wrapped([details(description, row)], _DOCSTRING_WIDTH, "")]
     for items in (takes, returns):
         lines += ["", *wrapped(items, _DOCSTRING_WIDTH, HANGING)]
     return lines
 
 
-def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[str]:
+def doxygen(description: Description, signature: Signature, work: str, stack: int) -> list[str]:
     """Documentation of a C function as it stands in a comment, without what that begins with.
 
     `work` is as of `docstring`; `stack` is what it takes for one state of doubles (bytes).
     """
     row = FUNCTIONS[signature.name]
     items = [
-        f"@param[in] constants what {robot.name}_init_constants() made, or "
-        f"&{robot.name}_default_constants"
+        f"@param[in] constants what {description.robot.name}_init_constants() made, or "
+        f"&{description.robot.name}_default_constants"
     ]
     for a, width in zip(signature.arguments, signature.widths, strict=True):
         items.append(
-            f"@param[in] {a} {meaning(robot, a)}, {width} entries: {argument_text(robot, a)}"
+            f"@param[in] {a} {meaning(description, a)}, {width} entries: "
+            f"{argument_text(description, a)}"
         )
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
-        items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
+        items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
     items += [
         f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised.",
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
-        lines += [*wrapped([details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
+        lines += [*wrapped([details(description, row)], _DOXYGEN_WIDTH, ""), ""]
     # What stands beside @par is a title, and what it is the title of begins on the next line.
     return [*lines, *wrapped(items, _DOXYGEN_WIDTH, HANGING), "@par Source", f"{row.source}."]
 
@@ -98,15 +90,15 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) ->
     return [brief, "", *wrapped(items, _DOXYGEN_WIDTH, HANGING)]
 
 
-def meaning(robot: Robot, argument: str) -> str:
+def meaning(description: Description, argument: str) -> str:
     """Words for an argument, one of `interface.ARGUMENTS`, that its entries follow."""
     row = ARGUMENTS[argument]
-    return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
+    return (description.layout.is_quaternion and row.with_quaternion) or row.meaning
 
 
-def details(robot: Robot, row: Row) -> str:
+def details(description: Description, row: Row) -> str:
     """What is to be said of a function beyond its summary, or ""."""
-    return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
+    return row.details.format(singularity="" if description.layout.is_quaternion else _SINGULARITY)
 
 
 _SINGULARITY = (
@@ -122,10 +114,10 @@ def operations(function: Function) -> str:
     return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
 
 
-def calls(robot: Robot, name: str) -> str:
+def calls(description: Description, name: str) -> str:
     """Which functions one that is composed calls, and how often, in words."""
     counts = {**FUNCTIONS[name].composed}
-    if not layout_of(robot).is_quaternion:  # Sums need no matrices.
+    if not description.layout.is_quaternion:  # Sums need no matrices.
         counts.pop("integrate_derivatives", None)
     return f"Calls: {', '.join(f'{count} of {part}' for part, count in counts.items())}"
 
@@ -137,44 +129,53 @@ def wrapped(items: list[str], width: int, hanging: str) -> list[str]:
     ]
 
 
-def argument_text(robot: Robot, argument: str) -> str:
+def argument_text(description: Description, argument: str) -> str:
     """Entries of an argument with units, as "theta_m1 [rad], theta_0 [rad]"."""
     row, shape = ARGUMENTS[argument], ARGUMENTS[argument].shape
     if shape == "f6":
-        return f"force [N] and torque [N m], a row for each of {', '.join(frame_names(robot))}"
+        return f"force [N] and torque [N m], a row for each of {', '.join(description.frames)}"
+    if len(shape) > 1:
+        v, u = _names(description.velocities), _names(description.inputs)
+        axes = {"3": "x, y, z", "v": v, "u": u}
+        first, second = (axes[letter] for letter in shape)
+        return f"[{row.unit}], a row for each of {first}, a column for each of {second}"
     # With a quaternion velocities have names of their own, and none that would be one of q as well.
-    own_names = argument == "v" and layout_of(robot).is_quaternion
+    own_names = argument == "v" and description.layout.is_quaternion
     prefix = "" if own_names else row.prefix
     if not shape:
         return f"{prefix} [{row.unit}]"
-    listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
+    entries = {"q": description.coordinates, "v": description.velocities, "u": description.inputs}
+    listed = entries[shape]
     units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
 
-def output_text(robot: Robot, output: Output) -> str:
+def output_text(description: Description, output: Output) -> str:
     """What the entries of an output are: names with units, or the units alone."""
-    return output.entries.format(unit=output.unit, **_entry_lists(robot))
+    return output.entries.format(unit=output.unit, **_entry_lists(description))
 
 
 @lru_cache(maxsize=1)
-def _entry_lists(robot: Robot) -> dict[str, str]:
+def _entry_lists(description: Description) -> dict[str, str]:
     """Entries of the outputs with their units, by the words that stand for them in the table."""
-    torques = tuple(constraint_torque(robot, arm) for arm in held_arms(robot))
     return {
-        "accelerations": argument_text(robot, "a"),
-        "forces": _forces(free_unknowns(robot)),
-        "hybrid_forces": _forces(hybrid_coordinates(robot)),
-        "coordinates": _units(reduced_coordinates(robot)),
-        "coordinate_rates": _units(reduced_coordinates(robot), "/s"),
-        "velocities": argument_text(robot, "v"),
-        "displacement": _units(velocities(robot)).replace("/s]", "]"),
-        "constraint_torques": _units(torques),
-        "points": ", ".join(points(robot)),
-        "frames": ", ".join(frame_names(robot)),
-        "bodies": ", ".join(body_names(robot)),
-        "base_parameters": _units(base_parameters(robot)),
+        "accelerations": argument_text(description, "a"),
+        "forces": _forces(description.free_unknowns),
+        "hybrid_forces": _forces(description.hybrid_coordinates),
+        "coordinates": _units(description.coordinates),
+        "coordinate_rates": _units(description.coordinates, "/s"),
+        "velocities": argument_text(description, "v"),
+        "displacement": _units(description.velocities).replace("/s]", "]"),
+        "constraint_torques": _units(description.constraint_torques),
+        "points": ", ".join(description.points),
+        "frames": ", ".join(description.frames),
+        "bodies": ", ".join(description.bodies),
+        "base_parameters": _units(description.base_parameters),
     }
+
+
+def _names(listed: tuple[Coordinate, ...]) -> str:
+    return ", ".join(c.name for c in listed)
 
 
 def _units(listed: tuple[Coordinate, ...], per_time: str = "") -> str:
@@ -188,9 +189,9 @@ def _forces(unknowns: tuple[Coordinate, ...]) -> str:
     return ", ".join(f"{c.name} [{_FORCE_UNITS[c.unit]}]" for c in unknowns)
 
 
-def attitude_text(robot: Robot) -> str:
+def attitude_text(description: Description) -> str:
     """The attitude as a product, as R_x(theta_m1) R_y(theta_0) R_z(theta_1), or a quaternion."""
-    layout = layout_of(robot)
+    layout = description.layout
     names = layout.q.names[layout.q.attitude]
     if layout.is_quaternion:
         return f"the unit quaternion {', '.join(names)}, its scalar part last"
@@ -199,32 +200,32 @@ def attitude_text(robot: Robot) -> str:
     )
 
 
-def base_frame(robot: Robot) -> str:
+def base_frame(description: Description) -> str:
     """What the frame of the base is called.
 
     It is that of arm 1 where the base is made of rods by the paper's rule.
     """
-    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
+    by_rule = description.robot.base.rotors and description.robot.base.azimuth_deg is None
     return "base arm 1's frame" if by_rule else "the base's frame"
 
 
-def attitude_lines(robot: Robot) -> list[str]:
+def attitude_lines(description: Description) -> list[str]:
     """What the attitude of a module is, as a comment says it, without the comment's sign."""
-    says = f"From {base_frame(robot)} to the world the attitude is"
-    if not layout_of(robot).is_quaternion:
+    says = f"From {base_frame(description)} to the world the attitude is"
+    if not description.layout.is_quaternion:
         says = f"Intrinsic sequence of the attitude angles. {says}"
-    return [says, f"{attitude_text(robot)}."]
+    return [says, f"{attitude_text(description)}."]
 
 
-def state_tables(robot: Robot) -> dict[str, list[str]]:
+def state_tables(description: Description) -> dict[str, list[str]]:
     """Lines that explain the entries of q, v and a, by headings."""
-    coordinates = coordinate_table(reduced_coordinates(robot))
-    if not layout_of(robot).is_quaternion:
+    coordinates = coordinate_table(description.coordinates)
+    if not description.layout.is_quaternion:
         title = "Coordinates q, in order (v: their rates, a: their accelerations)"
         return {title: coordinates}
     return {
         "Coordinates q, in order": coordinates,
-        "Velocities v, in order (a: their rates)": coordinate_table(velocities(robot)),
+        "Velocities v, in order (a: their rates)": coordinate_table(description.velocities),
     }
 
 
@@ -237,10 +238,10 @@ _DERIVATIVES = {
 }
 
 
-def unknown_table(robot: Robot) -> list[str]:
+def unknown_table(description: Description) -> list[str]:
     """What explains the unknowns of the hybrid system: accelerations, then constraint torques."""
     unknowns = []
-    for entry in hybrid_coordinates(robot):
+    for entry in description.hybrid_coordinates:
         unit, what = _DERIVATIVES[entry.unit]
         unknowns.append(Coordinate(entry.name, unit, f"{what}{entry.meaning}"))
     return coordinate_table(tuple(unknowns))
@@ -258,3 +259,21 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
     """Lines that explain coordinates one by one: name, unit, meaning."""
     width = max((len(c.name) for c in coordinates), default=0)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]
+
+
+def parameter_texts(model: Model, printer: InfixPrinter) -> list[Context]:
+    """The parameters: name, default as a literal, and unit of each."""
+    return [
+        {"name": printer.name(name), "value": printer.number(value), "unit": model.units[name]}
+        for name, value in model.defaults.items()
+    ]
+
+
+def step_text(name: str) -> Context:
+    """A time step: its name, its method, and whether it has derivatives."""
+    method = name.removesuffix("_derivatives")
+    return {
+        "name": name,
+        "method": method.removeprefix("step_"),
+        "derivatives": method != name,
+    }

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import assert_never
+from collections.abc import Iterable
+from typing import Any, assert_never
 
+from gibbs_codegen.program import nodes
 from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Reciprocal, Sum
+from gibbs_codegen.program.steps import headed
+
+# Lines of a text, without their ends; and what a template, or a part of it, reads by name.
+Lines = list[str]
+Context = dict[str, Any]
 
 
 class InfixPrinter:
@@ -66,6 +73,35 @@ class InfixPrinter:
         text = self.expression(node)
         compound = isinstance(node, Sum | Reciprocal) or text.startswith("-")
         return f"({text})" if compound else text
+
+
+class StatementPrinter:
+    """Prints statements that compute: right-hand sides are nodes, printed by `expressions`.
+
+    Every language has comments of its own, and breaks long assignments in its own way. Lines are
+    without their indentation.
+    """
+
+    COMMENT = "# {}"
+
+    def __init__(self, expressions: InfixPrinter) -> None:
+        self._expressions = expressions
+
+    def assign(self, name: str, value: Node) -> Lines:
+        """A local variable."""
+        raise NotImplementedError
+
+    def assign_all(self, statements: Iterable[nodes.Statement]) -> Lines:
+        """Local variables, with a comment above each group."""
+        lines: Lines = []
+        for words, statement in headed(statements):
+            lines += self.comment(words)
+            lines += self.assign(self._expressions.name(statement.name), statement.value)
+        return lines
+
+    def comment(self, words: str) -> Lines:
+        """A comment above a group of statements, after an empty line; none for ""."""
+        return ["", self.COMMENT.format(words)] if words else []
 
 
 class CPrinter(InfixPrinter):

@@ -7,33 +7,38 @@ row of `TARGETS`.
 from __future__ import annotations
 
 import hashlib
+import textwrap
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import options_for
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.acados import target as acados_target
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
 from gibbs_codegen.targets.numpy import target as numpy_target
-from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
+from gibbs_codegen.targets.printers import Context, CPrinter, InfixPrinter, Lines
 from gibbs_codegen.version import HEADER_START, __version__
 
-Contexts = Mapping[str, Mapping[str, object]]
+# Of a line with the signs of a comment.
+_WIDTH = 90
+# By template, and by what stands for {part} in the file's name.
+Contexts = Mapping[str, Mapping[str, Context]]
 
 
 def _shared(
-    text: Callable[[Model, InfixPrinter, list[str]], object],
-) -> Callable[[Model, InfixPrinter, list[str]], Contexts]:
-    """The context of templates that make one file each, all from the same value."""
+    text: Callable[[Model, InfixPrinter, Lines], Context],
+) -> Callable[[Model, InfixPrinter, Lines], Contexts]:
+    """The context of templates that make one file each, all from the same values."""
 
-    def context(model: Model, printer: InfixPrinter, opening: list[str]) -> Contexts:
-        value = text(model, printer, opening)
-        return defaultdict(lambda: {"": value})
+    def context(model: Model, printer: InfixPrinter, opening: Lines) -> Contexts:
+        values = text(model, printer, opening)
+        return defaultdict(lambda: {"": values})
 
     return context
 
@@ -42,14 +47,13 @@ def _shared(
 class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 
-    `context` takes the model, the printer, and the lines that open every file; what it returns is,
-    for every file, a value whose attributes the template reads, by template and by what stands for
-    {part} in the file's name. What is not `by_default` is emitted only if it is asked for by name.
-    Its files need those of the targets that it `needs`.
+    `context` takes the model, the printer, and the lines that open every file; it returns what the
+    template reads by name, for every file. What is not `by_default` is emitted only if it is asked
+    for by name. Its files need those of the targets that it `needs`.
     """
 
     printer: InfixPrinter
-    context: Callable[[Model, InfixPrinter, list[str]], Contexts]
+    context: Callable[[Model, InfixPrinter, Lines], Contexts]
     files: Mapping[str, str]
     by_default: bool = True
     needs: tuple[str, ...] = ()
@@ -68,10 +72,21 @@ TARGETS: dict[str, Target] = {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
             "c_each.c.jinja": "{name}_each.c",
-            "c_casadi.c.jinja": "{name}_casadi.c",
-            "c_rollout.h.jinja": "{name}_rollout.h",
-            "c_rollout.c.jinja": "{name}_rollout.c",
         },
+    ),
+    "casadi": Target(
+        CPrinter(),
+        _shared(c_target.adapter_text),
+        {"c_casadi.c.jinja": "{name}_casadi.c"},
+        by_default=False,
+        needs=("c",),
+    ),
+    "rollout": Target(
+        CPrinter(),
+        _shared(c_target.rollout_text),
+        ROLLOUT_TEMPLATES,
+        by_default=False,
+        needs=("c",),
     ),
     "matlab": Target(
         MatlabPrinter(),
@@ -101,8 +116,8 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     for name in names:
         if name not in TARGETS:
             known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
-            if name in ("casadi", "jax"):
-                known += f". No target is needed for it: load(…, backend={name!r})"
+            if name == "jax":
+                known += ". No target is needed for it: load(…, backend='jax')"
             raise UsageError(known)
     found = {name: TARGETS[name] for name in names}
     for name, target in found.items():
@@ -132,24 +147,29 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
 
     They are without the signs of a comment.
     """
-    command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
-    if model.keeps_zeros:
-        command += " --all-parameters"
-    if set(targets) != set(DEFAULT_TARGETS):
-        command += "".join(f" --target {name}" for name in targets)
-    if model.derivatives:
-        rows = [row for row in FUNCTIONS.values() if row.on_request]
-        words = {
-            tuple(row.name for row in rows if not row.is_long): "",
-            tuple(row.name for row in rows): "=all",
-        }
-        command += " --derivatives" + words.get(
-            model.derivatives, f"={','.join(model.derivatives)}"
-        )
+    options = generating_options(targets, model.functions, model.keeps_zeros)
+    command = " ".join(["gibbs-codegen generate THIS_FOLDER/robot.toml --out .", *options])
+    commanded = textwrap.wrap(
+        f"From the folder above: {command}",
+        _WIDTH,
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
     return [
         f"{HEADER_START} {__version__}; do not edit.",
         f"Robot: {model.robot.name}",
         f"Robot file SHA-256: {hashlib.sha256(robot_text.encode()).hexdigest()}",
-        f"From the folder above: {command}",
+        *commanded,
         "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
     ]
+
+
+def generating_options(
+    targets: Collection[str], functions: Collection[str], keeps_zeros: bool
+) -> list[str]:
+    """Options of `generate` that choose these targets, functions and parameters."""
+    options = ["--all-parameters"] if keeps_zeros else []
+    if set(targets) != set(DEFAULT_TARGETS):
+        options += [f"--target {name}" for name in targets]
+    return [*options, *options_for(functions)]

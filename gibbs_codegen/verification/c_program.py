@@ -11,20 +11,20 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime import rollouts
 from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.parameters import parameter_values
+from gibbs_codegen.verification.parameters import determined, parameter_values, variation
 from gibbs_codegen.verification.states import FAR_SINGLE, Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.variation import determined, variation
 from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import most_states
 
@@ -108,20 +108,19 @@ class CProgram(Evaluation):
         shapes = self.signatures[name].shapes
         blocks = [(len(inputs[0]), math.prod(shape), lanes) for shape in shapes]
         outputs = self._filled(f"{name}_batch", [self._constants, count, *inputs], blocks)
-        return [
-            from_blocks(x, count).reshape(count, *shape)
-            for x, shape in zip(outputs, shapes, strict=True)
-        ]
+        # One state after the other, without those that fill up the last block.
+        rows = [x.swapaxes(1, 2).reshape(-1, x.shape[1])[:count] for x in outputs]
+        return [x.reshape(count, *shape) for x, shape in zip(rows, shapes, strict=True)]
 
     def _filled(
-        self, name: str, given: Sequence[Array | int], shapes: Sequence[tuple[int, ...]]
+        self, name: str, arguments: Sequence[Array | int], shapes: Sequence[tuple[int, ...]]
     ) -> list[Array]:
         """Outputs of such shapes that a function of the library writes.
 
-        `name` is without the robot's name, and `given` are the arguments before the outputs. Raises
+        `name` is without the robot's name, and `arguments` are those before the outputs. Raises
         `ValueError` if the function writes beyond the outputs or to its inputs.
         """
-        before = [np.array(x) for x in given]
+        before = [np.array(x) for x in arguments]
         guard = self._real(_GUARD)
         sizes = [math.prod(shape) for shape in shapes]
         # Beyond an output there is room for another block.
@@ -129,9 +128,9 @@ class CProgram(Evaluation):
             np.full(size + self._lanes * max(shape, default=1), guard)
             for size, shape in zip(sizes, shapes, strict=True)
         ]
-        self._call(name, *given, *rooms)
+        self._call(name, *arguments, *rooms)
         altered = any(
-            x.tobytes() != np.array(y).tobytes() for x, y in zip(before, given, strict=True)
+            x.tobytes() != np.array(y).tobytes() for x, y in zip(before, arguments, strict=True)
         )
         if altered or any((x[n:] != guard).any() for x, n in zip(rooms, sizes, strict=True)):
             raise ValueError("writes beyond its outputs or to its inputs")
@@ -151,14 +150,7 @@ def in_blocks(rows: Array, unused: Array, lanes: int = LANES) -> Array:
     whole = -(-count // lanes)
     padded = np.broadcast_to(unused, (whole * lanes, width)).copy()
     padded[:count] = rows
-    blocks: Array = padded.reshape(whole, lanes, width).swapaxes(1, 2).copy()
-    return blocks
-
-
-def from_blocks(blocks: Array, count: int) -> Array:
-    """The first states (count, width) of blocks (blocks, width, lanes), one after the other."""
-    rows: Array = blocks.swapaxes(1, 2).reshape(-1, blocks.shape[1])[:count]
-    return rows
+    return padded.reshape(whole, lanes, width).swapaxes(1, 2).copy()
 
 
 def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) -> list[Comparison]:
@@ -230,3 +222,105 @@ def _in_range(sizes: Sizes) -> bool:
     single = np.finfo(np.float32)
     least = numbers[numbers > 0.0].min() ** 2 * float(single.eps)
     return bool(least > float(single.tiny) and numbers.max() ** 2 < float(single.max))
+
+
+ROLLOUTS = "rollouts"
+# Blocks that are full in either precision, and one that is not. For each state so many are drawn,
+# of which the best conditioned are taken.
+_STATES, _DRAWN = 2 * LANES + 4, 10
+# Steps are longer by so much than those that are short beside the time in which velocities change.
+_STEPS, _LONG = 6, 5.0
+_ROUNDINGS = 20.0
+# The largest limit: a greater one would let faults pass.
+_LARGEST = 1e-2
+
+
+def compare_rollouts(
+    numpy: ModuleType, tree: Tree, seed: int, precision: rollouts.Precision, flags: tuple[str, ...]
+) -> tuple[list[Comparison], dict[str, str]]:
+    """Compare short rollouts in C with the same in NumPy: the worst of all, or a failure.
+
+    The other result says what is not compared, and why.
+
+    `flags` are the compiler's, after its own.
+    """
+    against = f"NumPy, in {precision} precision"
+    rows = []
+    try:
+        states = States.random(tree, _DRAWN * _STATES, (seed, 7))
+        sizes = Sizes(tree, states)
+        conditions = np.linalg.cond(numpy.mass_matrix(states.q) / sizes.free_matrix)
+        fittest = np.argsort(conditions)[:_STATES]
+        # What accelerations lose of their digits, by the mass matrix or beside a large robot.
+        lost = max(float(conditions[fittest[-1]]), sizes.disparity)
+        limit = _ROUNDINGS * float(np.finfo(rollouts.REALS[precision]).eps) * lost
+        if limit > _LARGEST:
+            return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
+        states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
+        for problem in _problems(numpy, tree, states, dt):
+            ours = rollouts.compiled_rollout(replace(problem, precision=precision), flags=flags)
+            for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
+                if theirs is not None:
+                    size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])
+                    found = getattr(ours, name)
+                    rows.append(compared(ROLLOUTS, against, found, theirs, size, limit))
+    except Exception as error:  # Whatever was done to the module.
+        rows = [failed(ROLLOUTS, against, error)]
+    return [replace(row, states=_STATES) for row in merged(rows)], {}
+
+
+def _suited(numpy: ModuleType, states: States) -> tuple[States, float]:
+    """States whose inputs and wrenches are each too small for more than natural accelerations.
+
+    And the length of a step.
+    """
+    q, v, natural = states.q, states.v, np.abs(states.a).max(axis=0)
+    efforts = states.u.copy(), states.W.copy()
+    falling = numpy.forward_dynamics(q, v, 0.0 * states.u)
+    for kind, of_kind in enumerate(efforts):
+        for k in range(of_kind.shape[1]):
+            alone = [np.zeros_like(x) for x in efforts]
+            alone[kind][:, k] = of_kind[:, k]
+            driven = numpy.forward_dynamics_with_wrenches(q, v, *alone) - falling
+            of_kind[:, k] /= (np.abs(driven).max(axis=0) / natural).max(initial=1.0)
+    states = replace(states, a=falling, u=efforts[0], W=efforts[1])
+    return states, _LONG * float(states.h.min())
+
+
+def _problems(
+    numpy: ModuleType, tree: Tree, states: States, dt: float
+) -> Iterator[rollouts.Problem]:
+    """By each method nothing but inputs, some of what a rollout may have, and all of it."""
+    rng, rotors = np.random.default_rng(0), len(tree.motors)
+    by_step = rng.uniform(0.5, 1.5, (_STATES, _STEPS, 1))
+    inputs, wrenches = states.u[:, None] * by_step, states.W[:, None] * by_step[..., None]
+    inputs_alone = rollouts.Problem(numpy, None, states.q, states.v, inputs.copy(), _STEPS, dt)
+    inputs_alone.inputs[1, 2] = np.inf  # A state is lost, unless the robot has no inputs.
+    # Efforts of about those of the inputs for errors of about the states' size.
+    most = np.abs(states.u).max(axis=0)
+    sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
+    gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
+    q, v = states.q[::-1, None], states.v[::-1, None]
+    lags = (np.arange(rotors) + 1) % 2 * dt * rng.uniform(0.5, 5.0, (_STATES, rotors))
+    motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
+    some = replace(inputs_alone, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])
+    some = replace(some, feedback=rollouts.Feedback(gain, q, v[:1]))
+    varied = {n: x * rng.uniform(0.99, 1.01, _STATES) for n, x in numpy.PARAMETERS.items()}
+    lagging = replace(motors, time_constants=lags)
+    whole = replace(some, inputs=inputs, wrenches=wrenches, motors=lagging, every=2)
+    desired = rollouts.Feedback(gain, np.repeat(q, _STEPS, axis=1), v * by_step)
+    whole = replace(whole, constants=numpy.prepare(varied), feedback=desired)
+    for method in get_args(rollouts.Method):
+        for problem in inputs_alone, some, replace(whole, bounds=_bounds(whole)):
+            yield replace(problem, method=method)
+
+
+def _bounds(problem: rollouts.Problem) -> Array:
+    """Bounds (2, nq + nv) that one or two states exceed in some entries, none by rounding alone."""
+    free = rollouts.numpy_rollout(replace(problem, every=1))
+    entries = np.concatenate([free.q, free.v], axis=-1)
+    largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -3:]
+    widest = np.diff(largest, axis=1).argmax(axis=1)[:, None]
+    between = np.take_along_axis(0.5 * (largest[:, 1:] + largest[:, :-1]), widest, axis=1)
+    bounds = np.where(np.arange(between.shape[2]) % 4 == [[0], [2]], between[:, 0], np.inf)
+    return np.array([-bounds[0], bounds[1]])

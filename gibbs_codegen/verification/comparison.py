@@ -117,7 +117,7 @@ class Evaluation:
         self.module = module
         self._leading = batch
         self.faults: dict[str, str] = {}
-        self._given = {} if constants is None else {"constants": constants}
+        self._keywords = {} if constants is None else {"constants": constants}
         self.signatures = {s.name: s for s in module_signatures(module)}
 
     def all(self, states: States, singly: bool = False) -> dict[str, Array]:
@@ -128,9 +128,14 @@ class Evaluation:
         values: dict[str, Array] = {}
         for name in self.signatures:
             values |= self.results(name, states, singly)
-        resting = self.results("gibbs", replace(states, a=0.0 * states.a), singly)
-        values["gibbs"] = values["gibbs"] - resting["gibbs"]
+        if "gibbs" in values:
+            resting = self.results("gibbs", replace(states, a=0.0 * states.a), singly)
+            values["gibbs"] = values["gibbs"] - resting["gibbs"]
         return values
+
+    def has(self, *names: str) -> bool:
+        """Whether the module has all of these functions."""
+        return self.signatures.keys() >= {*names}
 
     def results(self, name: str, states: States, singly: bool = False) -> dict[str, Array]:
         """Results of one function: one under its name; several under that, a point, and theirs."""
@@ -162,8 +167,8 @@ class Evaluation:
 
     def _arrays(self, name: str, arguments: Sequence[Array]) -> list[Array]:
         shapes = self.signatures[name].shapes
-        taken = zip(arguments, self.signatures[name].argument_shapes, strict=True)
-        leading = [a.shape[: a.ndim - len(shape)] for a, shape in taken]
+        pairs = zip(arguments, self.signatures[name].argument_shapes, strict=True)
+        leading = [a.shape[: a.ndim - len(shape)] for a, shape in pairs]
         batch = np.broadcast_shapes(self._leading, *leading)
         try:
             with np.errstate(all="ignore"):
@@ -186,5 +191,5 @@ class Evaluation:
 
     def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
         """What a function returns, as a sequence of its outputs."""
-        results = getattr(self.module, name)(*arguments, **self._given)
+        results = getattr(self.module, name)(*arguments, **self._keywords)
         return (results,) if len(self.signatures[name].shapes) == 1 else results

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot.layout import frames_of, layout_of
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.layout import frames_of
 from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
-from gibbs_codegen.robot.module_lists import carriers, module_lists
 from gibbs_codegen.robot.names import parameter_prefix
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
 from gibbs_codegen.verification.parameters import bodies, parameter_values
@@ -25,16 +25,20 @@ _CONSTANTS_LIMIT = 1e-9
 
 def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     """Compare names and parameters of a module with the robot that it was made from."""
-    layout = layout_of(robot)
+    description = Description(robot)
     expected: dict[str, Any] = {
         "NAME": robot.name,
         "ATTITUDE": robot.base.attitude,
-        "COORDINATE_UNITS": layout.q.units,
-        "VELOCITY_UNITS": layout.v.units,
-        **module_lists(robot, getattr(module, "DERIVATIVES", ())),
-        "CARRIERS": carriers(robot),
+        **description.lists(getattr(module, "DERIVATIVES", ())),
+        **description.constants,
     }
-    rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
+    rows = []
+    for name, value in expected.items():
+        found = getattr(module, name, None)
+        alike = repr(found) == repr(value)
+        rows.append(
+            _verdict(name, _FILE, "" if alike else f"is {_shown(found)}, not {_shown(value)}")
+        )
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)
     return [*rows, _verdict("PARAMETERS", _FILE, "; ".join(faults))]
 
@@ -66,12 +70,6 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
         row = compared(name, _FILE, np.array(symbol)[None], numbers[None], size, _CONSTANTS_LIMIT)
         rows.append(replace(row, states=0))
     return rows
-
-
-def _alike(name: str, found: object, expected: object) -> Comparison:
-    """Compare a constant of a module."""
-    fault = "" if repr(found) == repr(expected) else f"is {_shown(found)}, not {_shown(expected)}"
-    return _verdict(name, _FILE, fault)
 
 
 def _shown(value: object) -> str:

@@ -1,19 +1,23 @@
-"""A module's derivatives compared with what its other functions give, which are verified first.
+"""A module's derivatives compared with those of its other functions, which are verified first.
 
-Whatever a module has in DERIVATIVES is compared, and nothing else. References are differences of
-eighth order, but where there is algebra: see the modules that the table names.
+What is whose derivative is in the table. References are complex steps of the NumPy kernels, but
+where there is algebra. Derivatives of accelerations are compared as forces, multiplied by the mass
+matrix, since that does not depend on how well-conditioned it is; where w multiplies them, they
+cannot be. A regressor is right if its columns, and they alone, make up the forces of whatever
+bodies the robot may have.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Body, RigidBody, Robot
 from gibbs_codegen.verification.comparison import (
     Comparison,
     Evaluation,
@@ -21,87 +25,83 @@ from gibbs_codegen.verification.comparison import (
     explained,
     failed,
 )
-from gibbs_codegen.verification.derivative_row import DerivativeRow, Point
-from gibbs_codegen.verification.dynamics_derivatives import (
-    coriolis_rows,
-    hessian_rows,
-    jacobian_rows,
-    jvp_rows,
-    vjp_rows,
-)
-from gibbs_codegen.verification.input_derivatives import input_hessian_rows, input_rows
-from gibbs_codegen.verification.motion_derivatives import (
-    euler_step,
-    frame_rows,
-    integrate_rows,
-    rk4_step,
-    step_rows,
-)
-from gibbs_codegen.verification.parameter_derivatives import (
-    base_parameter_rows,
-    parameter_rows,
-    regressor_rows,
-    weighed_parameter_rows,
-)
-from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.complex_steps import ComplexSteps
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import Dimension, mapped
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array
+from gibbs_codegen.verification.vectors import Array, times
 
 OTHER_FUNCTIONS, ZEROS = "other functions", "zeros outside PATTERNS"
-_Rows = Callable[[Point, Mapping[str, Array]], Iterator[DerivativeRow]]
-_ROWS: dict[str, _Rows] = {
-    "inverse_dynamics_derivatives": partial(jacobian_rows, forward=False),
-    "forward_dynamics_derivatives": partial(jacobian_rows, forward=True),
-    "inverse_dynamics_jvp": partial(jvp_rows, forward=False),
-    "forward_dynamics_jvp": partial(jvp_rows, forward=True),
-    "inverse_dynamics_vjp": partial(vjp_rows, forward=False),
-    "forward_dynamics_vjp": partial(vjp_rows, forward=True),
-    "inverse_dynamics_hessian": partial(hessian_rows, forward=False),
-    "forward_dynamics_hessian": partial(hessian_rows, forward=True),
-    "input_forces_derivatives": input_rows,
-    "input_forces_hessian": input_hessian_rows,
-    "coriolis_matrix": coriolis_rows,
-    "frame_poses_derivatives": frame_rows,
-    "frame_velocities_derivatives": frame_rows,
-    "integrate_derivatives": integrate_rows,
-    "step_euler": partial(step_rows, step=euler_step),
-    "step_rk4": partial(step_rows, step=rk4_step),
-    "step_euler_derivatives": partial(step_rows, step=euler_step),
-    "step_rk4_derivatives": partial(step_rows, step=rk4_step),
-    "regressor": regressor_rows,
-    "base_parameters": base_parameter_rows,
-    "inverse_dynamics_parameters": parameter_rows,
-    "forward_dynamics_parameters_vjp": weighed_parameter_rows,
-}
+# Of what is relative to natural sizes, here much more than rounding takes.
+LIMIT = 1e-11
+# Digits that accelerations lose for each of the condition of the mass matrix in its units.
+_ROUNDING = 1e-13
+# Rounding of the weighed sum, as a share of the error that its second derivatives may have.
+_LOST = 0.01
+# Sets of bodies that a regressor has to do for, and rows of it for each of its columns.
+_SETS, _ROWS = 3, 3
+# The generalised forces B u, of which no function gives the value alone.
+_INPUT_FORCES = {"input_forces_derivatives": "jacobian", "input_forces_hessian": "hessian"}
+
+
+class Row(NamedTuple):
+    """An array to compare, with what it should be, and natural sizes."""
+
+    what: str
+    ours: Array
+    theirs: Array
+    size: Array
+
+
+Values = Mapping[str, Array]
+# What derivatives are made of, or measured by. A module that has not all of it was generated with
+# few functions; its derivatives are those of one that has.
+_NEEDED = (
+    *("mass_matrix", "residual", "input_matrix", "forward_dynamics", "inverse_dynamics"),
+    *("integrate", "coordinate_rates"),
+)
 
 
 def compare_derivatives(
-    call: Evaluation, robot: Robot, states: States, circumstance: str = "", long: bool = True
+    call: Evaluation, steps: ComplexSteps, robot: Robot, states: States, circumstance: str = ""
 ) -> list[Comparison]:
     """Compare the arrays of the functions of a module that are generated on request.
 
-    No state is next to a singular attitude; `circumstance` is added to the names of what is
-    compared with; `long` is whether to compare Hessians, whose differences take many evaluations.
+    `steps` differentiates its NumPy back end with the robot's parameters. No state is next to a
+    singular attitude; `circumstance` is added to the names of what is compared with.
     """
-    point = Point(call, robot, Tree(robot), states)
+    if not call.has(*_NEEDED):
+        return []
+    point = _Point(call, steps, robot, states)
     comparisons: list[Comparison] = []
-    for name in filter(_ROWS.__contains__, call.signatures):
-        if FUNCTIONS[name].is_long and not long:
+    for name, row in FUNCTIONS.items():
+        known = row.derivative_of or name in _OTHERS or name in _INPUT_FORCES
+        if name not in call.signatures or not known:
             continue
         values = call.results(name, states)
         against = OTHER_FUNCTIONS + circumstance
-        with np.errstate(all="ignore"):
-            rows = list(_ROWS[name](point, values))
+        try:
+            with np.errstate(all="ignore"):
+                if name in _OTHERS:
+                    rows = list(_OTHERS[name](point, values))
+                else:
+                    function = point.function(row.derivative_of or "input_forces")
+                    rows = list(_KINDS[row.kind or _INPUT_FORCES[name]](function, values))
+        except Exception as error:  # Whatever was done to the module.
+            rows = []
+            comparisons += [failed(what, against, error) for what in values]
         comparisons += [
-            compared(what, against, ours, theirs, size + np.abs(theirs), limit)
-            for what, ours, theirs, size, limit in rows
+            compared(what, against, ours, theirs, size + np.abs(theirs), LIMIT)
+            for what, ours, theirs, size in rows
         ]
         comparisons += _outside_patterns(call, name, values, ZEROS + circumstance)
     return explained(comparisons, call.faults)
 
 
 def _outside_patterns(
-    call: Evaluation, name: str, values: Mapping[str, Array], against: str
+    call: Evaluation, name: str, values: Values, against: str
 ) -> Iterator[Comparison]:
     """Compare entries that are said to be zero at every state with zero."""
     patterns = getattr(call.module, "PATTERNS", {})
@@ -117,3 +117,455 @@ def _outside_patterns(
             yield failed(what, against, error)
             continue
         yield compared(what, against, matrix, np.zeros_like(matrix), 1.0, 0.0)
+
+
+class _Point:
+    """A back end of a robot's module, and states to compare its derivatives at.
+
+    `units` are what one of each argument's entries is of the order of, as random states have them.
+    """
+
+    def __init__(self, call: Evaluation, steps: ComplexSteps, robot: Robot, states: States) -> None:
+        self.call, self.steps, self.robot, self.states = call, steps, robot, states
+        self.tree = tree = Tree(robot)
+        self.sizes = Sizes(tree, states)
+        scales = tree.scales[tree.free]
+        levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
+        force = tree.mass * tree.reach * tree.tempo**2
+        inputs = force * np.concatenate([np.ones(len(tree.motors)), levers])
+        rates = scales * tree.tempo
+        wrenches = np.tile(force * np.repeat([1.0, tree.reach], 3), states.W.shape[1])
+        self.units = {"q": scales, "v": rates, "a": rates * tree.tempo, "u": inputs}
+        self.units |= {"q0": scales, "q1": scales, "W": wrenches}
+
+    def function(self, name: str) -> _Function:
+        """A function that others are derivatives of."""
+        if name.startswith("frame"):
+            return _Frames(self, name)
+        if name in _ARRAYS:
+            return _Array(self, name)
+        return _Motion(self, name) if name in _MOTIONS else _Forces(self, name)
+
+
+class _Function:
+    """A function at the states of a point; `values` are its results, and sizes of their entries."""
+
+    values: list[tuple[Array, Array]]
+
+    def __init__(self, point: _Point, name: str) -> None:
+        self.point, self.name = point, name
+        letters = FUNCTIONS[name].arguments if name in FUNCTIONS else "qu"
+        every = {x: getattr(point.states, x) for x in letters if x in point.units}
+        self.at = {name: x.reshape(len(x), math.prod(x.shape[1:])) for name, x in every.items()}
+        self.units = np.concatenate([point.units[letter] for letter in self.at])
+        self.value = self(**self.at)
+
+    def __call__(self, **arguments: Array) -> Array:
+        """The result (…, rows) at arguments (…, width), which may be complex or dual."""
+        return self.point.steps(self.name, *arguments.values())
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives (s, rows …, columns) by all arguments."""
+        return self.point.steps.jacobian(self, self.at)
+
+    @property
+    def size(self) -> Array:
+        """Sizes of the entries of the Jacobian."""
+        raise NotImplementedError
+
+    def as_forces(self, array: Array) -> Array:
+        """What is compared of results and of their derivatives, (s, rows, …)."""
+        return array
+
+
+class _Frames(_Function):
+    """Poses or velocities of the frames."""
+
+    def __init__(self, point: _Point, name: str) -> None:
+        super().__init__(point, name)
+        sizes = point.sizes
+        natural = np.ones_like(self.value)
+        if name == "frame_poses":
+            natural[..., :3, 3] = sizes.reach[:, None, None]
+        else:
+            rate = sizes.rate[:, None, None]
+            rate = rate if name == "frame_velocities" else rate * rate
+            natural[:] = np.repeat([sizes.length, 1.0], 3) * rate
+        self.values = [(self.value, natural)]
+
+    @property
+    def size(self) -> Array:
+        """Those of the values, by the units of the arguments."""
+        return self.values[0][1][..., None] / self.units
+
+
+class _Array(_Function):
+    """A displacement or a matrix, whose derivatives are all measured by the largest of them.
+
+    `rows` are the units of the entries (…, 1). Of a matrix `w` are the weights.
+    """
+
+    def __init__(self, point: _Point, name: str) -> None:
+        super().__init__(point, name)
+        scales, inputs = point.units["q"], point.units["u"]
+        weights, rows = _ARRAYS[name]
+        self.w = getattr(point.states, weights) if weights else np.zeros(0)
+        self.rows = rows(point, scales, inputs)
+        size = np.abs(self.value / self.rows).reshape(len(self.value), -1).max(axis=-1, initial=0.0)
+        axes = (1,) * (self.value.ndim - 1)
+        self.values = [(self.value, size.reshape(-1, *axes) * self.rows)]
+
+    @property
+    def size(self) -> Array:
+        """One size for all entries: that of the largest, in their units."""
+        units = self.rows[..., None] / self.units
+        shares = np.abs(self.jacobian / units)
+        largest = shares.max(axis=tuple(range(1, shares.ndim)), keepdims=True, initial=0.0)
+        return largest * units
+
+
+# Weights of an array's entries, and their units, from the scales of coordinates and of inputs.
+_ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
+    "difference": ("", lambda point, scales, inputs: scales),
+    "input_matrix": (
+        "w_input_matrix",
+        lambda point, scales, inputs: (
+            point.tree.mass * point.tree.reach**2 * point.tree.tempo**2 / np.outer(scales, inputs)
+        ),
+    ),
+    "centre_of_mass_jacobian": (
+        "w_jacobian",
+        lambda point, scales, inputs: np.tile(point.tree.reach / scales, (3, 1)),
+    ),
+}
+
+
+class _Motion(_Function):
+    """What leads to other coordinates; its Jacobian is that of displacements there."""
+
+    def __init__(self, point: _Point, name: str) -> None:
+        self._method = _MOTIONS[name]
+        self._h = point.call.stepping(point.states).h if name != "integrate" else np.zeros(0)
+        super().__init__(point, name)
+        q, v = np.split(self.value, [point.states.q.shape[-1]], axis=-1)
+        ends = (q, v) if v.size else (q,)
+        self.values = [(x, np.abs(x).max(-1, keepdims=True) * np.ones_like(x)) for x in ends]
+
+    def __call__(self, **arguments: Array) -> Array:
+        """Coordinates, and velocities after a step, (…, rows)."""
+        q, *others = arguments.values()
+        if self.name != "integrate":
+            others.append(self._h.reshape(-1, *[1] * (q.ndim - 1)))
+        return np.concatenate(self._method(self.point.steps, q, *others), axis=-1)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives (s, nv or 2 nv, columns) of displacements, and of velocities."""
+        rates = self.point.steps.jacobian(self, self.at)
+        (q, _), *_ = self.values
+        of_q, of_v = np.split(rates, [q.shape[-1]], axis=1)
+        return np.concatenate([self.point.steps.displacements(q, of_q), of_v], axis=1)
+
+    @property
+    def size(self) -> Array:
+        """One size for all entries: that of the largest, in their units."""
+        rows = columns = self.units
+        if self.name == "integrate":  # Here v is a displacement.
+            rows, columns = self.point.units["q"], np.tile(self.point.units["q"], 2)
+        units = rows[: self.jacobian.shape[1], None] / columns
+        largest = np.abs(self.jacobian / units).max(axis=(1, 2), keepdims=True, initial=0.0)
+        return largest * units
+
+
+def _euler(steps: ComplexSteps, q: Array, v: Array, u: Array, h: Array) -> tuple[Array, ...]:
+    """Coordinates and velocities after a semi-implicit Euler step of length h."""
+    after = v + h * steps("forward_dynamics", q, v, u)
+    return steps("integrate", q, h * after), after
+
+
+def _rk4(steps: ComplexSteps, q: Array, k1: Array, u: Array, h: Array) -> tuple[Array, ...]:
+    """Coordinates and velocities after a step of the classical Runge–Kutta method.
+
+    It moves on the manifold by exponentials alone (Celledoni, Marthinsen and Owren, 2003).
+    """
+
+    def accelerations(q: Array, v: Array) -> Array:
+        return steps("forward_dynamics", q, v, u)
+
+    a1 = accelerations(q, k1)
+    second, k2 = steps("integrate", q, 0.5 * h * k1), k1 + 0.5 * h * a1
+    a2 = accelerations(second, k2)
+    third, k3 = steps("integrate", q, 0.5 * h * k2), k1 + 0.5 * h * a2
+    a3 = accelerations(third, k3)
+    fourth, k4 = steps("integrate", second, h * (k3 - 0.5 * k1)), k1 + h * a3
+    a4 = accelerations(fourth, k4)
+    half = steps("integrate", q, h / 12 * (3 * k1 + 2 * k2 + 2 * k3 - k4))
+    whole = steps("integrate", half, h / 12 * (-k1 + 2 * k2 + 2 * k3 + 3 * k4))
+    return whole, k1 + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+
+
+_MOTIONS: dict[str, Callable[..., tuple[Array, ...]]] = {
+    "integrate": lambda steps, q, v: (steps("integrate", q, v),),
+    "step_euler": _euler,
+    "step_rk4": _rk4,
+}
+
+
+class _Forces(_Function):
+    """Inverse or forward dynamics, or the forces B u, and the sizes of forces in them.
+
+    `effort` (s, nv) has these, `w` the weights of results, and `weights` the sizes of what these
+    weights are of forces.
+    """
+
+    def __init__(self, point: _Point, name: str) -> None:
+        super().__init__(point, name)
+        states, sizes = point.states, point.sizes
+        self.w, self.weights = states.w, np.abs(states.w)
+        self.matrix, self.loss = None, np.zeros(len(states))
+        if name == "inverse_dynamics":
+            self.effort = sizes.free_inertial_effort
+        elif name == "input_forces":
+            # From the largest terms that they are summed from.
+            terms = times(np.abs(point.call("input_matrix", states.q)), np.abs(states.u))
+            units = point.units["q"]
+            self.effort = (units * terms).max(axis=-1, keepdims=True) / units
+        else:
+            self.effort, units = sizes.balance(self.value), sizes.free_units
+            if "W" in self.at:
+                self.effort = self.effort + sizes.free_pushed
+            self.matrix = matrix = point.call("mass_matrix", states.q)
+            scaled = matrix / sizes.free_matrix
+            finite = np.isfinite(scaled).all(axis=(1, 2))
+            condition = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0))
+            self.loss = condition * _ROUNDING / LIMIT
+            # In rounding the largest counts for all.
+            forces = np.abs(_solved(matrix, self.w))
+            largest = (units * forces).max(axis=-1, keepdims=True) / units
+            self.weights = forces + self.loss[:, None] * largest
+        self.values = [(self.as_forces(self.value), self.effort)]
+
+    def __call__(self, **arguments: Array) -> Array:
+        """The result (…, nv)."""
+        if self.name != "input_forces":
+            return super().__call__(**arguments)
+        q, u = arguments.values()
+        return (self.point.steps("input_matrix", q) * u[..., None, :]).sum(-1)
+
+    def as_forces(self, array: Array) -> Array:
+        """Accelerations, or derivatives of them, (s, nv, …) times the mass matrix."""
+        return array if self.matrix is None else np.einsum("sij,sj...->si...", self.matrix, array)
+
+    @property
+    def size(self) -> Array:
+        """Sizes of the entries as forces; those of accelerations stand for inertial forces."""
+        return self.size_by(self.units) + self.inertial(self.jacobian)
+
+    def size_by(self, units: Array) -> Array:
+        """Sizes (s, nv, columns) of derivatives of the forces by what has such units."""
+        return self.effort[:, :, None] / units * (1 + self.loss[:, None, None])
+
+    def inertial(self, slopes: Array) -> Array:
+        """Sizes of the inertial forces of derivatives (s, nv, …) of accelerations; 0 of forces."""
+        if self.matrix is None:
+            return np.zeros_like(slopes)
+        units = self.point.sizes.free_units.reshape(*slopes.shape[:2], *[1] * (slopes.ndim - 2))
+        largest = np.abs(units * slopes).max(axis=1, keepdims=True)
+        return units * largest * (1 + self.loss.reshape(-1, *[1] * (slopes.ndim - 1)))
+
+
+def _solved(matrices: Array, vectors: Array) -> Array:
+    """Solutions (s, n) of linear equations, or NaN where one matrix has none."""
+    try:
+        return np.linalg.solve(matrices, vectors[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return np.full_like(vectors, np.nan)
+
+
+def _value_rows(function: _Function, values: Values) -> Iterator[Row]:
+    """The results of a function."""
+    for (what, ours), (theirs, size) in zip(values.items(), function.values, strict=False):
+        yield Row(what, function.as_forces(ours), theirs, size)
+
+
+def _jacobian_rows(function: _Function, values: Values) -> Iterator[Row]:
+    """The Jacobians, whose columns follow one another, and the results where they come first."""
+    axes, shape = function.jacobian.ndim, function.jacobian.shape[:-1]
+    yield from _value_rows(function, {n: x for n, x in values.items() if x.ndim < axes})
+    # Those by wrenches have an axis more.
+    matrices = {
+        what: matrix.reshape(*shape, math.prod(matrix.shape[axes - 1 :]))
+        if matrix.shape[: axes - 1] == shape
+        else matrix
+        for what, matrix in values.items()
+        if matrix.ndim >= axes
+    }
+    ends = np.cumsum([matrix.shape[-1] for matrix in matrices.values()])
+    for (what, ours), end in zip(matrices.items(), ends, strict=True):
+        columns = (..., slice(end - ours.shape[-1], end))
+        theirs, size = function.jacobian[columns], function.size[columns]
+        yield Row(what, function.as_forces(ours), function.as_forces(theirs), size)
+
+
+def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
+    """The product of the Jacobians with a direction."""
+    states, count = function.point.states, len(function.value)
+    parts = [getattr(states, f"{x}_dot").reshape(count, -1) for x in function.at]
+    direction = np.concatenate(parts, axis=-1)
+    if isinstance(function, _Array):
+        theirs, size = (
+            np.einsum("s...j,sj->s...", x, y)
+            for x, y in ((function.jacobian, direction), (function.size, np.abs(direction)))
+        )
+        for what, ours in values.items():
+            yield Row(what, ours, theirs, size)
+        return
+    theirs = times(function.jacobian, direction)
+    size = times(function.size_by(function.units), np.abs(direction)) + function.inertial(theirs)
+    for what, ours in values.items():
+        yield Row(what, function.as_forces(ours), function.as_forces(theirs), size)
+
+
+def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[Row]:
+    """The gradients: products of weights with the Jacobians."""
+    if isinstance(function, _Array):
+        theirs, size = (
+            np.einsum("sikj,sik->sj", x, y)
+            for x, y in ((function.jacobian, function.w), (function.size, np.abs(function.w)))
+        )
+    else:
+        theirs = np.einsum("sij,si->sj", function.jacobian, function.w)
+        size = np.einsum("sij,si->sj", function.size_by(function.units), function.weights)
+    ends = np.cumsum([math.prod(gradient.shape[1:]) for gradient in values.values()])[:-1]
+    parts = (np.split(x, ends, axis=-1) for x in (theirs, size))
+    for (what, ours), expected, part in zip(values.items(), *parts, strict=True):
+        flat = ours.reshape(expected.shape) if ours.size == expected.size else ours
+        yield Row(what, flat, expected, part)
+
+
+def _hessian_rows(function: _Forces, values: Values) -> Iterator[Row]:
+    """Second derivatives of weighed results, by blocks that are named by two arguments."""
+    theirs = function.point.steps.hessian(function, function.at, function.w)
+    weighed = np.sum(function.weights * function.effort, axis=-1)[:, None, None]
+    scale = function.units[:, None] * function.units
+    # Entries are as large as those of their rows and columns, and what rounding leaves of forces.
+    rows = np.abs(theirs * scale).max(axis=-1)
+    size = (np.sqrt(rows[:, :, None] * rows[:, None, :]) + _LOST * weighed) / scale
+    widths = [len(function.point.units[letter]) for letter in function.at]
+    ends = np.cumsum(widths)
+    places = {x: slice(e - w, e) for x, e, w in zip(function.at, ends, widths, strict=True)}
+    for what, ours in values.items():
+        block = tuple(places.get(letter, slice(None)) for letter in what[-2:])
+        yield Row(what, ours, theirs[:, *block], size[:, *block])
+
+
+def _parameter_rows(function: _Forces, values: Values) -> Iterator[Row]:
+    """Derivatives by the parameters, of the results or of their weighed sum."""
+    point, units = function.point, {}
+    reach, mass, period = point.tree.reach, point.robot.total_mass, 1.0 / point.tree.tempo
+
+    def note(name: str, value: float, dimension: Dimension) -> float:
+        units[name] = abs(value) or dimension.unit(reach, mass, period)
+        return value
+
+    mapped(point.robot, note)
+    theirs = point.steps.by_parameters(function, function.at)
+    size = function.size_by(np.array([units[name] for name in point.call.module.PARAMETERS]))
+    for what, ours in values.items():
+        if ours.ndim < theirs.ndim:
+            theirs = np.einsum("sij,si->sj", theirs, function.w)
+            size = np.einsum("sij,si->sj", size, function.weights)
+        yield Row(what, ours, theirs, size)
+
+
+def _coriolis_rows(point: _Point, values: Values) -> Iterator[Row]:
+    """C v is what velocities add to the forces, and Ṁ − 2 C is skew-symmetric."""
+    states, sizes, call = point.states, point.sizes, point.call
+    ((what, coriolis),) = values.items()
+    damped = point.tree.passive.damping[point.tree.free] * states.v
+    still = call("residual", states.q, 0.0 * states.v)
+    forces = still - call("residual", states.q, states.v) - damped
+    yield Row(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)
+    by_q = point.steps.jacobian(lambda q: point.steps("mass_matrix", q), {"q": states.q})
+    rate = times(by_q, states.v[:, None])
+    size = sizes.free_matrix * sizes.rate[:, None, None]
+    both = coriolis + np.swapaxes(coriolis, -1, -2)
+    yield Row(f"{what}.symmetric_part", both, rate, size)
+
+
+def _regressor_rows(point: _Point, values: Values) -> Iterator[Row]:
+    """The regressor's columns make up the forces of all bodies that the robot may have."""
+    for what, ours in values.items():
+        count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
+        states = States.random(point.tree, count, 0)
+        matrix = point.call.results(what, states)[what]
+        rng = np.random.default_rng(0)
+        forces, efforts = [], []
+        for _ in range(_SETS):
+            other = Tree(_with_bodies(point.robot, point.tree, rng))
+            found = formulated(NewtonEuler(other)).at(states)
+            forces.append(found.inverse_dynamics[:, other.free])
+            efforts.append(Sizes(other, states).free_inertial_effort)
+        theirs, size = np.stack(forces, axis=-1), np.stack(efforts, axis=-1)
+        found_forces = _projected(matrix, theirs, size.max(axis=-1, keepdims=True))
+        yield Row(f"{what}.columns", found_forces, theirs, size)
+
+
+def _base_parameter_rows(point: _Point, values: Values) -> Iterator[Row]:
+    """The regressor times the base parameters is the inertial part of the forces.
+
+    `values` has one copy of these for each state; no row where the module has no regressor.
+    """
+    states, sizes, tree, call = point.states, point.sizes, point.tree, point.call
+    if "regressor" not in call.signatures:
+        return
+    regressor = call.results("regressor", states)["regressor"]
+    q, v, a = tree.at_joints(states.q), tree.spread(states.v), tree.spread(states.a)
+    passive = tree.passive.armature * a - tree.passive.forces(q, v)
+    theirs = call("inverse_dynamics", states.q, states.v, states.a) - passive[:, tree.free]
+    for what, parameters in values.items():
+        ours = times(regressor, parameters)
+        size = sizes.free_inertial_effort
+        yield Row(f"{what}.product", ours, theirs, size)
+
+
+def _with_bodies(robot: Robot, tree: Tree, rng: np.random.Generator) -> Robot:
+    """The robot with other masses, centres and inertias of its size, which may be impossible."""
+
+    def other(body: Body) -> Body:
+        com, inertia = tree.reach * rng.normal(size=3), tree.reach**2 * rng.normal(size=6)
+        mass = tree.mass * rng.uniform(0.5, 1.0)
+        return RigidBody(body.length, mass, tuple(com), tuple(tree.mass * inertia))
+
+    return mapped(robot, lambda _, value, __: value, other)
+
+
+def _projected(matrix: Array, forces: Array, units: Array) -> Array:
+    """What is nearest to forces (s, nv, sets) among combinations of a matrix's columns, (s, nv, ·).
+
+    `units` (s, nv, 1) are the sizes of the rows.
+    """
+    columns, wanted = ((x / units).reshape(-1, x.shape[-1]) for x in (matrix, forces))
+    if not np.isfinite(columns).all():
+        return np.full_like(forces, np.nan)
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(lengths > 0.0, lengths, 1.0)
+    solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    return (columns @ solution).reshape(forces.shape) * units
+
+
+_KINDS: dict[str, Callable[..., Iterator[Row]]] = {
+    "jacobian": _jacobian_rows,
+    "jvp": _jvp_rows,
+    "vjp": _vjp_rows,
+    "hessian": _hessian_rows,
+    "parameters": _parameter_rows,
+}
+_OTHERS: dict[str, Callable[[_Point, Values], Iterator[Row]]] = {
+    "step_euler": lambda point, values: _value_rows(point.function("step_euler"), values),
+    "step_rk4": lambda point, values: _value_rows(point.function("step_rk4"), values),
+    "coriolis_matrix": _coriolis_rows,
+    "regressor": _regressor_rows,
+    "base_parameters": _base_parameter_rows,
+}

@@ -1,8 +1,8 @@
 """What holds for any robot: a module's functions compared with each other, and with themselves.
 
-They are compared by algebra, by differences that are exact because a function is quadratic, and
-otherwise by differences of fourth order. What follows within rounding from the comparison with
-Newton and Euler's equations, such as J̇ v of the tip, is not compared again.
+They are compared by algebra, and by complex steps of the NumPy kernels. What follows within
+rounding from the comparison with Newton and Euler's equations, such as J̇ v of the tip, is not
+compared again.
 
 With constants of each state, all functions must return what they return for one state after the
 other. Functions that no formulation computes must return for one state what they return for a
@@ -28,49 +28,41 @@ from gibbs_codegen.verification.comparison import (
     explained,
     failed,
 )
-from gibbs_codegen.verification.differences import STEP, derivative
+from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.equations import Values
 from gibbs_codegen.verification.parameters import parameter_values, prepared
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 
-EXACT, BY_DIFFERENCES = 1e-10, 1e-7
-# Of one coordinate, in which the potential energy is linear or has a period of a whole turn.
-_ANGLE = 2e-2
-# A few units in the last place.
-_ROUNDING = 1e-15
-
-
-def compare_invariants(
-    evaluation: Evaluation, values: Values, states: States, sizes: Sizes, tree: Tree
-) -> list[Comparison]:
-    """Compare a module's functions with each other, by their results `values` at the states.
-
-    Of the tree only the layout, the places of free and constrained joints, and the damping count.
-    """
-    held = _Invariants(evaluation, values, states, sizes, tree)
-    return [
-        *held.mass_matrix(),
-        held.hybrid(),
-        *held.gradients(),
-        held.power(),
-    ]
+EXACT = 1e-10
 
 
 @dataclass(frozen=True)
-class _Invariants:
-    """A module's functions and what they return at some states."""
+class Invariants:
+    """A module's functions, compared with each other by their results `values` at some states.
+
+    `steps` differentiates them as its NumPy back end has them.
+    Of the tree only the layout, the places of free and constrained joints, and the damping count.
+    """
 
     evaluation: Evaluation
+    steps: ComplexSteps
     values: Values
     states: States
     sizes: Sizes
     tree: Tree
 
+    def comparisons(self) -> list[Comparison]:
+        """All that there are, given the module's functions."""
+        return [*self.mass_matrix(), *self.hybrid(), *self.gradients()]
+
     def mass_matrix(self) -> Iterator[Comparison]:
         """Symmetric, the same everywhere, and positive definite."""
-        what, matrix = "mass_matrix", self.values["mass_matrix"]
+        what = "mass_matrix"
+        if not self.evaluation.has(what):
+            return
+        matrix = self.values[what]
         transposed = np.swapaxes(matrix, -1, -2)
         yield compared(what, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
         elsewhere = self.states.q.copy()
@@ -84,9 +76,12 @@ class _Invariants:
         error = max(0.0, -float(lowest))
         yield Comparison(what, "positive definite", len(matrix), error, 0.0, fault)
 
-    def hybrid(self) -> Comparison:
+    def hybrid(self) -> Iterator[Comparison]:
         """The reduced system's accelerations and constraint torques solve the hybrid system."""
         states, values, sizes, tree = self.states, self.values, self.sizes, self.tree
+        needed = "hybrid_mass_matrix", "hybrid_residual", "hybrid_input_matrix"
+        if not self.evaluation.has(*needed, "forward_dynamics", "constraint_torques"):
+            return
         accelerations = values["forward_dynamics"]
         torques = self.evaluation("constraint_torques", states.q, states.v, accelerations, states.u)
         solution = np.concatenate([tree.spread(accelerations), torques], axis=-1)
@@ -97,64 +92,51 @@ class _Invariants:
         inertial = sizes.units * sizes.largest(accelerations)
         size[:, : tree.size] = sizes.effort + inertial + sizes.driven
         against = "I_H a_H = R_H + B_H u of the reduced"
-        return compared("hybrid_mass_matrix", against, left, right, size, EXACT)
+        yield compared("hybrid_mass_matrix", against, left, right, size, EXACT)
 
     def gradients(self) -> Iterator[Comparison]:
-        """Derivatives of the Gibbs function and of the energies."""
-        states, sizes, call = self.states, self.sizes, self.evaluation
-        q, v, a = (x[:, None] for x in (states.q, states.v, states.a))
-        units = np.eye(states.v.shape[-1])
+        """Derivatives of the Gibbs function and of the energies, and the rate of the energy."""
+        states, values, sizes = self.states, self.values, self.sizes
+        q, v = states.q, states.v
 
-        def quadratic(name: str, *before: Array, at: Array, steps: Array) -> Array:
-            """Gradient by central differences, exact for what is quadratic at any `steps`."""
-            moves = steps[:, :, None] * units
-            ahead, behind = (call(name, *before, at + move) for move in (moves, -moves))
-            gradient: Array = (ahead - behind) / (2 * steps)
-            return gradient
+        def by(name: str, *letters: str) -> Array:
+            """Derivatives by the last argument."""
+            at = {letter: getattr(states, letter) for letter in letters}
+            slopes = self.steps.jacobian(lambda **x: self.steps(name, *x.values()), at)
+            return slopes[:, -v.shape[-1] :]
 
-        # Steps that change the functions by as much as they are leave them most digits.
-        size = sizes.free_inertial_effort
-        by_a = quadratic("gibbs", q, v, at=a, steps=size / sizes.free_units**2)
-        inverse = self.values["inverse_dynamics"]
-        yield compared("gibbs", "∂S/∂a = M a − R", by_a, inverse, size, EXACT)
-        momentum = times(self.values["mass_matrix"], states.v)
-        size = sizes.free_units * sizes.largest(states.v)
-        by_v = quadratic("kinetic_energy", q, at=v, steps=size / sizes.free_units**2)
-        yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
-        steps = np.full(len(states), _ANGLE)
-        moves = units * sizes.scales
+        has = self.evaluation.has
+        if has("gibbs", "inverse_dynamics"):
+            size = sizes.free_inertial_effort
+            by_a, inverse = by("gibbs", "q", "v", "a"), values["inverse_dynamics"]
+            yield compared("gibbs", "∂S/∂a = M a − R", by_a, inverse, size, EXACT)
+        if has("kinetic_energy", "mass_matrix"):
+            momentum, by_v = times(values["mass_matrix"], v), by("kinetic_energy", "q", "v")
+            size = sizes.free_units * sizes.largest(v)
+            yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
+        if has("potential_energy", "residual"):
+            resting, by_q = self.evaluation("residual", q, 0.0 * v), by("potential_energy", "q")
+            size = sizes.free_effort
+            yield compared("potential_energy", "−∂V/∂q = R at rest", -by_q, resting, size, EXACT)
+        if has("kinetic_energy", "potential_energy", "forward_dynamics", "input_matrix"):
+            yield self._power_balance()
 
-        def weight(time: Array) -> Array:
-            return call("potential_energy", call("integrate", q, time[:, None] * moves))
+    def _power_balance(self) -> Comparison:
+        """The rate of the energy is what the inputs do, less what dampers take."""
+        states, values, sizes, tree = self.states, self.values, self.sizes, self.tree
+        q, v, a = states.q, states.v, values["forward_dynamics"]
 
-        by_q = derivative(weight, steps)
-        resting = call("residual", states.q, 0.0 * states.v)
-        # Of the whole robot's energy rounding takes this much, however light a link is.
-        lost = sizes.potential[:, None] * _ROUNDING / _ANGLE / BY_DIFFERENCES
-        size = sizes.free_effort + lost / sizes.scales
-        against, falling = "−∂V/∂q = R at rest", -by_q / sizes.scales
-        yield compared("potential_energy", against, falling, resting, size, BY_DIFFERENCES)
+        def energy(q: Array, v: Array) -> Array:
+            return self.steps("kinetic_energy", q, v) + self.steps("potential_energy", q)
 
-    def power(self) -> Comparison:
-        """The energy changes at the rate vᵀB u, less what dampers take."""
-        states, sizes, call = self.states, self.sizes, self.evaluation
-        a = self.values["forward_dynamics"]
-        # Small against the time in which rates or coordinates change by their own size.
+        slopes = self.steps.jacobian(energy, {"q": q, "v": v})
+        rate = np.sum(slopes * np.concatenate([v, a], axis=-1), axis=-1)
+        damped = tree.passive.damping[tree.free] * v
+        power = np.sum(v * (times(values["input_matrix"], states.u) - damped), axis=-1)
+        # Rates or coordinates change by their own size in the inverse of this.
         gain = np.abs(a / sizes.scales).sum(axis=-1)
-        rapid = sizes.rate + np.sqrt(gain) + gain / sizes.rate
-
-        def energy(time: Array) -> Array:
-            v = states.v + time * a
-            q = call("integrate", states.q, time * (states.v + 0.5 * time * a))
-            return call("kinetic_energy", q, v) + call("potential_energy", q)
-
-        rate = derivative(energy, STEP / rapid)
-        damping = self.tree.passive.damping[self.tree.free]
-        driven = times(self.values["input_matrix"], states.u)
-        power = np.sum(states.v * (driven - damping * states.v), axis=-1)
-        size = (sizes.kinetic + sizes.potential) * rapid
-        against = "power balance, Ė = vᵀB u"
-        return compared("forward_dynamics", against, rate, power, size, BY_DIFFERENCES)
+        size = (sizes.kinetic + sizes.potential) * (sizes.rate + np.sqrt(gain) + gain / sizes.rate)
+        return compared("forward_dynamics", "power balance, Ė = vᵀB u", rate, power, size, EXACT)
 
 
 OF_EACH = "constants of each state"
@@ -165,6 +147,8 @@ _NO_FORMULATION = (
 )
 # Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
 _LIMIT = 1e-10
+# What is supposed where there is no mass matrix to tell.
+_UNKNOWN_CONDITION = 1e6
 # Solving for accelerations loses the digits of the mass matrix's condition number, and a few more.
 _ROUNDING_OF_SOLUTIONS = 100.0 * float(np.finfo(float).eps)
 
@@ -202,12 +186,12 @@ def compare_with_itself(
     solved = max(_LIMIT, _ROUNDING_OF_SOLUTIONS * _condition(evaluation, states))
     for name in functions:
         limit = _limit(evaluation.signatures[name], solved)
-        together = evaluation.results(name, states)
+        batched = evaluation.results(name, states)
         alone = evaluation.results(name, states, singly=True)
-        rows += _alike(alone, together, ONE_BY_ONE + circumstance, limit)
+        rows += _alike(alone, batched, ONE_BY_ONE + circumstance, limit)
         if numpy is not None:
             there = numpy.results(name, states)
-            rows += _alike(together, there, OTHER_BACK_END + circumstance, limit)
+            rows += _alike(batched, there, OTHER_BACK_END + circumstance, limit)
     return explained(rows, evaluation.faults)
 
 
@@ -222,17 +206,17 @@ def compare_constants_of_each(
     numbers = [parameter_values(robot) for robot in robots]
     values = {name: np.array([n[name] for n in numbers]) for name in module.PARAMETERS}
     try:
-        together = Evaluation(module, module.prepare(values), (len(robots),))
+        batched = Evaluation(module, module.prepare(values), (len(robots),))
         alone = _OneByOne(module, [prepared(module, robot) for robot in robots])
     except (Exception, SystemExit) as error:  # Whatever was done to the module.
         return [failed("prepare", OF_EACH, f"{type(error).__name__}: {error}")]
     solved = max(_LIMIT, _ROUNDING_OF_SOLUTIONS * _condition(alone, states))
     rows: list[Comparison] = []
-    for name, signature in together.signatures.items():
+    for name, signature in batched.signatures.items():
         limit = _limit(signature, solved)
         expected = alone.results(name, states)
-        rows += _alike(together.results(name, states), expected, OF_EACH, limit)
-    failing = [c for c in explained(rows, together.faults) if not c.passed]
+        rows += _alike(batched.results(name, states), expected, OF_EACH, limit)
+    failing = [c for c in explained(rows, batched.faults) if not c.passed]
     worst = max(rows, key=lambda c: c.error / c.limit)
     return failing or [replace(worst, what="functions")]
 
@@ -247,7 +231,7 @@ class _OneByOne(Evaluation):
     def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
         every = []
         for i, constants in enumerate(self._each):
-            self._given = {"constants": constants}
+            self._keywords = {"constants": constants}
             every.append(super()._computed(name, [x[i] for x in arguments]))
         return [np.array(arrays) for arrays in zip(*every, strict=True)]
 
@@ -260,6 +244,8 @@ def _limit(signature: Signature, solved: float) -> float:
 
 def _condition(evaluation: Evaluation, states: States) -> float:
     """The largest condition number of mass matrices that are scaled to a diagonal of ones."""
+    if not evaluation.has("mass_matrix"):
+        return _UNKNOWN_CONDITION
     matrices = evaluation.results("mass_matrix", states)["mass_matrix"]
     with np.errstate(all="ignore"):
         units = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))

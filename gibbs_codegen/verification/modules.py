@@ -10,25 +10,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import get_args
 
-from gibbs_codegen.errors import UsageError, WrongModuleError, printable
+from gibbs_codegen.errors import MissingFunctionError, UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.c_backend import c_module
-from gibbs_codegen.runtime.c_library import (
-    Compiler,
-    CompilerError,
-    c_files,
-    compiled_library,
-    find_compiler,
-)
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.load import BACKENDS, find_module, load
 from gibbs_codegen.runtime.rollouts import Precision
-from gibbs_codegen.verification.c_program import (
-    SINGLE_PRECISION,
-    compare_c_program,
-    compare_single_precision,
-)
+from gibbs_codegen.verification import c_program
 from gibbs_codegen.verification.comparison import Comparison, failed, failure_text
 from gibbs_codegen.verification.contents import (
     compare_c_defaults,
@@ -38,7 +28,6 @@ from gibbs_codegen.verification.contents import (
 from gibbs_codegen.verification.formulation import formulated
 from gibbs_codegen.verification.invariants import compared_with_themselves
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.rollouts import ROLLOUTS, compare_rollouts
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
     QUICK,
@@ -81,7 +70,13 @@ def verify(
     Raises:
         UsageError: If there is no such module, no robot file with it, or an argument is wrong.
     """
-    _check_arguments(states, seed, backends)
+    if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
+        raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
+    if not isinstance(seed, int) or seed < 0:
+        raise UsageError(f"seed: a whole number, at least 0, not {seed!r}")
+    for backend in backends:
+        if backend not in BACKENDS:
+            raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
     folder = find_module(Path(name_or_path))
     robot_file = folder / "robot.toml"
     if not robot_file.is_file():
@@ -102,7 +97,7 @@ def verify(
         except _UnavailableError as error:
             verification.not_done[f"back end {backend}"] = str(error)
             continue
-        except (UsageError, CompilerError, SystemExit) as error:
+        except (UsageError, c_library.CompilerError, SystemExit) as error:
             comparisons.append(failed("the module", "", error))
         else:
             numpy = load(folder) if backend != "numpy" else None
@@ -117,17 +112,6 @@ def verify(
     return verification
 
 
-def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
-    """Refuse arguments of `verify` that it cannot use."""
-    if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
-        raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
-    if not isinstance(seed, int) or seed < 0:
-        raise UsageError(f"seed: a whole number, at least 0, not {seed!r}")
-    for backend in backends:
-        if backend not in BACKENDS:
-            raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
-
-
 def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
     """A back end ("numpy" or "c") of a module.
 
@@ -137,30 +121,31 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
     module = load(folder)
     if backend == "numpy":
         return module
-    missing = [name for name in c_files(robot.name) if not (folder / name).is_file()]
-    if missing and not _has_c_target(folder):
-        raise _UnavailableError("the module was generated without the C target")
+    missing = [name for name in c_library.c_files(robot.name) if not (folder / name).is_file()]
     if missing:
+        options = _source(folder)[:1000]
+        if "--target c" not in options and "--target" in options:
+            raise _UnavailableError("the module was generated without the C target")
         raise UsageError(f"{', '.join(missing)}: missing")
     compiler = _compiler()
     try:
-        return c_module(module, folder, compiler, 1, _UNOPTIMISED)
+        return c_module(module, folder, compiler, 1, _UNOPTIMISED, whole=True)
     except CacheError as error:
         raise _UnavailableError(str(error)) from None
-    except CompilerError as error:
+    except c_library.CompilerError as error:
         if _works(compiler):
             raise
         raise _UnavailableError(str(error)) from None
 
 
-def _compiler() -> Compiler:
+def _compiler() -> c_library.Compiler:
     try:
-        return find_compiler(os.environ.get("CC") or None)
-    except CompilerError as error:
+        return c_library.chosen_compiler()
+    except c_library.CompilerError as error:
         raise _UnavailableError(str(error)) from None
 
 
-def _works(compiler: Compiler) -> bool:
+def _works(compiler: c_library.Compiler) -> bool:
     """Whether a compiler makes libraries that can be loaded, whatever it made of the module's C."""
 
     def make(output: Path) -> None:
@@ -173,7 +158,7 @@ def _works(compiler: Compiler) -> bool:
     try:
         library = ctypes.CDLL(str(cached_library(f"{compiler.identity}\nworks", make)))
         return hasattr(library, "gibbs_codegen_works")
-    except (CompilerError, CacheError, OSError):
+    except (c_library.CompilerError, CacheError, OSError):
         return False
 
 
@@ -186,40 +171,34 @@ def _compare_c(
     """
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
-    comparisons += compare_c_program(str(module.__file__), module, robot, seed)
+    comparisons += c_program.compare_c_program(str(module.__file__), module, robot, seed)
     flags = (f"-D{robot.name.upper()}_FLOAT", *_UNOPTIMISED)
     try:
-        path = compiled_library(folder, robot.name, _compiler(), flags)
-        single, not_done = compare_single_precision(str(path), module, robot, seed)
-    except (CompilerError, CacheError) as error:
-        return [*comparisons, failed(SINGLE_PRECISION, "", error)]
+        path = c_library.compiled_library(folder, robot.name, _compiler(), flags)
+        single, not_done = c_program.compare_single_precision(str(path), module, robot, seed)
+    except (c_library.CompilerError, CacheError) as error:
+        return [*comparisons, failed(c_program.SINGLE_PRECISION, "", error)]
     verification.not_done |= not_done
     return comparisons + single
 
 
 def _compare_rollouts(folder: Path, robot: Robot, verification: Verification) -> list[Comparison]:
     """Compare rollouts in C, in single precision too unless it is not compared at all."""
-    if not (folder / f"{robot.name}_rollout.c").is_file():
-        verification.not_done[ROLLOUTS] = "the module has no C source of them"
-        return []
     given = load(folder), Tree(robot), verification.seed
-    single = SINGLE_PRECISION not in verification.not_done
-    rows = []
-    for precision in get_args(Precision)[: 1 + single]:
-        found, not_done = compare_rollouts(*given, precision, _UNOPTIMISED)
-        rows += found
-        verification.not_done |= not_done
+    single = c_program.SINGLE_PRECISION not in verification.not_done
+    rows: list[Comparison] = []
+    try:
+        for precision in get_args(Precision)[: 1 + single]:
+            found, not_done = c_program.compare_rollouts(*given, precision, _UNOPTIMISED)
+            rows += found
+            verification.not_done |= not_done
+    except MissingFunctionError as error:
+        verification.not_done[c_program.ROLLOUTS] = str(error)
     return rows
 
 
 def _source(folder: Path) -> str:
     return (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
-
-
-def _has_c_target(folder: Path) -> bool:
-    """Whether the module's header says that it was made with C sources."""
-    head = _source(folder)[:1000]
-    return "--target c" in head or "--target" not in head
 
 
 def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
@@ -229,7 +208,7 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
     """
     progress("verifying")
     try:
-        module = _from_text(numpy_source)
+        module = module_of(numpy_source)
         comparisons = compare_module(
             module, robot, [formulated(NewtonEuler(Tree(robot)))], _FEW_STATES, 0, extent=QUICK
         )
@@ -251,7 +230,8 @@ class _Text(importlib.abc.InspectLoader):
         return self._source
 
 
-def _from_text(source: str) -> ModuleType:
+def module_of(source: str) -> ModuleType:
+    """The module of emitted NumPy source."""
     module = ModuleType("emitted")
     _Text(source).exec_module(module)
     return module

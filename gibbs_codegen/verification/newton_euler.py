@@ -10,7 +10,16 @@ import numpy as np
 
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Frames, Motion, Point, Tree, joint_motions
+from gibbs_codegen.verification.tree import (
+    WORLD,
+    Frames,
+    Joint,
+    Motion,
+    Part,
+    Point,
+    Tree,
+    joint_motions,
+)
 from gibbs_codegen.verification.vectors import Array, cross, times
 
 
@@ -41,13 +50,8 @@ class _Balance:
         upwards = np.array([0.0, 0.0, self._tree.gravity])
         for part in self._tree.parts:
             motion, rotation = motions[part.joint], self._frames.rotations[part.joint]
-            _, acceleration = motion.at(rotation @ part.com)
-            inertia = rotation @ part.inertia @ np.swapaxes(rotation, -1, -2)
-            spin = motion.angular_velocity
-            moment = times(inertia, motion.angular_acceleration)
-            moment = moment + cross(spin, times(inertia, spin))
-            at = Point(part.joint, part.com)
-            self._add(part.body, at, part.mass * (acceleration + upwards), moment)
+            force, moment = _inertial(part, motion, rotation, upwards)
+            self._add(part.body, Point(part.joint, part.com), force, moment)
 
     def add_thrusts(self, u: Array) -> None:
         """Add what motors supply."""
@@ -81,6 +85,21 @@ class _Balance:
             lever = lever + self._frames.steps[at.joint]
         self._forces[body] = self._forces[body] + force
         self._moments[body] = self._moments[body] + moment + cross(lever, force)
+
+
+def _inertial(
+    body: Joint | Part, motion: Motion, rotation: Array, upwards: Array
+) -> tuple[Array, Array]:
+    """Force and moment (…, 3) about its centre of mass that a body's inertia and weight take."""
+    _, acceleration = motion.at(rotation @ body.com)
+    inertia, spin = _in_world(body, rotation), motion.angular_velocity
+    moment = times(inertia, motion.angular_acceleration) + cross(spin, times(inertia, spin))
+    return body.mass * (acceleration + upwards), moment
+
+
+def _in_world(body: Joint | Part, rotation: Array) -> Array:
+    """Inertia (…, 3, 3) of a body in world axes."""
+    return rotation @ body.inertia @ np.swapaxes(rotation, -1, -2)
 
 
 def wrench_sizes(tree: Tree, acceleration: Array, spin: Array, u: Array) -> Array:
@@ -130,7 +149,11 @@ class NewtonEuler:
         still = joint_motions(tree, np.zeros_like(v), np.zeros_like(a), frames)
         moved = joint_motions(tree, v, a, frames)
         centre = self._centre(frames)
-        bias = [self._bias(steady, frames, point) for point in tree.named]
+        bias = []
+        for point in tree.named:
+            _, linear = steady[point.joint].at(frames.rotations[point.joint] @ point.local)
+            angular = steady[point.joint].angular_acceleration
+            bias.append(np.concatenate([linear, angular], axis=-1))
         return Quantities(
             mass_matrix=self.mass_matrix(states.q),
             residual=-self._efforts(steady, frames, tree.gravity),
@@ -205,9 +228,9 @@ class NewtonEuler:
         for number, (joint, motion) in enumerate(zip(self.tree.joints, motions, strict=True)):
             lever, spin = rotations[number] @ joint.com, motion.angular_velocity
             push = joint.mass * motion.at(lever)[0]
-            inertia = rotations[number] @ joint.inertia @ np.swapaxes(rotations[number], -1, -2)
-            about = positions[number] + lever - centre
-            linear, angular = linear + push, angular + cross(about, push) + times(inertia, spin)
+            turning = cross(positions[number] + lever - centre, push)
+            turning = turning + times(_in_world(joint, rotations[number]), spin)
+            linear, angular = linear + push, angular + turning
         return np.concatenate([linear, angular], axis=-1)
 
     def _efforts(self, motions: list[Motion], frames: Frames, gravity: float) -> Array:
@@ -217,15 +240,9 @@ class NewtonEuler:
         forces = []
         moments = []
         for joint, motion, rotation in zip(joints, motions, rotations, strict=True):
-            lever = rotation @ joint.com
-            _, acceleration = motion.at(lever)
-            force = joint.mass * (acceleration + upwards)
-            inertia = rotation @ joint.inertia @ np.swapaxes(rotation, -1, -2)
-            spin = motion.angular_velocity
-            moment = times(inertia, motion.angular_acceleration)
-            moment = moment + cross(spin, times(inertia, spin))
+            force, moment = _inertial(joint, motion, rotation, upwards)
             forces.append(force)
-            moments.append(moment + cross(lever, force))
+            moments.append(moment + cross(rotation @ joint.com, force))
         efforts = np.empty((*forces[-1].shape[:-1], len(joints)))
         for number in range(len(joints) - 1, -1, -1):
             joint = joints[number]
@@ -237,13 +254,6 @@ class NewtonEuler:
                 forces[joint.parent] = forces[joint.parent] + forces[number]
                 moments[joint.parent] = moments[joint.parent] + moments[number] + lever
         return efforts
-
-    @staticmethod
-    def _bias(motions: list[Motion], frames: Frames, point: Point) -> Array:
-        """Acceleration (s, 6), m/s² and rad/s², of a point and of its frame, linear first."""
-        motion = motions[point.joint]
-        _, linear = motion.at(frames.rotations[point.joint] @ point.local)
-        return np.concatenate([linear, motion.angular_acceleration], axis=-1)
 
     def _jacobian(self, frames: Frames, point: Point) -> Array:
         """World-axes Jacobian of a point (states, 6, size), linear rows first."""

@@ -8,28 +8,18 @@ converted back. The units are powers of two, so that no number loses a digit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.model import (
-    Body,
-    Link,
-    Passive,
-    Pose,
-    RigidBody,
-    Robot,
-    Rod,
-    Rotor,
-    Vector3,
-    as_rigid_body,
-)
+from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
 from gibbs_codegen.verification.formulation import Formulation, Quantities, formulated
-from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
 
@@ -52,10 +42,10 @@ _PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1), Dimension(2, 1, -2), Dimension
 _SLIDING = (Dimension(0, 1, -1), Dimension(0, 1), Dimension(0, 1, -2), Dimension(1))
 # What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
 Change = Callable[[str, float, Dimension], float]
-BodyChange = Callable[[Body], Body]
+BodyChange = Callable[[model.Body], model.Body]
 
 
-def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> Robot:
+def mapped(robot: model.Robot, change: Change, of_body: BodyChange | None = None) -> model.Robot:
     """The robot with every number changed that can be a parameter, zeros included.
 
     `of_body` changes bodies as a whole; None changes their numbers as all others.
@@ -70,7 +60,7 @@ class _Mapping:
     change: Change
     of_body: BodyChange | None
 
-    def __call__(self, robot: Robot) -> Robot:
+    def __call__(self, robot: model.Robot) -> model.Robot:
         """The robot with the changed numbers."""
         base, change = robot.base, self.change
         drags = enumerate(base.drag, start=1)
@@ -81,7 +71,7 @@ class _Mapping:
                 base,
                 drag=tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags),
                 arms=tuple(self._body(prefix, arm) for prefix, arm in _arms(robot)),
-                body=as_rigid_body(self._body("base", base.body)) if base.body else None,
+                body=model.as_rigid_body(self._body("base", base.body)) if base.body else None,
             ),
             links=tuple(
                 self._link(parameter_prefix(robot, i), link)
@@ -97,19 +87,19 @@ class _Mapping:
             ),
         )
 
-    def _vector(self, prefix: str, vector: Vector3) -> Vector3:
+    def _vector(self, prefix: str, vector: model.Vector3) -> model.Vector3:
         pairs = zip("xyz", vector, strict=True)
         x, y, z = (self.change(f"{prefix}_{axis}", value, LENGTH) for axis, value in pairs)
         return x, y, z
 
-    def _pose(self, prefix: str, pose: Pose) -> Pose:
+    def _pose(self, prefix: str, pose: model.Pose) -> model.Pose:
         return replace(pose, xyz=self._vector(prefix, pose.xyz))
 
-    def _rotor(self, prefix: str, rotor: Rotor) -> Rotor:
+    def _rotor(self, prefix: str, rotor: model.Rotor) -> model.Rotor:
         drag = self.change(f"{prefix}_drag", rotor.drag, LENGTH)
         return replace(rotor, position=self._vector(prefix, rotor.position), drag=drag)
 
-    def _link(self, prefix: str, link: Link) -> Link:
+    def _link(self, prefix: str, link: model.Link) -> model.Link:
         link = replace(link, body=self._body(prefix, link.body))
         if link.pose is not None:
             link = replace(link, pose=self._pose(prefix, link.pose))
@@ -122,21 +112,23 @@ class _Mapping:
         names = ("damping", "armature", "stiffness", "rest")
         own = zip(names, astuple(link.passive), dimensions, strict=True)
         passive = [self.change(f"{prefix}_{name}", x, dimension) for name, x, dimension in own]
-        return replace(link, passive=Passive(*passive))
+        return replace(link, passive=model.Passive(*passive))
 
-    def _body(self, prefix: str, body: Body) -> Body:
+    def _body(self, prefix: str, body: model.Body) -> model.Body:
         if self.of_body is not None:
             return self.of_body(body)
-        return self._rod(prefix, body) if isinstance(body, Rod) else self._rigid_body(prefix, body)
+        if isinstance(body, model.Rod):
+            return self._rod(prefix, body)
+        return self._rigid_body(prefix, body)
 
-    def _rod(self, prefix: str, rod: Rod) -> Rod:
+    def _rod(self, prefix: str, rod: model.Rod) -> model.Rod:
         length = self.change(f"{prefix}_length", rod.length, LENGTH)
         density = self.change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
         own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
         x, y, z = (self.change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
-        return Rod(length, density, (x, y, z))
+        return model.Rod(length, density, (x, y, z))
 
-    def _rigid_body(self, prefix: str, body: RigidBody) -> RigidBody:
+    def _rigid_body(self, prefix: str, body: model.RigidBody) -> model.RigidBody:
         length = self.change(f"{prefix}_length", body.length, LENGTH)
         mass = self.change(f"{prefix}_mass", body.mass, MASS)
         com = self._vector(f"{prefix}_com", body.com)
@@ -144,10 +136,10 @@ class _Mapping:
         xx, yy, zz, xy, xz, yz = (
             self.change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own
         )
-        return RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
+        return model.RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
 
 
-def parameter_values(robot: Robot) -> dict[str, float]:
+def parameter_values(robot: model.Robot) -> dict[str, float]:
     """Every number of the robot that can be a parameter, zeros included, in SI units."""
     found: dict[str, float] = {}
 
@@ -159,23 +151,18 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     return found
 
 
-def prepared(module: ModuleType, robot: Robot) -> Any:
+def prepared(module: ModuleType, robot: model.Robot) -> Any:
     """What a module's `prepare` returns for the numbers of a robot."""
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
-def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
+def with_values(robot: model.Robot, values: Mapping[str, float]) -> model.Robot:
     """The robot with other numbers, under names of `parameter_values`, where there are any."""
     return mapped(robot, lambda name, value, _: values.get(name, value))
 
 
-def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
-    """The same robot, its numbers as multiples of units given in m, kg and s."""
-    return mapped(robot, lambda _, value, dimension: value / dimension.unit(length, mass, time))
-
-
-def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
+def bodies(robot: model.Robot) -> Iterator[tuple[str, model.Body]]:
     """Every body that has parameters of its own, after what the names of these begin with."""
     yield from _arms(robot)
     if robot.base.body:
@@ -184,7 +171,7 @@ def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
         yield parameter_prefix(robot, i), link.body
 
 
-def _arms(robot: Robot) -> Iterator[tuple[str, Body]]:
+def _arms(robot: model.Robot) -> Iterator[tuple[str, model.Body]]:
     for k, arm in enumerate(robot.base.arms, start=1):
         yield "base_arm" if robot.base.shares_one_arm else f"base_arm{k}", arm
 
@@ -192,12 +179,18 @@ def _arms(robot: Robot) -> Iterator[tuple[str, Body]]:
 class InOwnUnits:
     """A formulation (see `formulation`) of the robot in its own units."""
 
-    def __init__(self, kind: Callable[[Tree], Formulation], robot: Robot) -> None:
+    def __init__(self, kind: Callable[[Tree], Formulation], robot: model.Robot) -> None:
         self.tree = Tree(robot)
         self._length = _power_of_two(self.tree.reach)
-        self._mass = _power_of_two(_lightest(self.tree))
+        # The smallest mass, or moment of inertia over the square of the reach, but zero.
+        joints = self.tree.joints
+        moments = [np.diagonal(joint.inertia) / self.tree.reach**2 for joint in joints]
+        every = np.append([joint.mass for joint in joints], moments)
+        self._mass = _power_of_two(float(every[every > 0.0].min()))
         self._time = _power_of_two(1.0 / self.tree.tempo)
-        inner = formulated(kind(Tree(in_units(robot, self._length, self._mass, self._time))))
+        units = self._length, self._mass, self._time
+        own = mapped(robot, lambda _, value, dimension: value / dimension.unit(*units))
+        inner = formulated(kind(Tree(own)))
         self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
         self._inner = inner
 
@@ -231,17 +224,182 @@ class InOwnUnits:
             "gravity_forces": energy / units,
             "joint_wrenches": wrench,
         }
-        given = {name: getattr(found, name) for name in scales}
-        return found._replace(**{n: x * scales[n] for n, x in given.items() if x is not None})
-
-
-def _lightest(tree: Tree) -> float:
-    """The smallest mass, or moment of inertia over the square of the reach, but zero."""
-    masses = np.array([joint.mass for joint in tree.joints])
-    moments = np.array([np.diagonal(joint.inertia) for joint in tree.joints]) / tree.reach**2
-    every = np.concatenate([masses, moments.ravel()])
-    return float(every[every > 0.0].min())
+        known = {name: scale for name, scale in scales.items() if getattr(found, name) is not None}
+        return found._replace(**{n: getattr(found, n) * scale for n, scale in known.items()})
 
 
 def _power_of_two(value: float) -> float:
     return float(2.0 ** np.round(np.log2(value)))
+
+
+Inertia = tuple[float, float, float, float, float, float]
+
+# Larger or smaller by 2.5 to 6.5 times, in powers of two.
+_OCTAVES = (1.3, 2.7)
+# What stands for zero beside other numbers, as a share of the smallest of them; and what is zero.
+_SMALL, _FLAT = (0.05, 0.2), 1e-9
+# Least eigenvalue of a mass matrix of unit diagonal that rounding surely leaves positive.
+_DETERMINED = 1e-10
+
+
+def variation(robot: model.Robot, names: Collection[str], seed: int, number: int) -> model.Robot:
+    """The robot with other numbers for some parameters.
+
+    Each is larger or smaller by 2.5 to 6.5 times, by turns from one number to the next, and
+    negative for two numbers of four (`number` decides which); what is zero gets a size that is
+    natural to the robot. Bodies stay possible: masses and moments of inertia are positive, a rod of
+    negative length has a negative mass per length, since it lies the other way, and products of
+    inertia change their signs as if axes of the body did.
+    """
+    draw, tree = _Draw(seed, number), Tree(robot)
+    reach, period = tree.reach, 1.0 / tree.tempo
+
+    def other(name: str, value: float, dimension: Dimension) -> float:
+        # Masses that turn with a joint alone are positive as well.
+        drawn = draw.sized if name.endswith("_armature") else draw.signed
+        return drawn(value, dimension.unit(reach, robot.total_mass, period))
+
+    def of_body(body: model.Body) -> model.Body:
+        return _varied_body(body, draw, reach, robot.total_mass)
+
+    values = parameter_values(mapped(robot, other, of_body))
+    return with_values(robot, {name: values[name] for name in names})
+
+
+def variations(
+    robot: model.Robot, names: Collection[str], seed: int, count: int, zeros: bool
+) -> Iterator[model.Robot]:
+    """`count` variations; with `zeros`, as many again and more, each parameter zero once in them.
+
+    What would leave an acceleration undetermined at zero, alone or with others, keeps its value.
+    """
+    yield from (variation(robot, names, seed, number) for number in range(count))
+    groups = _groups(names, count) if zeros else []
+    # The list grows where parameters are kept back by others, which have another turn then.
+    for number, group in enumerate(groups, start=count):
+        varied = variation(robot, names, seed, number)
+        zero = _zero_together(varied, group)
+        kept_back = [name for name in group if name not in zero]
+        if zero and kept_back:
+            groups.append(kept_back)
+        yield _with_zeros(varied, zero)
+
+
+def _groups(names: Collection[str], count: int) -> list[list[str]]:
+    """Parameters to be zero together: masses by themselves, of which others are factors."""
+    ordered = sorted(names)
+    masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
+    others = [name for name in ordered if name not in masses]
+    groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
+    return [group for group in groups if group]
+
+
+def _zero_together(varied: model.Robot, names: Sequence[str]) -> list[str]:
+    """As many of the parameters as can be zero together, by halving what cannot."""
+    zero: list[str] = []
+    waiting = [list(names)]
+    while waiting:
+        part = waiting.pop()
+        if determined(_with_zeros(varied, [*zero, *part])):
+            zero += part
+        elif len(part) > 1:
+            half = len(part) // 2
+            waiting += [part[half:], part[:half]]
+    return zero
+
+
+def _with_zeros(robot: model.Robot, names: Sequence[str]) -> model.Robot:
+    return with_values(robot, dict.fromkeys(names, 0.0))
+
+
+def determined(robot: model.Robot, least: float = _DETERMINED) -> bool:
+    """Whether something resists every acceleration by more than rounding would.
+
+    `least` is the smallest eigenvalue that the mass matrix may have once its diagonal is 1.
+    """
+    tree = Tree(robot)
+    states = States.random(tree, 2, 0)
+    there, at_joints = states.placed(tree)
+    matrix = NewtonEuler(there).mass_matrix(at_joints.q) + np.diag(tree.passive.armature)
+    matrix = matrix[:, tree.free][:, :, tree.free]
+    diagonal = np.diagonal(matrix, axis1=1, axis2=2)
+    # Next to what the coordinate could move, what is left by rounding is nothing.
+    if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():
+        return False
+    roots = np.sqrt(diagonal)
+    scaled = matrix / roots[:, :, None] / roots[:, None, :]
+    return bool(np.linalg.eigvalsh(scaled).min() > least)
+
+
+class _Draw:
+    """Random factors, the same for the same seed and number."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._turned, self._mirrored = number % 2, number // 2 % 2
+
+    def sign(self) -> float:
+        """1 or -1."""
+        return 1.0 - 2.0 * (int(self._rng.integers(2)) ^ self._mirrored)
+
+    def factor(self) -> float:
+        """From 2.5 to 6.5, or the inverse of that."""
+        return self.factors(1)[0]
+
+    def factors(self, count: int) -> list[float]:
+        """Several such factors, all larger or all smaller."""
+        smaller = int(self._rng.integers(2)) ^ self._turned
+        octaves = (1 - 2 * smaller) * self._rng.uniform(*_OCTAVES, count)
+        return [2.0**octave for octave in octaves.tolist()]
+
+    def share(self, least: float, most: float) -> float:
+        """Between two bounds."""
+        return float(self._rng.uniform(least, most))
+
+    def sized(self, value: float, natural: float) -> float:
+        """Another number of the same sign, for zero one of the natural size."""
+        return self.factor() * value if value else self.share(0.5, 1.0) * natural
+
+    def signed(self, value: float, natural: float) -> float:
+        """Another number of either sign."""
+        return self.sign() * self.sized(value, natural)
+
+
+def _varied_body(body: model.Body, draw: _Draw, reach: float, mass: float) -> model.Body:
+    """A body of the same kind with other numbers; `reach`, in m, and `mass`, in kg, are natural."""
+    if isinstance(body, model.Rod):
+        sign = draw.sign()
+        length = sign * draw.sized(body.length, reach)
+        density = sign * draw.sized(body.mass_per_length, mass / reach)
+        natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
+        x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
+        return model.Rod(length, density, (x, y, z))
+    natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
+    cx, cy, cz = (draw.signed(value, reach) for value in body.com)
+    return model.RigidBody(
+        draw.signed(body.length, reach),
+        draw.sized(body.mass, mass),
+        (cx, cy, cz),
+        _stretched(body.inertia, draw, natural),
+    )
+
+
+def _stretched(inertia: Inertia, draw: _Draw, natural: float) -> Inertia:
+    """Inertia of a body that is stretched, or squeezed, by another factor along each axis.
+
+    So no moments stay equal, and none exceeds the sum of the others. Axes change their signs.
+    """
+    half = 0.5 * sum(inertia[:3])
+    # Each moment is the sum of the second moments of mass along the other axes.
+    along = [half - moment if half - moment > _FLAT * half else 0.0 for moment in inertia[:3]]
+    factors = draw.factors(3)
+    spread = [factor * moment for factor, moment in zip(factors, along, strict=True)]
+    least = min(filter(None, spread), default=natural)
+    x, y, z = (moment or draw.share(*_SMALL) * least for moment in spread)
+    # What is diagonally dominant is positive definite.
+    least, roots = min(x, y, z), [draw.sign() * factor**0.5 for factor in factors]
+    xy, xz, yz = (
+        roots[i] * roots[j] * product or draw.sign() * draw.share(*_SMALL) * least
+        for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), inertia[3:], strict=True)
+    )
+    return y + z, x + z, x + y, xy, xz, yz

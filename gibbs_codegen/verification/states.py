@@ -75,11 +75,26 @@ class States:
         return self.u * _factors(self.u, 4)
 
     @property
+    def W_dot(self) -> Array:  # noqa: N802
+        """A direction of W, (s, frames, 6)."""
+        return self.W * _factors(self.W, 5)
+
+    @property
+    def w_input_matrix(self) -> Array:
+        """Weights of the entries of the input matrix, (s, nv, nu)."""
+        return self.w[:, :, None] * self.u_dot[:, None, :]
+
+    @property
+    def w_jacobian(self) -> Array:
+        """Weights of the entries of the Jacobian of the centre of mass, (s, 3, nv)."""
+        rows = np.ones((len(self), 3))
+        return (rows * _factors(rows, 6))[:, :, None] * self.q_dot[:, None, :]
+
+    @property
     def h(self) -> Array:
         """Lengths of steps, (s,): short beside the time in which velocities change."""
         fastest = np.abs(self.v).max(axis=-1), np.abs(self.a).max(axis=-1)
-        length: Array = _SHORT * fastest[0] / fastest[1]
-        return length
+        return _SHORT * fastest[0] / fastest[1]
 
     def placed(self, tree: Tree) -> tuple[Tree, States]:
         """The tree of a base with a quaternion, placed where the base is, and what its joints do.
@@ -157,8 +172,7 @@ def _factors(array: Array, seed: int) -> Array:
     """Factors of either sign, one for each entry of a row of an array; none is near zero."""
     rng = np.random.default_rng(seed)
     width = array.shape[-1]
-    factors: Array = rng.uniform(0.5, 1.5, width) * rng.choice([-1.0, 1.0], width)
-    return factors
+    return rng.uniform(0.5, 1.5, width) * rng.choice([-1.0, 1.0], width)
 
 
 def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
@@ -233,14 +247,12 @@ class Sizes:
         """Size (s, nv) of M a = R + B u, that of its largest terms, for a at the first states."""
         count = len(accelerations)
         inertial = self.free_units[:count] * self.largest(accelerations)
-        size: Array = self.free_effort[:count] + inertial + self.free_driven[:count]
-        return size
+        return self.free_effort[:count] + inertial + self.free_driven[:count]
 
     def largest(self, accelerations: Array) -> Array:
         """The largest (s, 1) of accelerations at the first states, in the coordinates' units."""
         units = self.free_units[: len(accelerations)]
-        largest: Array = (units * np.abs(accelerations)).max(axis=-1, keepdims=True)
-        return largest
+        return (units * np.abs(accelerations)).max(axis=-1, keepdims=True)
 
 
 def _stretched(tree: Tree, frames: Frames) -> tuple[Array, Array, Array, Array]:

@@ -110,7 +110,7 @@ class Assembly:
         self.parts: list[Part] = []
         self.arm = layout.free[layout.v.joints]
         self._robot = robot
-        self._held = iter(range(count)[layout.constrained])
+        self._constrained = iter(range(count)[layout.constrained])
         root = WORLD
         for place, letter in zip(layout.free[layout.v.position], "xyz", strict=True):
             root = self._add(Joint(root, place, "xyz".index(letter), revolute=False))
@@ -129,7 +129,7 @@ class Assembly:
             if link.joint != "fixed":
                 at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
             elif link.constrained:
-                at = self._jointed(at, link.axis, next(self._held))
+                at = self._jointed(at, link.axis, next(self._constrained))
             self.bodies[i], self.carriers[i] = at, robot.parents[i - 1]
             self._carry(i, at, link.body)
 
@@ -218,7 +218,7 @@ class Assembly:
             angle = float(base.azimuth_deg[k - 1])
         rod = self.centre.within(_turn("z", angle), np.zeros(3))
         if k > 1:
-            rod = self._jointed(rod, (0.0, 0.0, 1.0), next(self._held))
+            rod = self._jointed(rod, (0.0, 0.0, 1.0), next(self._constrained))
             self.bodies[-k], self.carriers[-k] = rod, BASE
         self._carry(-k if k > 1 else BASE, rod, base.arm(k))
         return rod.within(np.eye(3), end)
@@ -276,8 +276,7 @@ class PassiveJoints(NamedTuple):
 
     def forces(self, q: Array, v: Array) -> Array:
         """Forces (…, size), N m and N, of dampers and springs, at q and v of all joints."""
-        forces: Array = -self.damping * v - self.stiffness * (q - self.rest)
-        return forces
+        return -self.damping * v - self.stiffness * (q - self.rest)
 
     def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Sizes of the terms of these forces (…, size), and of the springs' energy (…), J."""

@@ -25,15 +25,13 @@ def about(axis: int, angle: Array) -> Array:
 
 def times(matrices: Array, vectors: Array) -> Array:
     """Products (…, i) of matrices (…, i, j) and vectors (…, j)."""
-    product: Array = (matrices @ vectors[..., None])[..., 0]
-    return product
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross products of vectors, (…, 3)."""
     # np.cross takes four times as long for so few of them.
-    product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
-    return product
+    return a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
 
 
 def quaternion_matrices(quaternions: Array) -> Array:
@@ -42,8 +40,7 @@ def quaternion_matrices(quaternions: Array) -> Array:
     vector, scalar = unit[..., None, :3], unit[..., 3:, None]
     # Rows of e × u over the axes e are the matrix of u×.
     turning = cross(np.eye(3), vector)
-    matrices: Array = np.eye(3) + 2.0 * (turning @ turning + scalar * turning)
-    return matrices
+    return np.eye(3) + 2.0 * (turning @ turning + scalar * turning)
 
 
 def quaternions_of_matrices(matrices: Array) -> Array:

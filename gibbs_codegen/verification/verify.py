@@ -6,8 +6,8 @@ Expected            every function at states   with formulations that share   (e
     Newton–Euler, again for one state, any angles, other parameters           (newton_euler)
     Lagrange                                                                  (lagrange)
     Pinocchio and MuJoCo, if they are installed              (pinocchio_tree, mujoco_tree)
-compare_invariants  functions                  with each other                (invariants)
-compare_derivatives functions on request       with differences of others    (derivatives)
+Invariants          functions                  with each other                (invariants)
+compare_derivatives functions on request       with complex steps of others  (derivatives)
 compare_with_itself what no formulation gives  with itself                    (invariants)
     all functions with constants of each state
 """
@@ -21,24 +21,18 @@ from types import ModuleType
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.verification import invariants
 from gibbs_codegen.verification.comparison import Comparison, Evaluation, explained, failed, merged
+from gibbs_codegen.verification.complex_steps import ComplexSteps
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.derivatives import compare_derivatives
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError, formulated
-from gibbs_codegen.verification.invariants import (
-    OF_EACH,
-    compare_constants_of_each,
-    compare_invariants,
-    compare_with_itself,
-    without_formulation,
-)
 from gibbs_codegen.verification.lagrange import MOST_POINTS, Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.parameters import InOwnUnits, prepared
+from gibbs_codegen.verification.parameters import InOwnUnits, prepared, variation, variations
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.variation import variation, variations
 
 Progress = Callable[[str], None]
 
@@ -147,17 +141,19 @@ def compare_module(
         ]
     tree = against[0].tree
     most = most_states(tree)
-    comparisons = contents
+    comparisons, steps = contents, ComplexSteps(numpy or module, robot)
     for number, first in enumerate(range(0, count, most)):
         some, singly = min(most, count - first), extent.singly
-        comparisons += _compare_functions(module, against, some, (seed, number), singly, progress)
+        comparisons += _compare_functions(
+            module, steps, against, some, (seed, number), singly, progress
+        )
     others = min(most, extent.others)
     evaluation = Evaluation(module)
-    unknown = without_formulation(evaluation.signatures, comparisons, against[0].name)
+    unknown = invariants.without_formulation(evaluation.signatures, comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
-    comparisons += compare_with_itself(evaluation, there, unknown, states)
-    comparisons += compare_derivatives(evaluation, robot, states.first(extent.derivatives))
+    comparisons += invariants.compare_with_itself(evaluation, there, unknown, states)
+    comparisons += compare_derivatives(evaluation, steps, robot, states.first(extent.derivatives))
     if extent.any_angles:
         progress(ANY_ANGLES)
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
@@ -165,8 +161,11 @@ def compare_module(
     progress(OTHER_PARAMETERS)
     comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
     if extent.of_each:
-        progress(OF_EACH)
-        comparisons += _with_constants_of_each(module, robot, min(most, extent.of_each), seed)
+        progress(invariants.OF_EACH)
+        numbers = range(min(most, extent.of_each))
+        robots = [variation(robot, module.PARAMETERS, seed, number) for number in numbers]
+        states = States.random(Tree(robot), len(robots), (seed, 6))
+        comparisons += invariants.compare_constants_of_each(module, robots, states)
     return merged(comparisons)
 
 
@@ -177,6 +176,7 @@ def most_states(tree: Tree) -> int:
 
 def _compare_functions(
     module: ModuleType,
+    steps: ComplexSteps,
     against: Sequence[Formulation],
     count: int,
     seed: tuple[int, int],
@@ -204,7 +204,8 @@ def _compare_functions(
             few = max(1, min(count, _MOST_NUMBERS // (MOST_POINTS * tree.size**2)))
         comparisons += Expected(formulation, states.first(few)).compare(values)
     progress("invariants")
-    comparisons += compare_invariants(evaluation, values, states, first.sizes, tree)
+    relations = invariants.Invariants(evaluation, steps, values, states, first.sizes, tree)
+    comparisons += relations.comparisons()
     return explained(comparisons + one_state, evaluation.faults)
 
 
@@ -216,17 +217,8 @@ def _compare_again(
     The states are computed all together, `few` of them one by one as well.
     """
     expected = Expected(formulated(NewtonEuler(tree)), states)
-    together = expected.compare_functions(evaluation, states, against)
-    return together + expected.compare_functions(evaluation, states.first(few), against, True)
-
-
-def _with_constants_of_each(
-    module: ModuleType, robot: Robot, count: int, seed: int
-) -> list[Comparison]:
-    """Compare all functions for states that have parameters each with the same one by one."""
-    robots = [variation(robot, module.PARAMETERS, seed, number) for number in range(count)]
-    states = States.random(Tree(robot), count, (seed, 6))
-    return compare_constants_of_each(module, robots, states)
+    batched = expected.compare_functions(evaluation, states, against)
+    return batched + expected.compare_functions(evaluation, states.first(few), against, True)
 
 
 def _with_other_parameters(
@@ -255,6 +247,8 @@ def _with_other_parameters(
         yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
         usual = States.random(tree, count, (seed, 1, number))
         also = f", {OTHER_PARAMETERS}"
-        yield from compare_with_itself(evaluation, there, unknown, usual, also)
+        yield from invariants.compare_with_itself(evaluation, there, unknown, usual, also)
         few = usual.first(extent.derivatives)
-        yield from compare_derivatives(evaluation, other, few, also, long=False)
+        yield from compare_derivatives(
+            evaluation, ComplexSteps(numpy or module, other), other, few, also
+        )

@@ -10,18 +10,22 @@ import numpy as np
 import pytest
 from support.synthetic_flight import synthetic_flight
 
-from gibbs_codegen.cli.limits_report import reached_limits
+from gibbs_codegen.cli.simulate import joints_beyond, reached_limits
 from gibbs_codegen.flight.record.flight import Flight
 
 
 @pytest.fixture(scope="module")
 def flight(shipped: Callable[[str], ModuleType]) -> Flight:
+    return within_limits(shipped("hexarotor_3link"))
+
+
+def within_limits(module: ModuleType) -> Flight:
     """Commands in a range of 1 to 9, for limits of 0 to 10."""
-    plain = synthetic_flight(shipped("hexarotor_3link"))
-    shape = plain.commanded.shape
+    base = synthetic_flight(module)
+    shape = base.commanded.shape
     limits = np.array([[0.0], [10.0]]) * np.ones(shape[1])
     least, greatest = np.full(shape, 1.0), np.full(shape, 9.0)
-    return replace(plain, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
+    return replace(base, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
 
 
 def test_nothing_is_told_where_nothing_is_reached(flight: Flight) -> None:
@@ -34,12 +38,12 @@ def test_the_worst_is_told_with_its_time(flight: Flight) -> None:
     greatest, least = flight.commanded_greatest.copy(), flight.commanded_least.copy()
     greatest[5, 0], least[7, 2], greatest[9, 6] = 10.0, -12.0, 15.0
     greatest[-1, 1] = np.nan
-    asked = replace(flight, commanded_greatest=greatest, commanded_least=least)
-    assert reached_limits(asked) == (
+    beyond = replace(flight, commanded_greatest=greatest, commanded_least=least)
+    assert reached_limits(beyond) == (
         f"F_1, F_3, tau_7 (F_3 was asked for -12 N of 0 N at t = {flight.time[7]:.3g} s)"
     )
     greatest[3, 6] = 88.0
-    assert "(tau_7 was asked for 88 N m of 10 N m at t =" in reached_limits(asked)
+    assert "(tau_7 was asked for 88 N m of 10 N m at t =" in reached_limits(beyond)
 
 
 def test_an_input_that_stays_at_a_limit_is_told_to_be_there(flight: Flight) -> None:
@@ -57,7 +61,36 @@ def test_of_a_rotor_that_is_held_at_nothing_nothing_is_told(flight: Flight) -> N
     limits, least = flight.input_limits.copy(), flight.commanded_least.copy()
     greatest = flight.commanded_greatest.copy()
     limits[:, 1] = least[:, 1] = greatest[:, 1] = 0.0
-    held = replace(flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest)
-    assert reached_limits(held) == ""
+    limited = replace(
+        flight, input_limits=limits, commanded_least=least, commanded_greatest=greatest
+    )
+    assert reached_limits(limited) == ""
     greatest[6, 1] = 3.0
-    assert "F_2 was asked for 3 N of 0 N at" in reached_limits(held)
+    assert "F_2 was asked for 3 N of 0 N at" in reached_limits(limited)
+
+
+def test_a_joint_beyond_its_limits_is_told_with_the_worst_time(flight: Flight) -> None:
+    joints = flight.layout.q.joints
+    count = len(flight.coordinates[joints])
+    q = flight.q.copy()
+    q[:, joints] = 0.0
+    limits = np.array([[-1.0], [1.0]]) * np.ones(count)
+    limited = replace(flight, q=q, joint_limits=limits)
+    assert joints_beyond(limited) == ""
+    q[4, joints.start], q[5, joints.start], q[6, joints.start] = 1.1, 1.3, np.nan
+    assert joints_beyond(limited) == (
+        f"{flight.coordinates[joints][0]} came to 1.3 rad, beyond 1 rad, at t = "
+        f"{flight.time[5]:.3g} s"
+    )
+    assert joints_beyond(replace(limited, joint_limits=np.zeros((2, 0)))) == ""
+
+
+def test_of_many_inputs_the_first_are_named_and_the_others_counted(
+    shipped: Callable[[str], ModuleType],
+) -> None:
+    """Of eight thrusts and seven torques."""
+    flight = within_limits(shipped("octorotor_7link"))
+    greatest = np.full_like(flight.commanded_greatest, 11.0)
+    said = reached_limits(replace(flight, commanded_greatest=greatest))
+    named, _, more = said.partition(" (")[0].partition(" and ")
+    assert len(named.split(", ")) + int(more.removesuffix(" more")) == 15

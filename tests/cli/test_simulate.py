@@ -31,6 +31,7 @@ def workplace(
     return folder
 
 
+@pytest.mark.exhaustive
 def test_a_flight_leaves_series_and_figures(workplace: Path) -> None:
     done = run("simulate", "hexarotor_3link", "--set", "duration=0.5", "--out", "a", cwd=workplace)
     assert done.returncode == 0, done.stderr

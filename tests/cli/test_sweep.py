@@ -19,11 +19,10 @@ import pytest
 from support.command import ENVIRONMENT, run
 from support.synthetic_study import LAG, MASS, synthetic_study
 
-from gibbs_codegen.cli.sweep import varied
-from gibbs_codegen.cli.sweep_report import print_study
+from gibbs_codegen.cli.sweep import print_study, varied
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.flight import read_flight
-from gibbs_codegen.flight.sweeps.sampling import log_uniform, normal, scaled, together, uniform
+from gibbs_codegen.flight.sweeps.cases import log_uniform, normal, scaled, together, uniform
 from gibbs_codegen.flight.sweeps.study import read_study
 
 SHORT = ["--set", "duration=0.05", "--set", "integration.method=rk4"]
@@ -108,8 +107,8 @@ def test_the_worst_flight_flown_again_gives_the_same(workplace: Path) -> None:
         assert worst.command in done.stdout
         program, *again = shlex.split(worst.command)
         assert program == "gibbs-codegen"
-        flown = run(*again, "--out", "f", "--no-figures", cwd=workplace)
-        assert flown.returncode == 0, flown.stderr
+        again_run = run(*again, "--out", "f", "--no-figures", cwd=workplace)
+        assert again_run.returncode == 0, again_run.stderr
         series = getattr(read_flight(workplace / "f" / "flight.npz"), of_flight)
         value = series.max() if measure == "tip" else series[-1]
         assert value == pytest.approx(worst.value, rel=1e-9)

@@ -17,11 +17,13 @@ from conftest import ROOT
 from rich.console import Console
 
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.cli.verify_report import print_verification
+from gibbs_codegen.cli.verify import print_verification
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.verification.comparison import Comparison, failure_text
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.verify import Verification
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 

@@ -15,11 +15,10 @@ from support.random_robots import random_robot, rigid_body
 
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.articulated import SolvedJoint
-from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
+from gibbs_codegen.derivation.articulated_derivatives import with_joint
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
-from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.operational_inertia import with_joint
+from gibbs_codegen.derivation.inertia import ArticulatedInertia, Inertia
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
@@ -137,11 +136,6 @@ def general_robot(links: int) -> Robot:
         Link(rigid_body(rng), Fraction(twists[i % 6]), joint=joints[i % 5]) for i in range(links)
     )
     return Robot("general", base, tuple(arm))
-
-
-@pytest.mark.slow
-def test_thirty_general_links() -> None:
-    compare(general_robot(30), states=1)
 
 
 @cache

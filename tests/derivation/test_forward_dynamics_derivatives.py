@@ -24,7 +24,6 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -52,9 +51,9 @@ def random_point(symbolic: SymbolicRobot, seed: int) -> Point:
     """Coordinates, velocities and inputs."""
     rng = np.random.default_rng(seed)
     point = {name: rng.uniform(-1.0, 1.0, len(getattr(symbolic, name))) for name in "qvu"}
-    if layout_of(symbolic.robot).is_quaternion:
-        point["q"][layout_of(symbolic.robot).q.attitude] /= np.linalg.norm(
-            point["q"][layout_of(symbolic.robot).q.attitude]
+    if symbolic.description.layout.is_quaternion:
+        point["q"][symbolic.description.layout.q.attitude] /= np.linalg.norm(
+            point["q"][symbolic.description.layout.q.attitude]
         )
     return point
 

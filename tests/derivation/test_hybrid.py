@@ -22,9 +22,10 @@ from gibbs_codegen.derivation.hybrid import (
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import hybrid_coordinates, layout_of
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, Rotor
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -54,7 +55,7 @@ def random_state(module: ModuleType, seed: int = 3) -> tuple[np.ndarray, ...]:
 def test_rows_of_the_papers_robot_are_in_the_papers_order() -> None:
     """θ̈₋₁ … θ̈₁, θ̈₂ … θ̈₆, θ̈₇ … θ̈₉, ẍ, ÿ, z̈, τ'₂ … τ'₆: 19 rows, counted from −1."""
     robot = read_robot("hexarotor_3link")[0]
-    names = [c.name for c in hybrid_coordinates(robot)]
+    names = [c.name for c in Description(robot).hybrid_coordinates]
     angles = ["theta_m1", *(f"theta_{k}" for k in range(10))]
     assert names == [*angles, "x", "y", "z", *(f"tau_prime_{k}" for k in range(2, 7))]
     assert len(names) == 19
@@ -85,6 +86,7 @@ def test_free_chain_has_no_constraint() -> None:
     assert len(system.matrix) == 9
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @settings(max_examples=5)
 @given(robot=robots(most_rotors=6, most_links=3))
@@ -130,7 +132,7 @@ def test_what_holds_a_hand_is_shared_by_its_fingers() -> None:
     thumb, finger = decompose(robot)
     assert (thumb.path, thumb.own, thumb.motors) == ((1, 2, 3), (1, 2, 3), (1,))
     assert (finger.path, finger.own, finger.motors) == ((1, 2, 4), (4,), (2,))
-    assert thumb.held == finger.held == (4,)
+    assert thumb.constrained == finger.constrained == (4,)
     check_chains(robot)
 
 

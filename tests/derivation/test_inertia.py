@@ -14,8 +14,8 @@ from gibbs_codegen.derivation.gibbs import (
     link_gibbs_function,
     skew,
 )
-from gibbs_codegen.derivation.group_passage import split_prismatic, split_revolute
 from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.segment_tree import split_prismatic, split_revolute
 from gibbs_codegen.symbolic.tape import InlineTape
 from gibbs_codegen.symbolic.vectors import Rotation
 

@@ -13,8 +13,7 @@ from support.random_robots import random_robot, random_tree
 
 from benchmarks.family import benchmark_robot, two_arms
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
-from gibbs_codegen.derivation.inverse_dynamics_derivatives import inverse_dynamics_derivatives
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics, inverse_dynamics_derivatives
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower, operations
 from gibbs_codegen.program.nodes import Number, Program

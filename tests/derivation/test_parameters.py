@@ -11,6 +11,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.model import Robot
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("keep_zeros", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_length_that_changes_nothing_is_no_parameter(keep_zeros: bool) -> None:
     """A rigid link needs its length for the tip, and for the next joint unless that has an `a`."""

@@ -15,8 +15,8 @@ from support.random_robots import random_robot, random_tree
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.nodes import count_operations
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.module_lists import base_parameters
 
 NAMES = ("regressor", "base_parameters")
 PASSIVE = ("_damping", "_armature", "_stiffness")
@@ -109,7 +109,7 @@ def test_a_body_that_turns_has_seven_and_one_that_slides_four() -> None:
     robot = random_tree(9, "tait_bryan")
     joints = [robot.links[i - 1].joint for i in robot.moving]
     assert {*joints} == {"revolute", "prismatic"}
-    listed = [entry.name for entry in base_parameters(robot)]
+    listed = [entry.name for entry in Description(robot).base_parameters]
     assert len({*listed}) == len(listed) == 10 + sum(7 if j == "revolute" else 4 for j in joints)
     assert tuple(listed) == emitted(robot).BASE_PARAMETERS
 

@@ -264,6 +264,7 @@ def test_results_below_powers_of_two(form: str, sine_cosine: SineCosine) -> None
     assert worst <= MOST_ULP, f"{worst} ulp"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_every_float(compiler: str, build: Callable[..., SineCosine]) -> None:

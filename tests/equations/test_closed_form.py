@@ -36,7 +36,7 @@ def test_every_chain_of_the_papers_robot(number: int) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(robot=robots(most_rotors=4, most_links=1), data=st.data())
 def test_random_chains_of_up_to_four_links(robot: Robot, data: st.DataObject) -> None:
     number = data.draw(st.integers(1, robot.rotors))

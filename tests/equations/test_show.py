@@ -214,13 +214,6 @@ def test_text_of_a_tree_is_readable(chain: int) -> None:
         chain_equation(tree, 4, 15)
 
 
-@pytest.mark.slow
-@settings(max_examples=4)
-@given(robot=robots(most_rotors=5, most_links=3), most_terms=st.sampled_from(FORMS))
-def test_chains_of_any_robot_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
-    assert_chains_add_up(robot, most_terms)
-
-
 @pytest.mark.parametrize(("attitude", "origin"), list(zip(SEQUENCES, 3 * ROD_ORIGINS, strict=True)))
 def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
     arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)

@@ -17,9 +17,9 @@ from scipy.linalg import solve_discrete_are
 from support.pages import blocks, run_python
 from support.tools import missing, tool
 
+from examples import nmpc
+from examples.task import Circle, Task, circle_task, module_of
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.examples import nmpc
-from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -32,15 +32,15 @@ try:
 except ImportError:
     missing("casadi is not installed")
 
-from gibbs_codegen.examples import controller as control
-from gibbs_codegen.examples.controller import (
+from examples import controller as control
+from examples.controller import (
     Controller,
     SolverStuckError,
     control_steps,
     fly,
     solver_plugin,
 )
-from gibbs_codegen.examples.tracking_problem import (
+from examples.tracking_problem import (
     Prediction,
     TrackingProblem,
     compiled,
@@ -48,6 +48,8 @@ from gibbs_codegen.examples.tracking_problem import (
     predicted_robot,
     traced,
 )
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 H = nmpc.STEP
 PAPER = Circle(
@@ -223,6 +225,7 @@ def test_the_papers_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert "400 control steps" in nmpc.report(flown)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_the_flight_of_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -242,7 +245,7 @@ def test_the_problem_of_ones_own_of_the_page(
 ) -> None:
     """With IPOPT, with fatrop, and the example's controller with a delay of a step."""
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
-    names, nlpsol = run_python("docs/howto/nmpc.md"), casadi.nlpsol
+    names, nlpsol = run_python("docs/howto/own-nmpc.md"), casadi.nlpsol
     flight, missed, converged = names["fly_own"](tmp_path)
     assert (flight.stopped, converged) == ("", [True] * 120)
     assert missed.max() < 1e-4
@@ -468,7 +471,7 @@ def test_a_flight_has_a_step(plant: ModuleType) -> None:
 def test_commands_of_the_page_have_options_that_exist() -> None:
     (block,) = blocks("docs/howto/nmpc.md", "sh")
     commands = [
-        line.removeprefix("python -m gibbs_codegen.examples.nmpc ")
+        line.removeprefix("python -m examples.nmpc ")
         for line in block.replace("\\\n", " ").splitlines()
     ]
     first, second = (nmpc.argument_parser().parse_args(shlex.split(c)) for c in commands)

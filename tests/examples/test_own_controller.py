@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.tools import missing
 
-from gibbs_codegen.examples.task import Circle, circle_task
+from examples.task import Circle, circle_task
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -20,8 +20,10 @@ try:
 except ImportError:
     missing("casadi is not installed")
 
-from gibbs_codegen.examples.controller import Controller, fly
-from gibbs_codegen.examples.tracking_problem import traced
+from examples.controller import Controller, fly
+from examples.tracking_problem import traced
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 STEP = 0.02
 

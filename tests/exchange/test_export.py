@@ -11,9 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
-from support.pinocchio_oracle import Oracle
+from support.pinocchio_oracle import Oracle, free_flyer, placed
 from support.random_robots import random_tree
-from support.robot_in_pinocchio import PinocchioRobot, placed
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
@@ -81,10 +80,10 @@ def state(nv: int, seed: int = 0) -> tuple[Array, Array]:
 @pytest.mark.parametrize("name", TREES)
 def test_pinocchio_agrees_with_exported_urdf(name: str) -> None:
     robot = tree(name)
-    ours = PinocchioRobot(robot)
+    ours = free_flyer(robot)
     model = pin.buildModelFromXML(export_robot(robot, "urdf")[0], pin.JointModelFreeFlyer())
     q, v = state(model.nv)
-    found = ours.at(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
+    found = ours.dynamics(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
     places = [model.joints[model.getJointId(str(link.coordinate))].idx_v for link in robot.links]
     order = [*range(6), *places]
     own_q, own_v = q.copy(), np.zeros_like(v)
@@ -102,10 +101,10 @@ def test_mujoco_agrees_with_exported_mjcf(name: str) -> None:
     import mujoco
 
     robot = tree(name)
-    ours = PinocchioRobot(robot)
+    ours = free_flyer(robot)
     model = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")[0])
     q, v = state(model.nv)
-    found = ours.at(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
+    found = ours.dynamics(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
     data = mujoco.MjData(model)
     places = [int(model.joint(str(link.coordinate)).qposadr[0]) for link in robot.links]
     data.qpos[:7] = q[[0, 1, 2, 6, 3, 4, 5]]
@@ -131,7 +130,7 @@ def test_trees_come_back(name: str, form: Format, tmp_path: Path) -> None:
     q, v = state(6 + len(robot.links))
     u = np.ones(len(robot.thrusters) + len(robot.links))
     for found, expected in zip(
-        PinocchioRobot(back).at(q, v, u), PinocchioRobot(robot).at(q, v, u), strict=True
+        free_flyer(back).dynamics(q, v, u), free_flyer(robot).dynamics(q, v, u), strict=True
     ):
         assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
@@ -156,7 +155,7 @@ def test_paper_robots_come_back(
     jacobian[3:6, :3] = rates
     jacobian[6:, 3 : 3 + joints] = np.eye(joints)
     free = np.concatenate([q[-3:], pin.Quaternion(turn).coeffs(), q[3 : 3 + joints]])
-    found = PinocchioRobot(back).at(free, np.zeros(size), np.zeros(robot.rotors + joints))
+    found = free_flyer(back).dynamics(free, np.zeros(size), np.zeros(robot.rotors + joints))
     matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
     assert np.abs(jacobian.T @ found.mass_matrix @ jacobian - matrix).max() < 1e-11
     assert np.abs(jacobian.T @ found.inputs - inputs).max() < 1e-12
@@ -234,7 +233,7 @@ def test_clashing_and_hostile_names_come_back_as_the_same_machine(
     assert [rotor.name for rotor in back.thrusters] == ["r", "tau_j"]
     assert [link.limits.effort for link in back.links] == [2.0, None, None]
     q, v = state(9)
-    found, expected = PinocchioRobot(back).at(q, v, np.ones(5)), Oracle(robot, rigid_base=True)
+    found, expected = free_flyer(back).dynamics(q, v, np.ones(5)), Oracle(robot, rigid_base=True)
     assert np.allclose(found.mass_matrix, expected.mass_matrix(q), rtol=0.0, atol=1e-12)
     assert np.allclose(found.inputs, expected.input_matrix(q), rtol=0.0, atol=1e-12)
     if form == "mjcf":
@@ -278,7 +277,7 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
     robot = random_tree(seed)
     robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
     back = again(robot, form, tmp_path)
-    ours, theirs = Oracle(robot, rigid_base=True), PinocchioRobot(back)
+    ours, theirs = Oracle(robot, rigid_base=True), free_flyer(back)
     names = [coordinate_of(robot, i) for i in robot.moving]
     its_names = [identifier(str(link.coordinate)) for link in back.links]
     assert sorted(names) == sorted(its_names)
@@ -287,7 +286,7 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
     its_q = q.copy()
     its_q[[place + 1 for place in order[6:]]] = q[7:]
     count = len(robot.thrusters) + robot.base.rotors
-    found = theirs.at(its_q, np.zeros_like(v), np.zeros(count + len(names)))
+    found = theirs.dynamics(its_q, np.zeros_like(v), np.zeros(count + len(names)))
     armature = np.zeros(len(v))
     armature[6:] = [robot.links[i - 1].passive.armature for i in robot.moving]
     matrix = ours.mass_matrix(q) - np.diag(armature)

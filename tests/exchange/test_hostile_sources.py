@@ -262,6 +262,7 @@ def test_mutants(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
     check_mutants(name, range(15), tmp_path, capfd)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_thousands_of_mutants(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

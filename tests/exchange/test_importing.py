@@ -11,12 +11,12 @@ import pinocchio as pin
 import pytest
 from conftest import ROOT
 from numpy.typing import NDArray
-from support.robot_in_pinocchio import PinocchioRobot, placed
+from support.pinocchio_oracle import free_flyer, placed
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.exchange.source import Told
+from gibbs_codegen.exchange.sources import Finding
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import RigidBody, Robot
 
@@ -25,14 +25,14 @@ SOURCES = Path(__file__).parent / "sources"
 FEATURES = (SOURCES / "features.urdf").read_text()
 
 
-def imported(text: str, folder: Path, **options: object) -> tuple[Robot, list[Told]]:
+def imported(text: str, folder: Path, **options: object) -> tuple[Robot, list[Finding]]:
     """Import a text, with angles for the attitude."""
     path = folder / ("robot.xml" if "<mujoco" in text else "robot.urdf")
     path.write_text(text)
     return import_robot(path, ImportOptions("xyz", **options))  # type: ignore[arg-type]
 
 
-def told(report: list[Told], kind: str) -> list[str]:
+def told(report: list[Finding], kind: str) -> list[str]:
     """What the report says was done."""
     return [line.subject for line in report if line.kind == kind]
 
@@ -146,18 +146,16 @@ def test_faults_have_their_lines(
 
 def moving(robot: Robot, q: Array, v: Array, frame: str) -> tuple[pin.SE3, Array, float]:
     """Pose and local velocity of a frame, and the kinetic energy."""
-    model = PinocchioRobot(robot)
-    order = model.order()
-    own_q, own_v = q.copy(), np.zeros_like(v)
-    own_q[np.array(order[6:]) + 1], own_v[order] = q[7:], v
-    pin.forwardKinematics(model.model, model.data, own_q, own_v)
+    model = free_flyer(robot)
+    state = model.configuration(q), model.spread(v)
+    pin.forwardKinematics(model.model, model.data, *state)
     found = next((f for f in robot.frames if f.name == frame), None)
     on = found.on if found else [link.name for link in robot.links].index(frame) + 1
     seat = placed(found.pose) if found else pin.SE3.Identity()
-    joint = model.joints[on]
-    velocity = seat.actInv(model.data.v[joint]).vector
-    energy = pin.computeKineticEnergy(model.model, model.data, own_q, own_v)
-    return model.data.oMi[joint] * seat, velocity, energy
+    joint, at = model.bodies[on]
+    velocity = (at * seat).actInv(model.data.v[joint]).vector
+    energy = pin.computeKineticEnergy(model.model, model.data, *state)
+    return model.data.oMi[joint] * at * seat, velocity, energy
 
 
 @pytest.mark.parametrize("base", ["a4", "b2", "tilt_left", "finger_1", "battery"])
@@ -221,7 +219,7 @@ def test_mjcf_is_what_mujoco_makes_of_it() -> None:
     to_mujoco[9:12, 9:12] = np.column_stack([z @ yz @ np.eye(3)[0], z @ np.eye(3)[1], np.eye(3)[2]])
     armature = np.diag(model.dof_armature)
     expected = to_mujoco.T @ (matrix - armature) @ to_mujoco
-    found = PinocchioRobot(robot).at(q, np.zeros(13), np.zeros(8)).mass_matrix
+    found = free_flyer(robot).dynamics(q, np.zeros(13), np.zeros(8)).mass_matrix
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 
@@ -277,7 +275,7 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
     assert imported(DETAILS.format(j=""), tmp_path)[0].links[0].limits.effort is None
 
 
-def _as_tuple(line: Told) -> tuple[str, str, str]:
+def _as_tuple(line: Finding) -> tuple[str, str, str]:
     return line.kind, line.subject, line.detail
 
 

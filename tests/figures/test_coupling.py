@@ -22,9 +22,9 @@ from gibbs_codegen.figures.coupling import (
     hybrid_pattern_figure,
 )
 from gibbs_codegen.robot.chains import coupling_map
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import hybrid_coordinates
 from gibbs_codegen.robot.model import Robot
 
 PAPER = read_robot("hexarotor_3link")[0]
@@ -104,7 +104,7 @@ def test_every_arrow_goes_from_its_chain_to_the_unknown_that_the_map_names(robot
     """The three angles of the attitude share a line, and so do the three coordinates x, y, z."""
     axes: Any = coupling_figure(robot).axes[0]
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
-    names = [unknown.name for unknown in hybrid_coordinates(robot)]
+    names = [unknown.name for unknown in Description(robot).hybrid_coordinates]
     x = names.index("x")
     lines = [line for line in range(len(names)) if line not in (1, 2, x + 1, x + 2)]
     wanted = [

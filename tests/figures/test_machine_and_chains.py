@@ -26,14 +26,13 @@ from gibbs_codegen.figures.chains import chains_figure
 from gibbs_codegen.figures.machine import machine_figure
 from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Y_AXIS, Z_AXIS
 from gibbs_codegen.figures.scene import project
-from gibbs_codegen.figures.skeleton import default_posture
 from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Attitude, Link, Robot, Rod
-from gibbs_codegen.robot.posture import robot_frames
+from gibbs_codegen.robot.posture import default_posture, robot_frames
 
 SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
 PAPER = read_robot("hexarotor_3link")[0]

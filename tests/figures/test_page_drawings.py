@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from drawings import DRAWINGS, STATIC, write_drawings
 from matplotlib.figure import Figure
 from support.names import assert_names_are_apart
-
-sys.path.append(str(ROOT / "docs" / "_ext"))
-from drawings import DRAWINGS, STATIC, write_drawings
 
 
 @pytest.mark.parametrize("draw", DRAWINGS.values())

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
+from sketches import chain_sketch, frames_sketch, link_sketch, pendulum_sketch, tangent_sketch
 from support.names import assert_names_are_apart
-
-from gibbs_codegen.figures.frame_sketches import chain_sketch, frames_sketch
-from gibbs_codegen.figures.sketches import link_sketch, pendulum_sketch, tangent_sketch
 
 SKETCHES = [link_sketch, tangent_sketch, pendulum_sketch, frames_sketch, chain_sketch]
 

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from gibbs_codegen.files.toml_text import MAX_DEPTH, too_deep_line
+from gibbs_codegen.files.toml import MAX_DEPTH, too_deep_line
 
 DOTS = ".".join("abcdefghijklmnopqrstuvwxyz")
 

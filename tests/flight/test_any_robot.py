@@ -23,26 +23,26 @@ from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_sta
 from gibbs_codegen.flight.figures.flight import write_results
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
-from gibbs_codegen.flight.integration.state_history import Acting
+from gibbs_codegen.flight.integration.integrators import rk4_step
+from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.record.series import point_parents
 from gibbs_codegen.flight.rollouts.rollout import rollout
-from gibbs_codegen.flight.scenario.control import Law
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Tangent
+from gibbs_codegen.flight.scenario.parts import Law, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle
-from gibbs_codegen.flight.scenario.scenario import Push, Settings
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Attitude, Base, Link, Pose, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 Load = Callable[[str], ModuleType]
 
@@ -78,6 +78,7 @@ def everything() -> ModuleType:
     )
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "scenario",
     [
@@ -87,8 +88,8 @@ def everything() -> ModuleType:
     ],
 )
 def test_a_quaternion_flies_as_angles_do(scenario: str, compiled: Load, fast: Load) -> None:
-    flown = replace(read_scenario(scenario), integration=RK4, duration=3.0)
-    one, two = (simulate(m, flown) for m in (fast("hexarotor_3link"), compiled("quaternion")))
+    scene = replace(read_scenario(scenario), integration=RK4, duration=3.0)
+    one, two = (simulate(m, scene) for m in (fast("hexarotor_3link"), compiled("quaternion")))
     assert not two.stopped
     for name in ("positions", "base_rotation", "applied", "constraint_torques", "work"):
         ours, theirs = getattr(two, name), getattr(one, name)
@@ -128,6 +129,7 @@ def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
     assert turned == pytest.approx(decay * np.radians(start["turn_deg"]), abs=1e-6)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quaternion"])
 def test_an_offset_hover_is_reached(name: str, compiled: Load) -> None:
     changes = {
@@ -167,12 +169,12 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, np.inf, acting=Acting(push=True))
+    loop = CompiledLoop.of(closed, np.inf, loads=Loads(push=True))
     assert loop is not None
     taken, samples, _ = loop(0.0, state, step, 25)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, acting=Acting(push=True))
+        state = rk4_step(closed, number * step, state, step, loads=Loads(push=True))
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 
@@ -218,6 +220,7 @@ def test_rotors_on_links_are_allocated_by_configuration(everything: ModuleType) 
     assert np.all(np.linalg.norm(thrusts[0], axis=1) <= np.linalg.norm(thrusts[1], axis=1) + 1e-9)
 
 
+@pytest.mark.exhaustive
 def test_hydrus_hovers_in_open_loop(compiled: Load) -> None:
     changes = {"arm": {"posture_deg": {"joint1": 90, "joint2": 90, "joint3": 90}}}
     scenario = replace(read_scenario("hover", changes), integration=RK4, duration=0.1)
@@ -293,20 +296,6 @@ def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: 
         parents = point_parents(vehicle)
         for point, parent in expected.items():
             assert vehicle.points[parents[vehicle.points.index(point)]] == parent, point
-
-
-def test_a_flight_of_any_robot_is_drawn_and_written(everything: ModuleType, tmp_path: Path) -> None:
-    scenario = replace(read_scenario("hover", {"control": {"law": "off"}}), duration=0.05)
-    flight = simulate(everything, scenario)
-    assert {path.stem for path in write_results(flight, tmp_path)} == {
-        *("flight", "coordinates", "snapshots", "snapshots_panels"),
-        *("inputs", "tracking_error", "energy"),
-    }
-    again = read_flight(tmp_path / "flight.npz")
-    assert np.array_equal(again.thrust_directions, flight.thrust_directions)
-    header = (tmp_path / "flight.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
-    assert len(set(header)) == len(header)
-    assert "tip_error [m]" not in header
 
 
 @pytest.mark.parametrize("attitude", ["quaternion", "zyx"])

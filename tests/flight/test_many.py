@@ -13,9 +13,9 @@ import pytest
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.scenario.environment import Gust, Payload, Wind
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.scenario import Push, Scenario, Settings, StartOffset
+from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Settings, StartOffset, Wind
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
 
 Load = Callable[[str], ModuleType]

@@ -17,11 +17,11 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.inverse_kinematics import UnreachableError
 from gibbs_codegen.flight.plant.allocation import AllocationError
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.scenario.control import Control, Motors
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import Level
+from gibbs_codegen.flight.scenario.parts import Control, Motors, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle, Fixed
-from gibbs_codegen.flight.scenario.scenario import ArmTask, Push, Scenario, Settings
+from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Link, RigidBody, Rod
@@ -78,8 +78,8 @@ def test_the_base_normal_is_the_nearest_to_the_vertical(paper_flight: Flight) ->
         normal, angle = rotation[:, 2], np.radians(-120)
         tangent = rotation @ np.array([np.cos(angle), np.sin(angle), 0])
         for turn in np.radians([-5, -0.5, 0.5, 5]):
-            leaning = np.cos(turn) * normal + np.sin(turn) * np.cross(tangent, normal)
-            assert leaning[2] < normal[2]
+            normal_turned = np.cos(turn) * normal + np.sin(turn) * np.cross(tangent, normal)
+            assert normal_turned[2] < normal[2]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -113,6 +113,7 @@ def undisturbed_rotation(flight: Flight) -> np.ndarray:
     return Rotation.from_euler("XYZ", flight.q_desired[0, :3]).as_matrix()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("rotors", "duration"), [(8, 3.0), pytest.param(10, 4 * np.pi, marks=pytest.mark.slow)]
 )
@@ -227,8 +228,8 @@ def test_lag_holds_thrusts_back(fast: Load) -> None:
     changes = {"motors": {"time_constant": 0.05, "compensation": False}, "duration": 1.0}
     flight = simulate(fast("octorotor_7link"), read_scenario("line", changes))
     rate = np.gradient(flight.applied[:, :8], flight.time, axis=0, edge_order=2)
-    asked = (flight.commanded - flight.applied)[:, :8] / 0.05
-    assert rate[2:-2] == pytest.approx(asked[2:-2], abs=0.02 * np.abs(asked).max() + 1e-3)
+    excess = (flight.commanded - flight.applied)[:, :8] / 0.05
+    assert rate[2:-2] == pytest.approx(excess[2:-2], abs=0.02 * np.abs(excess).max() + 1e-3)
     assert flight.applied[0] == pytest.approx(flight.commanded[0])
 
 

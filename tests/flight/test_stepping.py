@@ -12,7 +12,7 @@ import pytest
 
 from gibbs_codegen import view_html
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.sampled import Observation
+from gibbs_codegen.flight.control.sampled_control import Observation
 from gibbs_codegen.flight.figures.flight import write_results
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.record.flight import read_flight
@@ -60,20 +60,20 @@ def test_a_loop_of_ones_own_flies_what_simulate_flies(
         sensors=EVERYTHING["sensors"] | {"delay": late},
         integration={"method": method, "step": 0.0005},
     )
-    flown = simulate(module, scenario, controller(module))
+    flight = simulate(module, scenario, controller(module))
     choose, simulation = controller(module), Simulation(module, scenario)
     seen = simulation.reset()
     while simulation.time < scenario.duration - 1e-9:
         seen = simulation.step(choose(seen))
     stepped = simulation.flight()
-    assert np.any(flown.commanded > 3.68)
+    assert np.any(flight.commanded > 3.68)
     assert (stepped.law, stepped.control_rate, stepped.stopped) == ("own", 0.0, "")
-    assert stepped.time == pytest.approx(flown.time, abs=1e-12)
+    assert stepped.time == pytest.approx(flight.time, abs=1e-12)
     for name in ("q", "v", "applied", "commanded", "work"):
-        values, wanted = getattr(stepped, name)[:-1], getattr(flown, name)[:-1]
+        values, wanted = getattr(stepped, name)[:-1], getattr(flight, name)[:-1]
         assert values == pytest.approx(wanted, abs=1e-8), name
-    assert simulation.q == pytest.approx(flown.q[-1], abs=1e-8)
-    assert simulation.v == pytest.approx(flown.v[-1], abs=1e-8)
+    assert simulation.q == pytest.approx(flight.q[-1], abs=1e-8)
+    assert simulation.v == pytest.approx(flight.v[-1], abs=1e-8)
 
 
 def test_steps_of_any_length(fast: Load) -> None:

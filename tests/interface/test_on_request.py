@@ -12,9 +12,9 @@ from support.tools import tool
 
 from gibbs_codegen import generate, load
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
+from gibbs_codegen.program.choice import chosen_derivatives
 from gibbs_codegen.verification.modules import verify
 
 ROBOT = "quadrotor_2link"
@@ -153,12 +153,23 @@ def test_the_command_line_takes_them(
 ) -> None:
     out = str(tmp_path)
     # A word after the option is no name.
-    assert main(["generate", "--no-verify", "--derivatives=weight", ROBOT, "--out", out]) == 0
+    generate = ["generate", ROBOT, "--out", out]
+    first = ["generate", "--no-verify", "--derivatives=weight", ROBOT, "--out", out]
+    assert main([*first, "--all-parameters"]) == 0
     assert load(tmp_path / ROBOT).DERIVATIVES == ("weight",)
     header = (tmp_path / ROBOT / f"{ROBOT}.h").read_text("utf-8")
-    assert header.splitlines()[3].endswith("--out . --derivatives=weight */")
-    assert main(["generate", ROBOT, "--out", out, "--derivatives=weight", "--check"]) == 0
-    assert main(["generate", ROBOT, "--out", out, "--check"]) == 1
+    command = header.partition("SPDX")[0].replace(" */\n/* ", " ")
+    assert " --derivatives=weight " in command.partition("From the folder above: ")[2]
+    assert main([*generate, "--derivatives=weight", "--check"]) == 0
+    # What was chosen before is chosen again, unless something else is.
+    assert main([*generate, "--check"]) == 0
+    assert main([*generate, "--check", "--derivatives=none"]) == 1
+    assert main([*generate, "--check", "--no-all-parameters"]) == 1
+    capsys.readouterr()
+    assert main([*generate, "--no-verify", "--no-all-parameters"]) == 0
+    assert "as before, with --derivatives=weight\n" in capsys.readouterr().out
+    assert main([*generate, "--check"]) == 0
+    assert "--all-parameters" not in (tmp_path / ROBOT / "MANIFEST").read_text("utf-8")
     capsys.readouterr()
     assert main(["info", str(folder)]) == 0
     assert f"\n{names[0]}  " in capsys.readouterr().out

@@ -1,12 +1,18 @@
 """Which modules are mutated, and which tests are to find the faults, the quickest first.
 
+Tests that derive and emit a module concern all of the generator that made it; for its rooms they
+are named here. Elsewhere a fault's tests are those that execute its line, as `record.py` tells.
 The comparison of the committed modules byte by byte, `properties/test_generated.py`, is left out on
 purpose: it finds every change, a fault or not, so it says nothing about whether the others would.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+
+from mutation.record import PACKAGE, Record
 
 
 def _in(folder: str, modules: str) -> tuple[str, ...]:
@@ -14,26 +20,22 @@ def _in(folder: str, modules: str) -> tuple[str, ...]:
 
 
 DERIVATION = (
-    *_in("derivation", "functions gibbs motion inertia symbolic_robot segment_tree"),
-    *_in("derivation", "inertia_forces composite_inertia group_passage tree_dynamics"),
-    *_in(
-        "derivation",
-        "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
-    ),
-    *_in("derivation", "momentum jointed_bodies wrenches"),
-    *_in("derivation.root", "pose quaternion tait_bryan"),
+    *_in("derivation", "functions gibbs motion inertia symbolic_robot segment_tree tree_dynamics"),
+    *_in("derivation", "forces articulated forward_dynamics forward_kinematics parameters"),
+    *_in("derivation", "jointed_bodies wrenches"),
+    *_in("derivation.root", "quaternion tait_bryan"),
     *_in("symbolic", "ldlt structural vectors tape"),
     *_in("robot", "balance chains layout wrenches"),
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes lower inlining trigonometry steps loops scratch patterns"),
-    *_in("targets", "printers documentation registry verbatim"),
+    *_in("targets", "printers documentation registry"),
     *_in("targets.acados", "target"),
     *_in("targets.c", "target function sparse statements casadi steps"),
-    *_in("targets.matlab", "target statements names help"),
+    *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
-    *_in("runtime", "kernels casadi_backend jax_backend jax_rules"),
+    *_in("runtime", "kernels casadi_backend jax_backend"),
     "emitted.evaluation",
     "emitted.preparation",
 )
@@ -43,12 +45,42 @@ TEMPLATES = (
     *("blocks.c", "column_major.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
-GROUPS = {
+# C that is compiled with a flight, and the tests that fly in it.
+_FLYING_IN_C = (
+    "tests/flight/integration/test_compiled_loop.py",
+    "tests/flight/integration/test_compiled_limits.py",
+    "tests/flight/integration/test_block_loop.py",
+)
+NATIVE = tuple(
+    f"flight/native/{name}"
+    for name in (
+        *("allocation.h", "bounded.h", "environment.h", "geometric.h", "integral.h"),
+        *("kinematics.h", "lag.h", "laws.h", "plant.h", "ranges.h", "reference.h", "rk4.c"),
+        "vectors.h",
+    )
+)
+NAMED = {
     "derivation": DERIVATION,
     "combine": COMBINE,
     "emission": EMISSION,
     "templates": TEMPLATES,
+    "native": NATIVE,
 }
+_ALL_NAMED = {module for modules in NAMED.values() for module in modules}
+
+
+def _rooms() -> dict[str, tuple[str, ...]]:
+    """The modules of every folder of the package, without those that are named above."""
+    rooms: dict[str, list[str]] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        module = ".".join(parts)
+        if parts[-1] not in ("__init__", "__main__", "version") and module not in _ALL_NAMED:
+            rooms.setdefault(".".join(parts[:-1]) or "package", []).append(module)
+    return {f"{room}.*": tuple(modules) for room, modules in rooms.items()}
+
+
+GROUPS = NAMED | _rooms()
 
 _QUICK_DERIVATION = (
     "tests/derivation/test_gibbs.py",
@@ -162,7 +194,6 @@ _QUICK = {
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
-    "runtime.jax_rules": _QUICK_JAX,
     "c_casadi.c.jinja": _QUICK_CASADI,
     "blocks.c": _QUICK_BLOCKS,
     "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
@@ -198,7 +229,7 @@ _REST = {
     "program.patterns": ("tests/targets/test_sparse.py",),
     "targets.c.sparse": ("tests/targets/test_c_source.py",),
     "targets.printers": (_EMITTED, _SHIPPED, *_IN_C),
-    "targets.verbatim": (_EMITTED, "tests/targets/test_c_source.py"),
+    "files.verbatim": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.numpy.target": _IN_NUMPY,
     "targets.numpy.statements": _IN_NUMPY,
     "emitted.evaluation": (*_IN_NUMPY, "tests/runtime"),
@@ -221,6 +252,14 @@ _REST = {
 }
 
 
+# Those that find faults of the generator: tests of modules that are kept execute nothing of it.
+QUICK_TESTS = frozenset(
+    test for tests in (_QUICK_DERIVATION, _QUICK_EMISSION, *_QUICK.values()) for test in tests
+)
+# What the quick tests of a line may take together, in seconds, and how many they may be.
+_QUICK_SECONDS, _QUICK_TESTS = 60.0, 500
+
+
 @dataclass(frozen=True)
 class Suite:
     """Tests by name, in two goes: most faults are found by the first."""
@@ -229,7 +268,30 @@ class Suite:
     rest: tuple[str, ...]
 
 
-def suite_of(module: str) -> Suite:
-    """The tests that concern a module or a template."""
-    usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
-    return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))
+def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
+    """The tests that concern a line of a module or a template."""
+    if module in NATIVE:
+        return Suite(_FLYING_IN_C, ("tests/flight/test_any_robot.py", "tests/flight/test_many.py"))
+    if module in _ALL_NAMED:
+        usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
+        return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))
+    return _executing(f"gibbs_codegen/{module.replace('.', '/')}.py", line, recorded)
+
+
+def _executing(file: str, line: int, recorded: Mapping[str, Record]) -> Suite:
+    """Quick tests that execute a line; then all of the files that these and others are in.
+
+    A line that is executed when it is imported is no test's: of it are all that execute the module.
+    """
+    of_module = {test: record for test, record in recorded.items() if file in record.lines}
+    of_line = {test: r for test, r in of_module.items() if r.lines[file] >> line & 1}
+    quick: list[str] = []
+    seconds = 0.0
+    for test, record in sorted((of_line or of_module).items(), key=lambda of: of[1].seconds):
+        seconds += record.seconds
+        if len(quick) == _QUICK_TESTS or (quick and seconds > _QUICK_SECONDS):
+            break
+        quick.append(test)
+    files = dict.fromkeys(test.partition("::")[0] for test in of_line or of_module)
+    mirrored = Path("tests", *Path(file).parts[1:-1]).as_posix()
+    return Suite(tuple(quick) or (mirrored,), tuple(files) or (mirrored,))

@@ -1,13 +1,14 @@
 """Put small faults into the package and see whether its tests find them.
 
+    python tests/mutation/record.py
     python tests/mutation/survivors.py --seed 1 --count 200
 
-draws faults evenly over the modules of derivation, combiner and emission, and over the templates.
-Each is put by itself into a copy of the package, where the tests that concern its module are run
-until one fails: the quick ones for all faults, then the others for what is left. Printed are the
-verdicts, and at the end how many were found, and what survived. The same seed draws the same faults
-from the same source. `--only` takes modules or groups of them, and single faults by the names that
-are printed, such as `serial:17`.
+draws faults evenly over the modules and templates. Each is put by itself into a copy of the
+package, where the tests that concern its line are run until one fails: the quick ones for all
+faults, then the others for what is left. Printed are the verdicts, and at the end how many were
+found, and what survived. The same seed draws the same faults from the same source. `--only` takes
+modules or groups of them (`--list` tells them), and single faults by the names that are printed,
+such as `serial:17`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import hashlib
+import importlib.util
+import json
 import os
 import re
 import shutil
@@ -33,13 +36,15 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from mutation.mutants import Mutant, python_mutants
+from mutation.record import LIBRARIES, records
 from mutation.suites import GROUPS, suite_of
 from mutation.templates import template_mutants
 
 ROOT = Path(__file__).parents[2]
-COPIED = ("gibbs_codegen", "templates", "tests", "generated", "pyproject.toml", "README.md")
-# Imported once, for all the processes that are forked to run tests.
-LIBRARIES = ("numpy", "scipy.integrate", "sympy", "jinja2", "pinocchio", "rich.table")
+COPIED = (
+    *("gibbs_codegen", "templates", "tests", "generated", "benchmarks", "docs", "notebooks"),
+    *("pyproject.toml", "setup.py", "README.md"),
+)
 _PROCESSES = get_context("fork")
 _OURS = {str(Path(__file__).parent), str(Path(__file__).parent.parent)}
 # What the quick tests and all the others may take, in seconds: several times what they do.
@@ -68,8 +73,14 @@ class Fault:
 class Copy:
     """A copy of the package and its tests in a folder of its own, in which faults are put."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cache: Path) -> None:
         self._folder = folder
+        self._recorded = records(cache / "d" / "records")
+        # What tests keep between runs; what faults change is kept in the copy.
+        modules = folder / "cache" / "d" / "modules"
+        modules.mkdir(parents=True)
+        for kept in (*cache.glob("d/compiled"), *cache.glob("d/modules/*")):
+            (folder / "cache" / kept.relative_to(cache)).symlink_to(kept)
         for name in COPIED:
             source = ROOT / name
             if source.is_dir():
@@ -77,40 +88,47 @@ class Copy:
                 shutil.copytree(source, folder / name, ignore=ignored)
             else:
                 shutil.copy(source, folder / name)
-        self._passed: set[tuple[str, tuple[str, ...]]] = set()
+        self.found: dict[str, str] = {}  # Tests by the names of the faults that they find.
+        self._passing: set[str] = set()
+        self._failing: list[str] = []
 
     @contextlib.contextmanager
     def with_fault(self, fault: Fault) -> Iterator[None]:
         """The copy with one fault in it."""
         path = self._folder / source_path(fault.module).relative_to(ROOT)
         original = path.read_text(encoding="utf-8")
+        # Two faults may have the same size and second, by which Python knows what it has compiled.
+        compiled = Path(importlib.util.cache_from_source(str(path)))
         path.write_text(fault.mutant.text, encoding="utf-8")
+        compiled.unlink(missing_ok=True)
         try:
             yield
         finally:
             path.write_text(original, encoding="utf-8")
+            compiled.unlink(missing_ok=True)
 
     def verdict(self, fault: Fault, is_quick: bool) -> str:
         """What finds a fault, in the quick tests or in the others: a failing test, or the clock.
 
-        Empty if nothing does.
+        Empty if nothing does. A test that fails without the fault too finds nothing.
         """
-        suite = suite_of(fault.module)
-        tests, limit, options = suite.quick, QUICK_LIMIT, ()
+        suite = suite_of(fault.module, fault.mutant.line, self._recorded)
+        tests, limit, options = suite.quick, QUICK_LIMIT, [*self._failing]
         if not is_quick:
             tests, limit = suite.rest, LIMIT
-            options = tuple(f"--deselect={test}" for test in suite.quick)
-        self._check(tests, options, limit)
-        with self.with_fault(fault):
-            return self._failure((*tests, *options), limit)
-
-    def _check(self, tests: tuple[str, ...], options: tuple[str, ...], limit: float) -> None:
-        """Refuse tests that fail without a fault."""
-        new = [test for test in tests if (test, options) not in self._passed]
-        if new:
-            if found := self._failure((*new, *options), limit):
-                sys.exit(f"without any fault: {found}")
-            self._passed.update((test, options) for test in new)
+            options += [f"--deselect={test}" for test in suite.quick]
+        while True:
+            with self.with_fault(fault):
+                found = self._failure((*tests, *options), limit)
+            test = found.partition(" - ")[0]
+            if not test.startswith("tests/"):
+                return found
+            if test in self._passing or not self._failure((test,), limit):
+                self._passing.add(test)
+                self.found[fault.name] = test
+                return found
+            self._failing.append(f"--deselect={test}")
+            options.append(f"--deselect={test}")
 
     def _failure(self, arguments: Sequence[str], limit: float) -> str:
         """The first test that fails, and why; empty if all pass."""
@@ -126,7 +144,7 @@ class Copy:
             return ""
         text = said.read_text(encoding="utf-8")
         told = re.search(r"^(?:FAILED|ERROR) (.*)$", text, re.MULTILINE)
-        return told[1][:160] if told else text.strip().rpartition("\n")[2][:160]
+        return told[1] if told else text.strip().rpartition("\n")[2][:160]
 
 
 def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
@@ -137,10 +155,10 @@ def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     os.chdir(folder)
-    os.environ |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
-    sys.dont_write_bytecode = True
+    os.environ |= {"PYTHONPATH": str(folder), "CI": "1"}
     sys.path[:] = [str(folder), *(path for path in sys.path if path not in _OURS)]
-    options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={folder / 'pytest'}")
+    cache = f"cache_dir={folder / 'cache'}"
+    options = ("-x", "-q", "--tb=no", "-o", cache, f"--basetemp={folder / 'pytest'}")
     sys.exit(int(pytest.main([*options, "-m", "not exhaustive", *arguments])))
 
 
@@ -148,15 +166,16 @@ def source_path(module: str) -> Path:
     """File of a module, of a template, or of C that is emitted whole."""
     if module.endswith(".jinja"):
         return ROOT / "templates" / module
-    if module.endswith(".c"):
-        return ROOT / "gibbs_codegen" / "emitted" / module
+    if module.endswith((".c", ".h")):
+        folder = "" if "/" in module else "emitted"
+        return ROOT / "gibbs_codegen" / folder / module
     return ROOT / "gibbs_codegen" / f"{module.replace('.', '/')}.py"
 
 
 def mutants(module: str) -> list[Callable[[], Mutant]]:
     """All mutants of a module, a template, or C that is emitted whole."""
     source = source_path(module).read_text(encoding="utf-8")
-    is_template = module.endswith((".jinja", ".c"))
+    is_template = module.endswith((".jinja", ".c", ".h"))
     return template_mutants(source) if is_template else python_mutants(source)
 
 
@@ -212,6 +231,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--only", nargs="*", default=[], help="groups, modules or single faults")
     parser.add_argument("--list", action="store_true", help="only list the faults")
+    parser.add_argument("--quick", action="store_true", help="leave out the other tests")
+    parser.add_argument("--cache", type=Path, default=ROOT / ".pytest_cache", help="pytest's")
     options = parser.parse_args()
     faults = chosen(options.only, options.seed, options.count)
     print(f"seed {options.seed}: {len(faults)} faults", flush=True)
@@ -224,9 +245,12 @@ def main() -> None:
     begun = time.monotonic()
     survivors = faults
     with tempfile.TemporaryDirectory(prefix="mutation_") as folder:
-        copy = Copy(Path(folder))
-        for is_quick in (True, False):
+        copy = Copy(Path(folder), options.cache.absolute())
+        for is_quick in (True,) if options.quick else (True, False):
             survivors = [fault for fault in survivors if not _found(copy, fault, is_quick)]
+    kept = options.cache / "d" / "found.json"
+    known = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    kept.write_text(json.dumps(known | copy.found, indent=0), encoding="utf-8")
     for group, modules in GROUPS.items():
         total = sum(fault.module in modules for fault in faults)
         lived = sum(fault.module in modules for fault in survivors)
@@ -245,7 +269,7 @@ def _found(copy: Copy, fault: Fault, is_quick: bool) -> bool:
     found = copy.verdict(fault, is_quick)
     told = "found" if found else "not found by the quick tests" if is_quick else "SURVIVED"
     print(f"{told} in {time.monotonic() - started:.0f} s  {fault.text()}")
-    print(f"    {found}" if found else "", flush=True)
+    print(f"    {found[:160]}" if found else "", flush=True)
     return bool(found)
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from support.derived import derived
 
 from benchmarks.family import benchmark_robot
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.nodes import Name, Node, Product, Statement, Sum, names_in, node_value
 from gibbs_codegen.program.scratch import Allocation, allocate_scratch
@@ -276,7 +276,7 @@ def test_random_steps(seed: int) -> None:
 
 
 def steps_of(links: int, function: str) -> list[Step]:
-    parts = gather_angles(derive(benchmark_robot(links)).program.function(function))
+    parts = gather_angles(derived(benchmark_robot(links)).program.function(function))
     return schedule_stores(parts.statements, parts.outputs, [True] * len(parts.outputs))
 
 

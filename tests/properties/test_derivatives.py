@@ -19,7 +19,7 @@ from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
 from support.tree_cases import QUICK_TREES
 
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.robot.model import Robot
 
 Array = np.ndarray
@@ -32,8 +32,20 @@ FIRST = {
     "forward_dynamics_derivatives": ("forward_dynamics", ("", "q", "v", "u")),
     "frame_poses_derivatives": ("frame_poses", ("", "q")),
     "frame_velocities_derivatives": ("frame_velocities", ("", "q", "v")),
+    "frame_bias_accelerations_derivatives": ("frame_bias_accelerations", ("", "q", "v")),
+    "forward_dynamics_with_wrenches_derivatives": (
+        "forward_dynamics_with_wrenches",
+        ("", "q", "v", "u", "W"),
+    ),
 }
-PRODUCTS = {"inverse_dynamics": "qva", "forward_dynamics": "qvu"}
+PRODUCTS = {
+    "inverse_dynamics": "qva",
+    "forward_dynamics": "qvu",
+    "forward_dynamics_with_wrenches": "qvuW",
+    "input_matrix": "q",
+    "centre_of_mass_jacobian": "q",
+}
+HESSIANS = {"inverse_dynamics": "qva", "forward_dynamics": "qvu"}
 
 
 class Case(NamedTuple):
@@ -45,7 +57,11 @@ class Case(NamedTuple):
 
     def call(self, name: str) -> Any:
         """A function at the state, as a tuple of its outputs."""
-        arguments = [self.state[argument] for argument in FUNCTIONS[name].arguments]
+        shapes = {one.name: one.argument_shapes for one in module_signatures(self.module)}[name]
+        arguments = [
+            self.state[argument].reshape(self.state[argument].shape[:-1] + shape)
+            for argument, shape in zip(FUNCTIONS[name].arguments, shapes, strict=True)
+        ]
         found = getattr(self.module, name)(*arguments)
         return found if isinstance(found, tuple) else (found,)
 
@@ -64,6 +80,9 @@ def case(number: int, attitude: str) -> Case:
     rng = np.random.default_rng(5)
     state |= {f"{key}_dot": rng.normal(size=len(v)) for key in "qva"}
     state |= {"w": rng.normal(size=len(v)), "u_dot": rng.normal(size=len(u))}
+    state |= {key: rng.normal(size=6 * len(module.FRAMES)) for key in ("W", "W_dot")}
+    state |= {"w_input_matrix": rng.normal(size=len(v) * len(u))}
+    state |= {"w_jacobian": rng.normal(size=3 * len(v))}
     return Case(robot, module, state)
 
 
@@ -72,11 +91,13 @@ def tree(request: pytest.FixtureRequest) -> Case:
     return case(*request.param)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", FIRST)
 def test_first_derivatives_are_those_of_the_function(name: str, tree: Case) -> None:
     function, arguments = FIRST[name]
     for output, ours, by in zip(FUNCTIONS[name].outputs, tree.call(name), arguments, strict=True):
         (expected,) = tree.by(function, by) if by else tree.call(function)
+        ours = ours.reshape(expected.shape)
         assert_close(f"{output.name} of {name}", ours, expected, TOLERANCE)
 
 
@@ -88,9 +109,32 @@ def test_products_with_jacobians_are_those_of_the_jacobians(function: str, tree:
     (expected,) = along(tree.module, function, tree.state, directions)
     (pushed,) = tree.call(f"{function}_jvp")
     assert_close("jvp", pushed, expected[0], TOLERANCE)
+    weights = tree.state[FUNCTIONS[f"{function}_vjp"].arguments[-1]]
     for pulled, by in zip(tree.call(f"{function}_vjp"), letters, strict=True):
         (jacobian,) = tree.by(function, by)
-        assert_close(f"{by}_bar", pulled, tree.state["w"] @ jacobian, TOLERANCE)
+        whole = weights @ jacobian.reshape(len(weights), -1)
+        assert_close(f"{by}_bar", pulled.ravel(), whole, TOLERANCE)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-160, 1e-9, 1e-5, 1e-3, 0.1, 0.999, 1.001, 3.0])
+def test_derivatives_of_difference_are_those_that_integrate_takes_back(
+    size: float, tree: Case
+) -> None:
+    """Of small and large displacements alike; without one they are the identity, and no 0/0."""
+    q, step = tree.state["q"], tree.state["v"].copy()
+    if tree.module.ATTITUDE == "quaternion":
+        turning = tree.module.VELOCITY_PLACES["attitude"]
+        step[turning] /= np.linalg.norm(step[turning])
+    end = tree.module.integrate(q, size * step)
+    displacement, by_start, by_end = tree.module.difference_derivatives(q, end)
+    assert_close("displacement", displacement, tree.module.difference(q, end), TOLERANCE)
+    dq, dv = tree.module.integrate_derivatives(q, displacement)
+    same = np.eye(len(step))
+    assert_close("by the end", dv @ by_end, same, TOLERANCE)
+    assert_close("by the start", dv @ by_start, -dq, TOLERANCE)
+    if size == 0.0:
+        assert_close("by the end, at no displacement", by_end, same, 1e-15)
+        assert_close("by the start, at no displacement", by_start, -same, 1e-15)
 
 
 def gradient_rates(tree: Case, function: str) -> Array:
@@ -99,7 +143,7 @@ def gradient_rates(tree: Case, function: str) -> Array:
     A gradient is by the tangent space where it is taken, so that its derivative by q lacks the
     symmetry of second derivatives of δ ↦ f(q (+) δ), which are its symmetric part.
     """
-    letters = PRODUCTS[function]
+    letters = HESSIANS[function]
     by = [np.concatenate(tree.by(f"{function}_vjp", argument)) for argument in letters]
     found = np.concatenate(by, axis=1)
     q = slice(0, len(tree.state["v"]))
@@ -118,6 +162,7 @@ def test_hessian_of_inverse_dynamics_is_the_derivative_of_the_gradient(tree: Cas
         assert np.array_equal(blocks[key], blocks[key].T)
 
 
+@pytest.mark.exhaustive
 def test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient(tree: Case) -> None:
     (hessian,) = tree.call("forward_dynamics_hessian")
     assert_close("Hessian", hessian, gradient_rates(tree, "forward_dynamics"), 10 * TOLERANCE)
@@ -129,6 +174,7 @@ def mass_matrix_rate(tree: Case) -> Array:
     return tree.by("mass_matrix", "q")[0] @ tree.state["v"]
 
 
+@pytest.mark.exhaustive
 def test_derivatives_by_velocities_satisfy_helmholtz() -> None:
     """∂τ_i/∂v_j + ∂τ_j/∂v_i = 2 Ṁ_ij where velocities are rates of coordinates, without damping."""
     tree = case(*QUICK_TREES[0])

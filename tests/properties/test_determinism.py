@@ -73,6 +73,7 @@ def test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags(tmp_path:
         assert other.digests(emitting[::-1], elsewhere) == plain
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_bytes_of_every_robot_are_the_same_in_every_surroundings(
     tmp_path: Path, locales: Path

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from support.compiled import EVERY_GROUP
+from support.derived import derived
 from support.random_robots import random_robot
 
 from benchmarks.family import benchmark_robot, two_benchmark_arms
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.forward_dynamics import factorised_dynamics
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import operations
@@ -31,7 +32,7 @@ REDUCED = (
 
 
 def counts(links: int, rotors: int = 6, origin: Origin = "centre") -> dict[str, int]:
-    program = derive(benchmark_robot(links, rotors, origin)).program
+    program = derived(benchmark_robot(links, rotors, origin), functions=EVERY_GROUP).program
     return {f.name: count_operations(f.nodes()).total for f in program.functions}
 
 
@@ -60,7 +61,7 @@ def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ..
 
     The goals that were set for M and R together were 430, 1130 and 9800 for 3, 7 and 30 links.
     """
-    program = derive(robot).program
+    program = derived(robot, functions=EVERY_GROUP).program
     both = count_operations(program.function("mass_matrix_and_residual").nodes())
     assert both.sine_cosine_pairs <= len(robot.links) + 3
     found = [count_operations(program.function(name).nodes()).total for name in COUNTED]
@@ -78,7 +79,8 @@ def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ..
 def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) -> None:
     """The mass matrix needs no attitude, and no sine but those of the joints."""
     robot = benchmark_robot(links)
-    program = derive(replace(robot, base=replace(robot.base, attitude="quaternion"))).program
+    turned = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    program = derived(turned, functions=EVERY_GROUP).program
     both = count_operations(program.function("mass_matrix_and_residual").nodes())
     assert both.sine_cosine_pairs == links
     found = [count_operations(program.function(name).nodes()).total for name in COUNTED]
@@ -102,7 +104,7 @@ DIFFERENTIATED = (
 )
 def test_derivatives_take_as_few_as_they_did(attitude: Attitude, reached: tuple[int, ...]) -> None:
     robot = benchmark_robot(3, attitude=attitude)
-    program = derive(robot, derivatives=DIFFERENTIATED).program
+    program = derived(robot, derivatives=DIFFERENTIATED).program
     found = [count_operations(program.function(name).nodes()).total for name in DIFFERENTIATED]
     assert dict(zip(DIFFERENTIATED, found, strict=True)) == dict(
         zip(DIFFERENTIATED, reached, strict=True)
@@ -115,7 +117,7 @@ def test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen() -> None:
     LDLᵀ with the translation eliminated first would couple the arms.
     """
     robot = two_benchmark_arms()
-    program = derive(robot).program
+    program = derived(robot, functions=EVERY_GROUP).program
     names = COUNTED[:-1]  # Two arms have no tip.
     found = {name: count_operations(program.function(name).nodes()).total for name in names}
     assert list(found.values()) == [1610, 722, 962, 2246, 983, 49, 1139]

@@ -71,6 +71,7 @@ def test_shipped_robots(name: str, shipped) -> None:
     compare(read_robot(name)[0], shipped(name), count=20)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_thirty_links_of_general_inertia() -> None:
     rng = np.random.default_rng(7)

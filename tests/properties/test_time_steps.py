@@ -15,8 +15,8 @@ from support.compiled import Emitted, Library, emit
 from support.differences import rate
 from support.tools import tool
 
-from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.errors import MissingFunctionError, UsageError
+from gibbs_codegen.program.choice import chosen_derivatives
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 

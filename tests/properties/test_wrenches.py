@@ -51,6 +51,7 @@ def test_what_a_joint_passes_on_along_its_axis_is_what_drives_it(seed: int) -> N
         np.testing.assert_allclose(along, driven - acts.armature * a[:, place], atol=1e-9)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_joint_that_is_held_passes_on_its_constraint_torque(seed: int) -> None:
     robot = random_tree(seed, "tait_bryan")

@@ -7,8 +7,8 @@ from collections import Counter
 import pytest
 
 from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.layout import hybrid_coordinates
 
 ROBOTS = [(2, 0), (2, 1), (6, 3), (10, 7), (40, 2)]
 
@@ -43,5 +43,5 @@ def test_equations_and_unknowns_are_as_many_as_the_paper_says(rotors: int, links
 def test_coupling_map_reaches_every_hybrid_unknown(rotors: int, links: int) -> None:
     robot = paper_family(rotors, links)
     reached = {place for places in coupling_map(robot) for place in places}
-    assert reached == set(range(len(hybrid_coordinates(robot))))
+    assert reached == set(range(len(Description(robot).hybrid_coordinates)))
     assert len(reached) == 6 + links + 2 * (rotors - 1)

@@ -20,6 +20,8 @@ from gibbs_codegen.robot.rigid_body import inertia_fault
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.modules import refuse_wrong
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 BASE = """
 name = "test"
 [base]
@@ -185,8 +187,8 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
         "base.arm 3: length: missing: the distance from the base centre to the motor, in m",
         "link 1: 'x[1].y': unknown key; known keys: xyz, rpy_deg, name, parent, alpha_deg, a, d, "
         "theta_deg, axis, joint, constrained, coordinate, damping, armature, stiffness, rest, "
-        "limits, limits_deg, effort, velocity, length, mass_per_length, section_inertia, mass, "
-        "com, inertia",
+        "limits, limits_deg, effort, velocity, mass, com, inertia, length, mass_per_length, "
+        "section_inertia",
     ]
 
 

@@ -7,17 +7,9 @@ from dataclasses import replace
 import pytest
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import (
-    Layout,
-    coordinate_places,
-    hybrid_coordinates,
-    inputs,
-    layout_of,
-    reduced_coordinates,
-    velocities,
-    velocity_places,
-)
+from gibbs_codegen.robot.layout import Layout, coordinate_places, layout_of, velocity_places
 from gibbs_codegen.robot.model import Robot
 
 ROBOTS = ["hexarotor", "quadrotor_2link", "octorotor_7link"]
@@ -45,13 +37,16 @@ def robot(request: pytest.FixtureRequest, attitude: str) -> Robot:
 
 def test_layout_agrees_with_the_coordinates(robot: Robot) -> None:
     layout = layout_of(robot)
-    for entries, listed in ((layout.q, reduced_coordinates(robot)), (layout.v, velocities(robot))):
+    for entries, listed in (
+        (layout.q, Description(robot).coordinates),
+        (layout.v, Description(robot).velocities),
+    ):
         assert entries.names == tuple(c.name for c in listed)
         assert entries.units == tuple(c.unit for c in listed)
         assert entries.size == len(listed)
         joints = tuple(entries.names[k] for k in entries.joint_places)
         assert joints == entries.names[entries.joints]
-    assert layout.effort_units == tuple(c.unit for c in inputs(robot)[robot.rotors :])
+    assert layout.effort_units == tuple(c.unit for c in Description(robot).inputs[robot.rotors :])
     assert layout.q.names[layout.q.position] == ("x", "y", "z")
     assert layout.q.names[layout.q.joints] == layout.v.names[layout.v.joints]
 
@@ -77,7 +72,7 @@ def test_layout_of_a_quaternion() -> None:
 
 
 def test_hybrid_places(robot: Robot) -> None:
-    layout, hybrid = layout_of(robot), [c.name for c in hybrid_coordinates(robot)]
+    layout, hybrid = layout_of(robot), [c.name for c in Description(robot).hybrid_coordinates]
     assert tuple(hybrid[k] for k in layout.free) == layout.v.names
     assert hybrid[layout.constrained] == [f"theta_{k}" for k in range(2, robot.rotors + 1)]
     joints = hybrid[layout.constrained.stop :][: len(robot.links)]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.interface import signatures
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.robot.names import (
     coordinate_of,
     identifier,
@@ -91,7 +91,7 @@ def test_what_is_made_of_hostile_text_is_accepted(text: str) -> None:
 
 def test_no_two_robots_can_share_a_name_in_c() -> None:
     """No symbol of a robot goes on as one of a robot whose name is the longer."""
-    functions = [s.name for s in signatures(module_lists(paper_family(2, 0)))]
+    functions = [s.name for s in signatures(Description(paper_family(2, 0)).lists())]
     own = ["real", "constants", "pack", "unpack", "init_constants", "default_constants"]
     symbols = {*functions, *(f"{f}_batch" for f in functions), *own, "default_parameters"}
     symbols |= {f"casadi_{f}" for f in functions}

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from gibbs_codegen.robot.balance import implausible
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot.model import MAX_LINKS, Rod
-from gibbs_codegen.robot.plausibility import implausible
 
 GOOD = """name = "quad"
 [base]

@@ -99,7 +99,7 @@ def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_p
 def test_a_sweep_says_what_a_full_disk_says(tmp_path: Path) -> None:
     script = """cat > fill.py << 'END'
 import numpy as np
-from gibbs_codegen.flight.sweeps.store import Store, rows_of
+from gibbs_codegen.flight.sweeps.chunks import Store, rows_of
 from pathlib import Path
 store, rows = Store(Path("disk")), rows_of(np.zeros((5000, 2)), *[["a" * 9] * 5000] * 3)
 try:

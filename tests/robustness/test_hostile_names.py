@@ -17,7 +17,7 @@ from support.tools import run, tool
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import Fault, RobotFileError, ScenarioFileError, UsageError, printable
-from gibbs_codegen.files.changes import changes_of
+from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.record.flight import read_flight
 from gibbs_codegen.flight.scenario.file import parse_scenario
 from gibbs_codegen.pipeline import generate
@@ -216,6 +216,7 @@ def test_hostile_changes_are_strings_and_nothing_else() -> None:
 PRINTABLE = "$\\frac{$ {{7*7}} %s {0} [red]a[/] */ __import__('os') \\input{x} <b> é 漢 ﬁ"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "figures", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["series", "figures"]
 )
@@ -274,6 +275,13 @@ MORE_ODD_NAMES = [
 ]
 
 
+def renamed(model: Model, name: str) -> Model:
+    """The same of a robot of another name."""
+    robot = dataclasses.replace(model.robot, name=name)
+    description = dataclasses.replace(model.description, robot=robot)
+    return dataclasses.replace(model, description=description)
+
+
 @pytest.mark.parametrize(
     "names",
     [ODD_NAMES, pytest.param(MORE_ODD_NAMES, marks=pytest.mark.slow)],
@@ -285,10 +293,11 @@ def test_what_is_accepted_compiles_and_imports(
     sources = []
     for name in names:
         assert name_fault(name) is None
-        model = dataclasses.replace(small, robot=dataclasses.replace(small.robot, name=name))
+        model = renamed(small, name)
         folder = tmp_path / "modules" / name
         folder.mkdir(parents=True)
-        for file, text in render_module(model, "", find_targets()).items():
+        targets = find_targets(["numpy", "c", "casadi"])
+        for file, text in render_module(model, "", targets).items():
             (folder / file).write_text(text)
         sources += [folder / f"{name}.c", folder / f"{name}_casadi.c"]
     warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
@@ -322,7 +331,7 @@ def test_a_robot_may_be_named_like_a_header_that_emitted_code_reads(
     headers = {name for name in headers if name_fault(name) is None}
     assert {"math", "string", "stddef", "stdint", "float", "features"} <= headers
     for name in sorted(headers):
-        model = dataclasses.replace(small, robot=dataclasses.replace(small.robot, name=name))
+        model = renamed(small, name)
         (tmp_path / name).mkdir()
         for file, text in render_module(model, "", {"c": TARGETS["c"]}).items():
             (tmp_path / name / file).write_text(text)

@@ -92,6 +92,7 @@ def calls_program(
     return folder / "calls"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["random_5_2"])
 def test_nothing_depends_on_memory_that_nobody_wrote(

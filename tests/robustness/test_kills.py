@@ -145,6 +145,7 @@ assert os.listdir(out) == ["hexarotor"]
 KILLS = 50
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_kill_at_any_moment_of_generate(tmp_path: Path) -> None:
     """A whole module or none is seen, and beside it at most hidden folders."""
@@ -177,6 +178,7 @@ assert np.allclose(module.mass_matrix(q), load(folder).mass_matrix(q), rtol=0, a
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_a_kill_at_any_moment_of_a_first_load(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -208,11 +210,13 @@ assert os.system("diff -r -x __pycache__ out right") == 0
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_sixteen_generate_the_same_at_once(tmp_path: Path) -> None:
     program(GENERATING_AT_ONCE, tmp_path)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_sixteen_load_the_same_at_once(tmp_path: Path) -> None:
     """Two libraries are compiled, the module's and the one that calls it, each by one of them."""

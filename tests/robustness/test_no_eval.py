@@ -31,7 +31,7 @@ SENT_TO_WORKERS = {
     "flight/many.py": {"pickle"},
     "flight/sweeps/fingerprint.py": {"cloudpickle"},
     "flight/sweeps/measures.py": {"pickle", "cloudpickle"},
-    "flight/sweeps/running.py": {"pickle"},
+    "flight/sweeps/execution.py": {"pickle"},
 }
 
 # YAML can call what it names, unless it is read so.

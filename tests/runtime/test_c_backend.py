@@ -25,16 +25,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.derived import derived
+from support.kept import kept_folder, made_once
 from support.tools import missing, tool
 
 from gibbs_codegen import load
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import module_signatures, signatures
 from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.module_lists import module_lists
-from gibbs_codegen.runtime import c_backend, caller, compiled_function
+from gibbs_codegen.runtime import c_backend, caller
 from gibbs_codegen.runtime.c_library import find_compiler
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
@@ -110,7 +111,7 @@ def disagreement(
 
 
 @pytest.mark.parametrize(
-    "name", [s.name for s in signatures(module_lists(read_robot("hexarotor_3link")[0]))]
+    "name", [s.name for s in signatures(Description(read_robot("hexarotor_3link")[0]).lists())]
 )
 def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]) -> None:
     """To 1e-14 of the norm over ten thousand states."""
@@ -153,8 +154,8 @@ def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> No
     ],
 )
 def test_interface_is_what_is_emitted(robot: str) -> None:
-    program = derive(read_robot(robot)[0]).program
-    made = signatures(module_lists(read_robot(robot)[0]))
+    program = derived(read_robot(robot)[0]).program
+    made = signatures(Description(read_robot(robot)[0]).lists())
     found = {s.name: (s.arguments, s.shapes) for s in made}
     assert found == {
         f.name: (f.arguments, tuple(o.shape for o in f.outputs)) for f in program.functions
@@ -287,7 +288,7 @@ def test_weak_references_end_with_what_they_refer_to() -> None:
 def test_threads_share_a_batch(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 256)
+    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
     alone, shared = load(ROBOT, backend="c"), load(ROBOT, backend="c", threads=3)
     for rows in (1, 255, 769, 5003):
         q, v = states["q"][:rows], states["v"][:rows]
@@ -316,6 +317,7 @@ def test_calls_from_many_threads(backends, states: dict[str, np.ndarray]) -> Non
     assert not wrong
 
 
+@pytest.mark.exhaustive
 def test_memory_does_not_grow(backends) -> None:
     """References are given back, on the short way and on the others."""
     compiled = backends[1]
@@ -341,7 +343,7 @@ def test_memory_does_not_grow(backends) -> None:
 def test_a_forked_process_has_threads_of_its_own(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 256)
+    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
     compiled = load(ROBOT, backend="c", threads=2)
     q = states["q"][:2000]
     expected = compiled.mass_matrix(q)
@@ -395,7 +397,7 @@ def test_without_extension_and_python_headers(
     caplog.set_level("DEBUG", "gibbs_codegen")
     monkeypatch.setattr(caller.sysconfig, "get_path", lambda _: "/nowhere")
     plain = load(ROBOT, backend="c")
-    assert isinstance(plain.mass_matrix, compiled_function.GeneralFunction)
+    assert isinstance(plain.mass_matrix, c_backend.GeneralFunction)
     assert "not usable: import of gibbs_codegen.runtime._caller halted" in caplog.text
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
@@ -421,9 +423,19 @@ def test_functions_are_not_pickled_but_copied(
         assert pickle.loads(pickle.dumps(constants)) == constants  # noqa: S301
 
 
-def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) -> None:
+@pytest.fixture(scope="module")
+def with_adapter() -> tuple[ModuleType, ModuleType]:
+    """The same with an adapter for CasADi, in one library."""
+    targets = ["numpy", "c", "casadi"]
+    made = kept_folder("hexarotor_3link", targets)
+    made_once(made, lambda: generate("hexarotor_3link", made, targets))
+    numpy = load(made / "hexarotor_3link")
+    return numpy, compiled_of(numpy)
+
+
+def test_casadi_takes_the_same_library(with_adapter, states: dict[str, np.ndarray]) -> None:
     casadi = pytest.importorskip("casadi")
-    numpy, compiled = backends
+    numpy, compiled = with_adapter
     for signature in module_signatures(numpy):
         function = casadi.external(f"{numpy.NAME}_casadi_{signature.name}", compiled.__file__)
         arguments = [states[argument][0] for argument in signature.arguments]
@@ -437,8 +449,8 @@ def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) 
             np.testing.assert_allclose(full, right, rtol=0, atol=1e-11 * np.abs(right).max())
 
 
-def test_casadi_gets_no_name_of_an_argument_that_there_is_not(backends) -> None:
-    numpy, compiled = backends
+def test_casadi_gets_no_name_of_an_argument_that_there_is_not(with_adapter) -> None:
+    numpy, compiled = with_adapter
     library = ctypes.CDLL(compiled.__file__)
     for signature in module_signatures(numpy):
         for side, count in (("in", len(signature.arguments)), ("out", len(signature.shapes))):
@@ -447,9 +459,9 @@ def test_casadi_gets_no_name_of_an_argument_that_there_is_not(backends) -> None:
             assert [bool(name(i)) for i in (-1, 0, count - 1, count)] == [False, True, True, False]
 
 
-def test_casadi_differentiates_by_finite_differences(backends, states) -> None:
+def test_casadi_differentiates_by_finite_differences(with_adapter, states) -> None:
     casadi = pytest.importorskip("casadi")
-    numpy, compiled = backends
+    numpy, compiled = with_adapter
     name = f"{numpy.NAME}_casadi_potential_energy"
     energy = casadi.external(name, compiled.__file__, {"enable_fd": True})
     x = casadi.MX.sym("x", 9)
@@ -475,7 +487,7 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
         ("true", "failed"),
         ('cc "', "quotation"),
         ("cc --no-such-flag", "--no-such-flag"),
-        ("cc -O0 -DHEXAROTOR_3LINK_FLOAT", "CasADi computes in double precision"),
+        ("cc -O0 -DHEXAROTOR_3LINK_FLOAT", "the library has no hexarotor_3link_init_constants"),
         ("cc -O0 -fvisibility=hidden", "the library has no hexarotor_3link_init_constants"),
     ],
 )

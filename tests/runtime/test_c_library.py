@@ -63,7 +63,7 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
     with caplog.at_level(logging.INFO, "gibbs_codegen"):
         for _ in range(2):
             compiled_library(folder, NAME, Slow(("cc",), "slow"))
-    told = f"{NAME}: compiling {NAME}.c, {NAME}_casadi.c, _rows.c; the library is kept for the "
+    told = f"{NAME}: compiling {NAME}.c, _rows.c; the library is kept for the "
     level = logging.WARNING if terminal else logging.INFO  # Python shows warnings by default.
     said = [(record.levelno, record.getMessage()) for record in caplog.records]
     assert said == ([(level, f"{told}next time")] if patience < 1.0 else [])

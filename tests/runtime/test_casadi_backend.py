@@ -29,6 +29,8 @@ try:
 except ImportError:
     missing("casadi is not installed")
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 Array = np.ndarray
 ANGLES, TREE, DERIVATIVES = "hexarotor_3link", "a tree with a quaternion", "all derivatives"
 STEPS = "steps with angles"
@@ -249,8 +251,8 @@ def test_functions_become_c(pair: Callable[[str], Pair], tmp_path: Path) -> None
         assert_close("Jacobian in C", found.full(), right.full(), TOLERANCE)
 
 
-def test_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     page = run_python("docs/howto/casadi.md")
     assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)

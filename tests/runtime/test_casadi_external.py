@@ -74,6 +74,8 @@ DERIVATIVES = [
     for names, forms in (
         (("inverse_dynamics", "forward_dynamics"), ("derivatives", "vjp", "hessian")),
         (("frame_poses", "frame_velocities", "integrate"), ("derivatives",)),
+        (("difference", "frame_bias_accelerations"), ("derivatives",)),
+        (("forward_dynamics_with_wrenches",), ("derivatives", "vjp", "parameters_vjp")),
         (("step_euler", "step_rk4"), ("derivatives",)),
         (("inverse_dynamics",), ("parameters",)),
         (("forward_dynamics",), ("parameters_vjp",)),
@@ -85,6 +87,7 @@ SECOND = ("forward_dynamics", "inverse_dynamics")
 FIRST = (
     *SECOND,
     *("integrate", "step_euler", "step_rk4", "frame_poses", "tip_pose", "frame_velocities"),
+    *("difference", "frame_bias_accelerations", "forward_dynamics_with_wrenches"),
 )
 
 
@@ -123,7 +126,7 @@ class External:
         """The function on symbols, of the normalised quaternion."""
         signature = self._signatures[name]
         symbols = [
-            casadi.SX.sym(key, int(np.prod(shape)))
+            casadi.SX.sym(key, *shape)
             for key, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
         ]
         parameters = casadi.SX.sym("parameters", len(self.parameters))
@@ -137,7 +140,10 @@ class External:
         """Outputs of a function as columns in CasADi's order."""
         if name in ("step_euler", "step_rk4"):
             return getattr(self, f"_{name}")(constants, *arguments)
-        entries = self._kernels.entries(name, constants, *map(casadi.vertsplit, arguments))
+        # Row by row, as the kernels take a matrix.
+        entries = self._kernels.entries(
+            name, constants, *(casadi.vertsplit(casadi.vec(x.T)) for x in arguments)
+        )
         (shape,) = self._signatures[name].shapes
         columns = shape[-1] if len(shape) > 1 else 1
         rows = casadi.reshape(casadi.vertcat(*entries), columns, len(entries) // columns)
@@ -248,7 +254,7 @@ def test_gradients_and_hessians_are_exact(name: str, robot: External) -> None:
         assert_near(ours, right)
 
 
-@pytest.mark.parametrize("name", SECOND)
+@pytest.mark.parametrize("name", [*SECOND, "forward_dynamics_with_wrenches"])
 def test_parameters_are_an_input(name: str, robot: External) -> None:
     function, oracle = (
         robot.external(f"{name}_of_parameters"),
@@ -256,9 +262,9 @@ def test_parameters_are_an_input(name: str, robot: External) -> None:
     )
     state = [*robot.state(name), np.array([*robot.parameters.values()])]
     assert_near(full(function(*state))[0], full(oracle(*state))[0])
-    symbols = [casadi.MX.sym(key, oracle.size1_in(i)) for i, key in enumerate(oracle.name_in())]
+    symbols = [casadi.MX.sym(key, *oracle.size_in(i)) for i, key in enumerate(oracle.name_in())]
     weights = np.random.default_rng(3).normal(size=oracle.size1_out(0))
-    x = casadi.vertcat(*symbols)
+    x = casadi.veccat(*symbols)
     found = []
     for f in (function, oracle):
         gradient = casadi.gradient(casadi.dot(weights, f(*symbols)), x)

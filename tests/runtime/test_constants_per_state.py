@@ -19,7 +19,7 @@ from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.runtime import compiled_function
+from gibbs_codegen.runtime import c_backend
 
 ROWS, COLUMNS = 3, 5
 STEPS = ("forward_dynamics_parameters_vjp", "step_euler", "step_rk4_derivatives")
@@ -216,7 +216,7 @@ def test_compiled_constants_are_those_of_one_at_a_time(compiled: ModuleType) -> 
 
 def test_threads_share_the_states(compiled: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks that are not full at the end of either share."""
-    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 10)
+    monkeypatch.setattr(c_backend, "_MIN_ROWS", 10)
     rng = np.random.default_rng(5)
     signature = next(s for s in module_signatures(compiled) if s.name == "forward_dynamics")
     given = random_arguments(compiled, signature, 43)

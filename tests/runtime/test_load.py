@@ -61,8 +61,8 @@ def test_a_module_of_an_older_version_is_refused(folder: Path, tmp_path: Path) -
     old = tmp_path / "hexarotor"
     shutil.copytree(folder / "generated" / "hexarotor", old)
     text = (old / "__init__.py").read_text(encoding="utf-8")
-    (old / "__init__.py").write_text(text.replace("tip_bias_acceleration", "prepare"), "utf-8")
-    with pytest.raises(UsageError, match="no tip_bias_acceleration, so it was made by an old"):
+    (old / "__init__.py").write_text(text.replace("HYBRID_COORDINATES", "prepare"), "utf-8")
+    with pytest.raises(UsageError, match="no HYBRID_COORDINATES, so it was made by an old"):
         load(old)
 
 

@@ -15,9 +15,9 @@ from support.compiled import emit
 from support.tools import tool
 
 from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Link, Rod
-from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
@@ -82,7 +82,7 @@ def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
     return None
 
 
-FORMS = {s.name: s for s in signatures(module_lists(read_robot("hexarotor_3link")[0]))}
+FORMS = {s.name: s for s in signatures(Description(read_robot("hexarotor_3link")[0]).lists())}
 OVERFLOWING = [name for name, form in FORMS.items() if too_large(form)]
 
 

@@ -10,6 +10,8 @@ import pytest
 from conftest import ROOT
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.files.table import json_schema
+from gibbs_codegen.flight.scenario.file import ScenarioTable
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.tables import RobotTable
 
@@ -42,15 +44,16 @@ def test_every_option_of_every_command_is_told(generated: ModuleType) -> None:
         section = told.partition(f"## {name}\n")[2].partition("\n## ")[0]
         options = {option for action in parser._actions for option in action.option_strings}
         for option in options - {"-h", "--help"}:
-            assert f"\n`{option}" in section, (name, option)
+            assert re.search(rf"\n`(--\S+, )?{option}[`, ]", section), (name, option)
 
 
 def test_keys_are_told_with_their_bounds_and_defaults(generated: ModuleType) -> None:
     told = generated.robot_keys()
     assert "| `name` | string, required | " in told
     assert "| `gravity` | number ≥ 0; default `9.81` | " in told
-    assert "| `com` | 3 numbers | " in told
+    assert "| `com` | 3 numbers; default `[0, 0, 0]` | " in told
     assert "| `arm` | [arm](#arm) or list of [arm](#arm) | " in told
-    schema = RobotTable.json_schema()
-    for described in (schema, *schema["$defs"].values()):
-        assert all(f"| `{key}` |" in told for key in described["properties"])
+    for page, table in ((told, RobotTable), (generated.scenario_keys(), ScenarioTable)):
+        schema = json_schema(table)
+        for described in (schema, *schema["$defs"].values()):
+            assert all(f"| `{key}` |" in page for key in described["properties"])

@@ -9,7 +9,7 @@ import numpy as np
 from conftest import ROOT
 
 from support.compiled import compile_only
-from support.tools import run, tool
+from support.tools import compiled, tool
 
 
 def alone(compiler: str, options: Sequence[str], real: type[np.floating], folder: Path) -> Path:
@@ -22,5 +22,4 @@ def alone(compiler: str, options: Sequence[str], real: type[np.floating], folder
     # Linked without the options: those of fast mathematics would have the library turn denormals
     # off for this whole process.
     library = folder / "library.so"
-    run([tool(compiler), "-shared", *objects, "-o", library, "-lm"])
-    return library
+    return compiled([tool(compiler), "-shared", *objects, "-lm"], library)

@@ -27,6 +27,9 @@ LIBRARIES = (
     os.path.join("fontTools", "ttLib", "tables", "otBase.py"),
 )
 
+# What makes dataclasses of the classes of a module.
+DECORATORS = ("table", "file_table")
+
 WATCHED = (
     "exec",
     "compile",
@@ -49,7 +52,7 @@ PLANTS = {
     "eval": "eval('1 + 1')",
     "exec": "exec('x = 1')",
     "compile": "compile('1', 'text', 'eval')",
-    "compiled": "exec(next(c for c in rename.__code__.co_consts if hasattr(c, 'co_code')))",
+    "compiled": "exec(next(c for c in planted.__code__.co_consts if hasattr(c, 'co_code')))",
     "sympify": "import sympy; sympy.sympify('1 + 1')",
     "parse_expr": "from sympy.parsing.sympy_parser import parse_expr; parse_expr('x + 1')",
     "S": "import sympy; sympy.S('x + 1')",
@@ -79,6 +82,9 @@ def violation(event: str, arguments: tuple[Any, ...], frame: FrameType | None) -
     elif event == "compile" and arguments[1] is not None:
         source = os.fsdecode(arguments[1])
     caller = frame.f_code.co_filename if frame is not None else ""
+    # It gives a function of a module, which was imported, the elementary functions of a library.
+    if event == "function.__new__" and Path(caller) == PACKAGE / "runtime" / "kernels.py":
+        return None
     if caller.endswith(LIBRARIES):
         return None
     # Between us and the text: is it a file that is being imported, or a template of ours?
@@ -92,6 +98,9 @@ def violation(event: str, arguments: tuple[Any, ...], frame: FrameType | None) -
             # Dataclasses are made of text where a module defines them, long before there is input.
             if frame.f_code.co_name == "<module>":
                 return None
+            if frame.f_code.co_name in DECORATORS and Path(name) == PACKAGE / "files" / "table.py":
+                frame = frame.f_back
+                continue
             by = f"{caller}, led to by {name}:{frame.f_lineno}"
             return f"{event} {source} {arguments!r:.200} by {by}"
         frame = frame.f_back
@@ -108,15 +117,15 @@ def watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def plant(text: str) -> None:
-    """Let the package run `text` when a robot's name is looked at."""
-    from gibbs_codegen.robot import tables as quantities
+    """Let the package run `text` when a robot's text is read."""
+    from gibbs_codegen.robot import file
 
-    lines = ["def rename(name):", *(f"    {line}" for line in text.split("; "))]
-    lines += ["    class Unused: pass", "    return None"]
-    made: dict[str, Any] = {}
+    lines = ["def planted(text, source):", *(f"    {line}" for line in text.split("; "))]
+    lines += ["    class Unused: pass", "    return parse_robot(text, source)"]
+    made: dict[str, Any] = {"parse_robot": file.parse_robot}
     code: CodeType = compile("\n".join(lines), str(PACKAGE / "planted.py"), "exec")
     exec(code, made)  # noqa: S102
-    quantities.name_fault = made["rename"]
+    setattr(file, "parse_robot", made["planted"])  # noqa: B010 - mypy refuses the assignment.
 
 
 if __name__ == "__main__":

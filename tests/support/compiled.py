@@ -16,15 +16,17 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.family import benchmark_robot
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, module_signatures
-from gibbs_codegen.program.model import Derivatives, Model
+from gibbs_codegen.interface.table import GROUPS
+from gibbs_codegen.program.choice import Derivatives
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import find_targets, render_module
+from support.derived import derived
 from support.random_robots import random_robot
-from support.tools import run, tool
+from support.tools import compiled, run, tool
 
 WARNINGS = [
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion"),
@@ -38,6 +40,9 @@ LANGUAGES = {"gcc": C, "clang": C, "g++": CXX, "clang++": CXX}
 SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
 SMALL = "quadrotor_2link"
+# What is emitted for tests: all that is by default, and what else needs no derivatives.
+TARGETS = ("numpy", "c", "casadi", "rollout")
+EVERY_GROUP = ("default", *GROUPS)
 # Seed, rotors and links: every kind of joint and body, with and without gravity and drag.
 RANDOM = {
     f"random_{rotors}_{links}": (seed, rotors, links)
@@ -96,10 +101,10 @@ class Emitted:
 
 
 def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = False) -> Emitted:
-    """Derive a robot, write its module to a new folder, and import it."""
-    model = derive(robot, derivatives=derivatives)
+    """Take the model of a robot, write its module to a new folder, and import it."""
+    model = derived(robot, derivatives=derivatives, functions=EVERY_GROUP)
     folder.mkdir()
-    for name, content in render_module(model, text, find_targets()).items():
+    for name, content in render_module(model, text, find_targets(TARGETS)).items():
         (folder / name).write_text(content, encoding="utf-8")
     return Emitted(model, folder, load(folder))
 
@@ -136,8 +141,8 @@ def finds_leaks(compiler: str, folder: Path) -> bool:
 def build(compiler: str, options: Sequence[str], sources: Sequence[str], output: Path) -> Path:
     """Compile, as C or C++ by the compiler's kind, every warning being an error."""
     language = LANGUAGES[compiler]
-    run([tool(compiler), *language, *options, *sources, "-o", output, "-x", "none", "-lm"])
-    return output
+    command = [tool(compiler), *language, *options, *sources, "-x", "none", "-lm"]
+    return compiled(command, output)
 
 
 def compile_only(
@@ -146,8 +151,8 @@ def compile_only(
     """Compile each source to an object file."""
     objects = []
     for source in sources:
-        objects.append(folder / f"{Path(source).stem}.o")
-        run([tool(compiler), *LANGUAGES[compiler], *options, "-c", source, "-o", objects[-1]])
+        command = [tool(compiler), *LANGUAGES[compiler], *options, "-c", source]
+        objects.append(compiled(command, folder / f"{Path(source).stem}.o"))
     return objects
 
 

@@ -6,12 +6,15 @@ import itertools
 import tempfile
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import TARGETS, render_module
+from support.compiled import EVERY_GROUP
+from support.kept import kept_folder, made_once
 
 NUMPY = {"numpy": TARGETS["numpy"]}
 
@@ -19,20 +22,31 @@ _number = itertools.count()
 
 
 def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
-    """Derive, render for NumPy, write to a temporary folder, and import."""
-    return module_of(derive(robot, keep_zeros))
+    """Derive, render for NumPy, and import; what an earlier run has made of it serves again."""
+    return _kept(robot, keep_zeros=keep_zeros)
 
 
 def module_with_derivatives(robot: Robot, *names: str) -> ModuleType:
     """The same with the derivatives of these names, or with all."""
-    return module_of(derive(robot, derivatives=names or "all"))
+    return _kept(robot, derivatives=names or "all")
+
+
+def _kept(robot: Robot, **options: Any) -> ModuleType:
+    folder = kept_folder(robot, options) / robot.name
+    return load(
+        made_once(folder, lambda: _write(derive(robot, functions=EVERY_GROUP, **options), folder))
+    )
 
 
 def module_of(model: Model) -> ModuleType:
     """Render a derived robot for NumPy, write it to a temporary folder, and import it."""
     with tempfile.TemporaryDirectory() as folder:
         package = Path(folder) / f"{model.robot.name}_{next(_number)}"
-        package.mkdir()
-        for name, text in render_module(model, "", NUMPY).items():
-            (package / name).write_text(text, encoding="utf-8")
+        _write(model, package)
         return load(package)
+
+
+def _write(model: Model, folder: Path) -> None:
+    folder.mkdir()
+    for name, text in render_module(model, "", NUMPY).items():
+        (folder / name).write_text(text, encoding="utf-8")

@@ -26,8 +26,8 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.pages import as_markdown
 from gibbs_codegen.equations.readable_chain import readable_chain
 from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import hybrid_coordinates
 from gibbs_codegen.robot.model import Frame, Pose
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -216,7 +216,7 @@ def _(functions: Any, shown: Any, names: Names) -> None:
 @row("Eq. 9")
 def _(functions: Any, shown: Any, names: Names) -> None:
     (decompose,) = functions
-    unknowns = hybrid_coordinates(ROBOT)
+    unknowns = Description(ROBOT).hybrid_coordinates
     own = [unknowns[place.row + 1].name for place in names["five_places"]]
     assert own == [*decompose(ROBOT)[4].coordinates]
 
@@ -241,7 +241,7 @@ def _(functions: Any, shown: Any, names: Names) -> None:
         matrix, residual, columns = system_in_numbers(
             symbolic, chain_system(symbolic, chain.number), q=names["level"], v=names["rest"]
         )
-        torques = [names["torques"][arm - 2] for arm in chain.held]
+        torques = [names["torques"][arm - 2] for arm in chain.constrained]
         unknowns = np.array([*np.zeros(len(chain.coordinates)), *torques])
         left = matrix @ unknowns - residual - columns @ names["hover"]
         shown_left = list(names["missing"][chain.number].values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import os
 import shutil
 import sys
 import time
@@ -15,7 +16,7 @@ from filelock import FileLock
 _TESTS = Path(__file__).parents[1]
 _PACKAGE = _TESTS.parent / "gibbs_codegen"
 # Rooms that fly, draw or tell what a module holds, and have no part in making it.
-_FLIGHT = {"cli", "examples", "figures", "flight"}
+_FLIGHT = {"cli", "figures", "flight"}
 _ROBOTS = (
     *("tests/support/compiled.py", "tests/support/random_robots.py"),
     "benchmarks/family.py",
@@ -35,11 +36,20 @@ def generator_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+KEPT_MODULES = "TESTS_KEEP_MODULES_IN"
+
+
+def kept_folder(*of: object) -> Path:
+    """The folder of what the generator makes of these, which their representations tell apart."""
+    digest = hashlib.sha256(repr(of).encode()).hexdigest()[:24]
+    return Path(os.environ[KEPT_MODULES]) / digest
+
+
 def forget_unused(folder: Path, days: int = 14) -> None:
     """Remove the entries of a folder that have not been touched for some days."""
     for entry in folder.glob("*"):
         if time.time() - entry.stat().st_mtime > 86400 * days:
-            shutil.rmtree(entry, ignore_errors=True)
+            entry.unlink() if entry.is_file() else shutil.rmtree(entry, ignore_errors=True)
 
 
 def made_once(folder: Path, make: Callable[[], object]) -> Path:

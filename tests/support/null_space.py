@@ -1,4 +1,4 @@
-"""What nothing resists, by the oracle: the null space of Pinocchio's mass matrix.
+"""What nothing resists: the null space of the mass matrix that Newton and Euler's equations give.
 
 It does not depend on how heavy bodies are, so each is given the mass of 1 kg first: the mass matrix
 of very unequal ones would be singular but for rounding whether or not there is such a motion.
@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.robot.layout import reduced_coordinates
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.model import Body, Robot
-from support.agreement import root_sizes
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import Sizes, States
+from gibbs_codegen.verification.tree import Tree
 from support.degenerate_robots import sized
-from support.pinocchio_oracle import Oracle
 
 # Of the mass matrix by the sizes of its terms: rounding leaves 1e-15 where nothing resists, while
 # the least of a thousand regular machines was 8e-10.
@@ -36,15 +37,12 @@ def _unit(body: Body) -> Body:
 
 def smallest_eigenvalue(robot: Robot) -> tuple[float, np.ndarray]:
     """The largest over some configurations, with how much each coordinate moves with nothing."""
-    oracle = Oracle(equally_heavy(robot))
-    rng = np.random.default_rng(0)
+    tree = Tree(equally_heavy(robot))
+    states = States.random(tree, CONFIGURATIONS, 0)
+    matrices = NewtonEuler(tree).mass_matrix(states.q)[:, tree.free][:, :, tree.free]
     found = []
-    for _ in range(CONFIGURATIONS):
-        q = rng.uniform(-1.2, 1.2, len(oracle.free))
-        matrix = oracle.mass_matrix(q)[np.ix_(oracle.free, oracle.free)]
-        # Not by the diagonal, which may be rounding alone.
-        unit = root_sizes(oracle, q)[0][oracle.free]
-        unit[unit == 0.0] = 1.0
+    # Not by the diagonal, which may be rounding alone.
+    for matrix, unit in zip(matrices, Sizes(tree, states).free_units, strict=True):
         eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
         null = vectors[:, eigenvalues < SMALLEST]
         found.append((float(eigenvalues[0]), np.linalg.norm(null, axis=1)))
@@ -59,7 +57,7 @@ def unresisted(robot: Robot) -> set[str]:
     """
     _, shares = smallest_eigenvalue(robot)
     taking_part = [
-        c.name for c, s in zip(reduced_coordinates(robot), shares, strict=True) if s > 1e-5
+        c.name for c, s in zip(Description(robot).coordinates, shares, strict=True) if s > 1e-5
     ]
     return short_names(taking_part)
 

@@ -11,35 +11,38 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
-from gibbs_codegen.derivation.functions import DERIVATIONS, Array, Systems
+from gibbs_codegen.derivation.functions import DERIVATIONS
+from gibbs_codegen.derivation.systems import Array, Systems
 from gibbs_codegen.interface import FUNCTIONS, Output, Row
 
 STRETCHED = Row(
     "stretched",
     ("q", "v", "h"),
     (
-        Output("moved", "v", "rad or m", "moved"),
-        Output("moved_dv", "vv", "s", "moved_dv"),
-        Output("moved_dq", "vv", "1", "moved_dq"),
-        Output("blocks", "f44v", "s", "blocks"),
+        Output("moved", "v", "rad or m", derivation="moved"),
+        Output("moved_dv", "vv", "s", derivation="moved_dv"),
+        Output("moved_dq", "vv", "1", derivation="moved_dq"),
+        Output("blocks", "f44v", "s", derivation="blocks"),
     ),
     "Velocities times a time, and what it is not all about.",
     "none",
+    group="derivatives",
     on_request=True,
 )
 WEIGHT = Row(
     "weight",
     "",
-    (Output("weights", "v", "N", "weights"),),
+    (Output("weights", "v", "N", derivation="weights"),),
     "Gravity as often as there are velocities.",
     "none",
+    group="derivatives",
     on_request=True,
 )
 
 
 def _stretched(systems: Systems) -> tuple[list[sp.Expr], sp.Expr]:
     symbolic, (h,) = systems.symbolic, systems.symbolic.h
-    return [systems.tape.let(h * v) for v in symbolic.v], h
+    return [systems.imported.tape.let(h * v) for v in symbolic.v], h
 
 
 def _moved_dv(systems: Systems) -> Array:
@@ -47,7 +50,7 @@ def _moved_dv(systems: Systems) -> Array:
     size = len(moved)
     zero = sp.S.Zero
     rows = [[h if i == j else zero for j in range(size)] for i in range(size)]
-    rows[0][-1], rows[-1][1] = moved[0], systems.tape.let(sp.Integer(2) * h)
+    rows[0][-1], rows[-1][1] = moved[0], systems.imported.tape.let(sp.Integer(2) * h)
     return rows
 
 

@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from gibbs_codegen.robot.layout import (
-    frames_of,
-    held_arms,
-    hybrid_coordinates,
-    layout_of,
-)
-from gibbs_codegen.robot.model import Body, Passive, Robot, Rod
+from gibbs_codegen.robot.description import Description, constrained_arms
+from gibbs_codegen.robot.layout import frames_of, layout_of
+from gibbs_codegen.robot.model import Body, Passive, Pose, Robot, Rod
 from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
 
 Array = np.ndarray
 
@@ -34,6 +34,12 @@ def by_rpy(angles: Sequence[Fraction]) -> Array:
     """Rotation matrix of roll, pitch and yaw in degrees, R_z·R_y·R_x."""
     x, y, z = (rotation(axis, float(angle)) for axis, angle in zip("xyz", angles, strict=True))
     return z @ y @ x
+
+
+def placed(pose: Pose | None) -> pin.SE3:
+    """A pose of a robot file."""
+    assert pose is not None
+    return pin.SE3(by_rpy(pose.rpy_deg), np.array(pose.xyz))
 
 
 def spatial_inertia(body: Body) -> pin.Inertia:
@@ -54,6 +60,15 @@ def _depth_first(parents: Sequence[int], number: int = 0) -> Iterator[int]:
         if parent == number:
             yield i
             yield from _depth_first(parents, i)
+
+
+class Dynamics(NamedTuple):
+    """M a + nle = B u in the order of v; a for given u."""
+
+    mass_matrix: Array
+    nonlinear: Array
+    inputs: Array
+    acceleration: Array
 
 
 @dataclass
@@ -88,8 +103,7 @@ class Oracle:
         self.frames = {}
         for frame in frames_of(robot):
             joint, at = self.bodies[frame.on]
-            place = pin.SE3(by_rpy(frame.pose.rpy_deg), np.array(frame.pose.xyz))
-            self.frames[frame.name] = (joint, at * place)
+            self.frames[frame.name] = (joint, at * placed(frame.pose))
         places = [(self.root, pin.SE3(np.eye(3), centre))]
         places = [self.rotors[0], *places] if base.rotors else places
         joints = [self.bodies[i] for i in robot.moving]
@@ -97,7 +111,9 @@ class Oracle:
         self.places = [*places, *self.rotors, *joints, *named]
         self.data = model.createData()
         reduced = self.layout.v.names
-        every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + len(held_arms(robot))]
+        every = [c.name for c in Description(robot).hybrid_coordinates][
+            : len(reduced) + len(constrained_arms(robot))
+        ]
         names = reduced if self.rigid_base else every
         own = {name: i for i, name in enumerate(reduced[:6]) if self.layout.is_quaternion}
         self.order = [
@@ -146,7 +162,7 @@ class Oracle:
                 step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
                 placement = pin.SE3(twist @ rotation("z", float(link.theta_deg)), step)
             else:
-                placement = pin.SE3(by_rpy(link.pose.rpy_deg), np.array(link.pose.xyz))
+                placement = placed(link.pose)
             placement = at * placement
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
             if link.moves or (link.constrained and not self.rigid_base):
@@ -223,6 +239,14 @@ class Oracle:
         given = [self.robot.links[i - 1].passive for i in self.robot.moving]
         return [(self.free[at], at, acts) for at, acts in zip(places, given, strict=True)]
 
+    def dynamics(self, q: Array, v: Array, u: Array) -> Dynamics:
+        """M a + nle = B u in the free coordinates."""
+        free = self.free
+        matrix = self.mass_matrix(q)[np.ix_(free, free)]
+        nonlinear = self.inverse_dynamics(q, v, np.zeros_like(v))[free]
+        inputs = self.input_matrix(q)[free]
+        return Dynamics(matrix, nonlinear, inputs, np.linalg.solve(matrix, inputs @ u - nonlinear))
+
     def point_jacobian(self, q: Array, place: tuple[int, pin.SE3]) -> tuple[Array, pin.SE3]:
         """World-axes Jacobian of a place on a body, linear rows first, and its placement."""
         joint, local = place
@@ -277,13 +301,13 @@ class Oracle:
         return kinetic, potential
 
     def centroidal(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-        """Centre of mass, its Jacobian, centroidal momentum, and gravity's part of R."""
-        tree, free = self.configuration(q), [self.order[i] for i in self.free]
-        jacobian = pin.jacobianCenterOfMass(self.model, self.data, tree)[:, free].copy()
+        """Centre of mass, its Jacobian, centroidal momentum, gravity's part of R, of all joints."""
+        tree = self.configuration(q)
+        jacobian = pin.jacobianCenterOfMass(self.model, self.data, tree)[:, self.order].copy()
         centre = pin.centerOfMass(self.model, self.data, tree).copy()
         momentum = pin.computeCentroidalMomentum(self.model, self.data, tree, self.spread(v))
         gravity = pin.computeGeneralizedGravity(self.model, self.data, tree)
-        return centre, jacobian, momentum.vector, -gravity[free]
+        return centre, jacobian, momentum.vector, -gravity[self.order]
 
     def joint_wrenches(self, q: Array, v: Array, a: Array, u: Array) -> Array:
         """What every joint passes on to its body, of rods and then of links.
@@ -326,3 +350,54 @@ class Oracle:
         attitude = pin.Quaternion(*q[[6, 3, 4, 5]])
         turning = attitude * pin.Quaternion(0.0, *v[3:6])
         return np.concatenate([attitude.matrix() @ v[:3], turning.coeffs() / 2.0, v[6:]])
+
+
+def free_flyer(robot: Robot) -> Oracle:
+    """The robot with a quaternion, what is held welded, without dampers, springs and armature."""
+    links = tuple(replace(link, passive=Passive()) for link in robot.links)
+    base = replace(robot.base, attitude="quaternion")
+    return Oracle(replace(robot, base=base, links=links), rigid_base=True)
+
+
+class _Whole(Quantities):
+    """What the oracle gives, which has the passive joints in it."""
+
+    def with_passive(self, tree: Tree, states: States) -> Quantities:
+        """The same."""
+        return self
+
+
+class InPinocchio:
+    """The oracle as a formulation of `gibbs_codegen.verification`; the tree is its layout only."""
+
+    name, limit, growth = "the oracle", 1e-12, 0
+
+    def __init__(self, oracle: Oracle, tree: Tree) -> None:
+        self.tree, self._oracle = tree, oracle
+
+    def at(self, states: States) -> Quantities:
+        """Everything, state by state."""
+        motions = zip(states.q, states.v, states.a, states.u, strict=True)
+        each = [self._at(*motion) for motion in motions]
+        return _Whole._make(np.array(x) for x in zip(*each, strict=True))
+
+    def _at(self, q: Array, v: Array, a: Array, u: Array) -> Quantities:
+        oracle = self._oracle
+        frames = [*oracle.frames.values()]
+        jacobians, places = zip(
+            *(oracle.point_jacobian(q, seat) for seat in (*oracle.rotors, *frames)), strict=True
+        )
+        kinetic, potential = oracle.energies(q, v)
+        return Quantities(
+            oracle.mass_matrix(q),
+            -oracle.inverse_dynamics(q, v, 0.0 * a),
+            oracle.inverse_dynamics(q, v, a),
+            np.array([place.homogeneous for place in places]),
+            np.array(jacobians),
+            kinetic,
+            potential,
+            oracle.positions(q),
+            np.array([oracle.bias_acceleration(q, v, frame) for frame in frames]),
+            *oracle.centroidal(q, v),
+            oracle.joint_wrenches(q, v, a, u),
+        )

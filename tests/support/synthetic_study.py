@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.flight.sweeps.plan import Case
-from gibbs_codegen.flight.sweeps.store import REASONS
+from gibbs_codegen.flight.sweeps.cases import Case
+from gibbs_codegen.flight.sweeps.chunks import REASONS
 from gibbs_codegen.flight.sweeps.study import Study
 
 MASS, LAG, TIP, EFFORT = "plant.link1_mass_per_length", "motors.time_constant", "tip", "effort"

@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.compiled import build, compile_only
+from support.derived import derived
 from support.differences import rate
+from support.kept import kept_folder, made_once
 from support.random_robots import random_tree
-from support.tools import run, tool
+from support.tools import compiled, tool
 
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import default_functions
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
@@ -119,15 +122,21 @@ class Library:
 class Case:
     """A robot's module and its file for acados, with a state and directions."""
 
-    def __init__(self, robot: Robot, folder: Path) -> None:
-        self.model = model = derive(robot, derivatives=DERIVATIVES)
-        self.name, self.folder = robot.name, folder
-        folder.mkdir()
-        for file, text in render_module(model, "", find_targets(["numpy", "c", "acados"])).items():
-            (folder / file).write_text(text, encoding="utf-8")
-        sources = [str(folder / f"{robot.name}.c")]
-        (self.compiled,) = compile_only("gcc", ["-fPIC"], sources, folder)
-        self.module: ModuleType = load(folder)
+    def __init__(self, robot: Robot, libraries: Path) -> None:
+        targets = ["numpy", "c", "acados"]
+        self.name, self._libraries = robot.name, libraries
+        self.folder = kept_folder(robot, DERIVATIVES, targets) / robot.name
+        self.model: Model = derived(robot, derivatives=DERIVATIVES)
+
+        def make() -> None:
+            self.folder.mkdir()
+            for file, text in render_module(self.model, "", find_targets(targets)).items():
+                (self.folder / file).write_text(text, encoding="utf-8")
+
+        made_once(self.folder, make)
+        sources = [str(self.folder / f"{robot.name}.c")]
+        (self.compiled,) = compile_only("gcc", ["-fPIC"], sources, libraries)
+        self.module: ModuleType = load(self.folder)
         self.nq, self.nv = len(self.module.COORDINATES), len(self.module.VELOCITIES)
         self.nx, self.nu = self.nq + self.nv, len(self.module.INPUTS)
         rng = np.random.default_rng(3)
@@ -139,7 +148,7 @@ class Case:
 
     def library(self, *options: str) -> Library:
         """The C code, compiled without optimisation."""
-        path = self.folder / f"library{len(list(self.folder.glob('*.so')))}.so"
+        path = self._libraries / f"library{len(list(self._libraries.glob('*.so')))}.so"
         sources = [str(self.folder / f"{self.name}_acados.c"), str(self.compiled)]
         build("gcc", ["-shared", "-fPIC", *options], sources, path)
         return Library(self.name, path)
@@ -224,7 +233,7 @@ ROBOTS = {
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
-    return Case(ROBOTS[request.param](), tmp_path_factory.mktemp("acados") / "module")
+    return Case(ROBOTS[request.param](), tmp_path_factory.mktemp("acados"))
 
 
 @pytest.fixture(scope="module")
@@ -376,7 +385,8 @@ PARTS = {
 def test_functions_that_need_others_are_missing_and_the_comment_says_what_brings_them(
     names: tuple[str, ...], case: Case, tmp_path: Path
 ) -> None:
-    model = replace(case.model, derivatives=names)
+    chosen = (*default_functions(), *names)
+    model = replace(case.model, functions=chosen)
     target = TARGETS["acados"]
     template = "acados_source.c.jinja"
     text = render(template, target.context(model, target.printer, [])[template][""])
@@ -388,6 +398,16 @@ def test_functions_that_need_others_are_missing_and_the_comment_says_what_brings
         words = set(re.findall(r"\w+", there if f"int MODULE({form})(" in text else missing))
         assert f"{case.name}_{form}" in words, form
     assert all(name in missing for name in DERIVATIVES if name not in names)
+
+
+def test_without_functions_that_it_links_it_says_which_are_missing(case: Case) -> None:
+    target = TARGETS["acados"]
+    model = replace(case.model, functions=("mass_matrix",))
+    with pytest.raises(UsageError, match="add forward_dynamics and coordinate_rates to --func"):
+        target.context(model, target.printer, [])
+    model = replace(case.model, functions=("forward_dynamics", "coordinate_rates"))
+    text = target.context(model, target.printer, [])["acados_source.c.jinja"][""]
+    assert [form.name for form in text["forms"]] == ["expl_ode_fun", "dyn_disc_phi_fun"]
 
 
 def test_the_target_needs_that_of_c() -> None:
@@ -431,7 +451,7 @@ class StandIn(ModuleType):
             """Compile what is in the folder of the model."""
             sources = sorted(map(str, Path(code_export_dir).glob("*_model/*.c")))
             output = f"{code_export_dir}/solver.so"
-            run([tool("gcc"), "-shared", "-fPIC", *sources, "-o", output, "-lm"])
+            compiled([tool("gcc"), "-shared", "-fPIC", *sources, "-lm"], Path(output))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 
 from gibbs_codegen.program.nodes import Name, Number, Product, Statement, Sum
 from gibbs_codegen.targets.c.statements import (
-    StatementPrinter,
+    CStatements,
     array_size,
     call,
     call_helper,
@@ -24,12 +24,12 @@ from gibbs_codegen.targets.c.statements import (
 )
 from gibbs_codegen.targets.printers import CPrinter
 
-PRINTER = StatementPrinter(CPrinter())
+PRINTER = CStatements(CPrinter())
 TWICE = Product((Number(2.0), Name("x")))
 
 
 def test_statements_are_c() -> None:
-    assert PRINTER.declare("t1", TWICE) == ["const real t1 = R(2.0) * x;"]
+    assert PRINTER.assign("t1", TWICE) == ["const real t1 = R(2.0) * x;"]
     assert PRINTER.store("residual", 3, Name("t1")) == ["residual[3 * stride] = t1;"]
     assert load("x", "q", 4) == "const real x = q[4 * stride];"
     assert load("t1", "scratch", 2, "-") == "const real t1 = -scratch[2 * stride];"
@@ -51,10 +51,8 @@ def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
 def test_a_helper_has_constants_arrays_and_stride() -> None:
     body = ["x[0 * stride] = a;", "", "b;"]
     assert helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], body) == [
-        "static INLINE void f(",
-        "    const Constants *RESTRICT constants,",
-        "    const real *RESTRICT q,",
-        "    real *RESTRICT x,",
+        "static INLINE void f(const Constants *RESTRICT constants, const real *RESTRICT q, "
+        "real *RESTRICT x,",
         "    const int stride)",
         "{",
         "    x[0 * stride] = a;",
@@ -75,7 +73,7 @@ def test_loops_hold_their_body() -> None:
 
 def test_a_group_begins_with_its_comment() -> None:
     rows = [Statement("a", TWICE, "p"), Statement("b", TWICE, "p"), Statement("c", TWICE, "q")]
-    lines = [line for line in PRINTER.declare_all(rows) if not line.startswith("const")]
+    lines = [line for line in PRINTER.assign_all(rows) if not line.startswith("const")]
     assert lines == ["", "/* p */", "", "/* q */"]
 
 
@@ -93,9 +91,9 @@ def test_no_line_is_longer_than_100_columns(length: int) -> None:
     """Within a function, whose body is indented once, and in a loop there, indented twice."""
     total = Sum((*((1, Name(f"name_{i}")) for i in range(8)), (1, Name("n" * length))))
     for printer, room in ((PRINTER, 96), (PRINTER.inside, 92)):
-        lines = printer.declare("t1", total)
+        lines = printer.assign("t1", total)
         assert max(map(len, lines)) <= room
-        assert " ".join(map(str.strip, lines)) == PRINTER.declare("t1", Name("?"))[0].replace(
+        assert " ".join(map(str.strip, lines)) == PRINTER.assign("t1", Name("?"))[0].replace(
             "?", " + ".join([f"name_{i}" for i in range(8)] + ["n" * length])
         )
         assert len(lines) == 1 or len(" ".join(map(str.strip, lines))) > room

@@ -6,10 +6,11 @@ import re
 from dataclasses import replace
 
 import pytest
+from support.derived import derived
 
-from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.interface import FUNCTIONS, Output, Row
+from gibbs_codegen.program.choice import chosen_derivatives
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
@@ -18,7 +19,7 @@ from gibbs_codegen.targets.registry import find_targets, render_module
 
 
 def test_emitted_functions_are_those_of_the_table() -> None:
-    program = derive(paper_family(3, 1), derivatives="all").program
+    program = derived(paper_family(3, 1), derivatives="all").program
     offered = chosen_derivatives("all")
     assert [function.name for function in program.functions] == [
         row.name
@@ -48,7 +49,9 @@ def test_units_in_the_text_are_those_of_the_table(function: str, output: Output)
     """A robot with joints of both kinds, so that there are entries of every unit."""
     robot = paper_family(3, 2)
     links = (robot.links[0], replace(robot.links[1], joint="prismatic"))
-    brackets = re.findall(r"\[(.*?)\]", output_text(replace(robot, links=links), output))
+    brackets = re.findall(
+        r"\[(.*?)\]", output_text(Description(replace(robot, links=links)), output)
+    )
     told, units = (set(re.split(", | or ", text)) for text in (" or ".join(brackets), output.unit))
     # The ±1 by which a constrained joint and its torque enter are left out of the text.
     assert told == units - {"1"} if function == "hybrid_mass_matrix" else told == units
@@ -56,7 +59,7 @@ def test_units_in_the_text_are_those_of_the_table(function: str, output: Output)
 
 def text(function: str) -> str:
     """What is said of the entries that a function of one array returns."""
-    return output_text(paper_family(3, 1), FUNCTIONS[function].outputs[0])
+    return output_text(Description(paper_family(3, 1)), FUNCTIONS[function].outputs[0])
 
 
 def test_entries_are_told_with_units() -> None:
@@ -68,7 +71,9 @@ def test_entries_are_told_with_units() -> None:
     assert text("constraint_torques") == "tau_prime_2 [N m], tau_prime_3 [N m]"
     assert text("positions") == "O1, O2, motor1, motor2, motor3, joint4, tip [m]"
     assert text("forward_dynamics").endswith("a_z [m/s^2]")
-    assert attitude_text(paper_family(3, 1)) == "R_x(theta_m1) R_y(theta_0) R_z(theta_1)"
+    assert (
+        attitude_text(Description(paper_family(3, 1))) == "R_x(theta_m1) R_y(theta_0) R_z(theta_1)"
+    )
 
 
 MOUNTED = """
@@ -85,15 +90,17 @@ inertia = [1, 1, 1, 0, 0, 0]
 
 def header(robot: Robot) -> str:
     """The C header of a robot, its comment in one line."""
-    text = render_module(derive(robot), "", find_targets(["c"]))[f"{robot.name}.h"]
+    text = render_module(derived(robot), "", find_targets(["c"]))[f"{robot.name}.h"]
     return " ".join(text.replace("\n *", " ").split())
 
 
 def test_only_bases_of_rods_have_words_of_arms_and_motors() -> None:
     rods, placed, carried = paper_family(2, 0), read_robot("quadrotor")[0], parse_robot(MOUNTED)
-    assert attitude_lines(rods)[0].endswith("From base arm 1's frame to the world the attitude is")
+    assert attitude_lines(Description(rods))[0].endswith(
+        "From base arm 1's frame to the world the attitude is"
+    )
     assert "gives in the frame of the motor's arm." in header(rods)
-    assert attitude_lines(placed) == [
+    assert attitude_lines(Description(placed)) == [
         "From the base's frame to the world the attitude is",
         "the unit quaternion qx, qy, qz, qw, its scalar part last.",
     ]

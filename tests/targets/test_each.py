@@ -23,8 +23,8 @@ from support.compiled import (
 )
 from support.tools import run, tool
 
-from gibbs_codegen.derivation.functions import chosen_derivatives
 from gibbs_codegen.interface import module_signatures
+from gibbs_codegen.program.choice import chosen_derivatives
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Attitude
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.kept import made_once
+from support.derived import derived
+from support.kept import kept_folder, made_once
 from support.octave import octave, octave_arrays
 from support.random_robots import random_tree, rigid_body
 
 from gibbs_codegen import pipeline
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.module_writer import differing_files, write_module
 from gibbs_codegen.files.templating import render
@@ -31,13 +31,14 @@ from gibbs_codegen.interface import (
     Signature,
     module_signatures,
 )
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Robot
-from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.matlab.help import LISTS, ListText, list_texts
-from gibbs_codegen.targets.matlab.names import TAKEN, check_names, variable
+from gibbs_codegen.targets.matlab.statements import TAKEN, check_names, variable
+from gibbs_codegen.targets.matlab.target import LISTS, list_texts
+from gibbs_codegen.targets.printers import Context
 from gibbs_codegen.targets.registry import find_targets, render_module
 
 COUNT = 3
@@ -67,7 +68,7 @@ def ball() -> Robot:
 
 
 def robots() -> dict[str, tuple[Robot, Any]]:
-    """Robots by their names, and the derivatives that they have."""
+    """Robots by their names, and the functions that they have besides those by default."""
     of_tree = ("step_rk4_derivatives",)
     of_small = ("step_rk4_derivatives", "step_euler", "regressor", "inverse_dynamics_derivatives")
     tree = replace(random_tree(29, "quaternion"), name="tree")
@@ -80,18 +81,19 @@ def robots() -> dict[str, tuple[Robot, Any]]:
 
 
 @pytest.fixture(scope="module")
-def packaged(kept: Path) -> Callable[[str], Packaged]:
+def packaged() -> Callable[[str], Packaged]:
     """Generate a robot's module for NumPy and MATLAB."""
 
     @functools.cache
     def made(name: str) -> Packaged:
-        folder = kept / "matlab" / name
+        robot, functions = robots()[name]
+        chosen = ("default", *functions)
+        folder = kept_folder(robot, TARGETS, chosen) / name
 
         def make() -> None:
-            robot, derivatives = robots()[name]
             text = robot_text(robot)
             pipeline.generate_robot(
-                robot, text, folder.parent, TARGETS, verify=False, derivatives=derivatives
+                robot, text, folder.parent, TARGETS, verify=False, functions=chosen
             )
 
         made_once(folder, make)
@@ -178,15 +180,15 @@ def test_empty_brackets_are_an_argument_without_entries(
     np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
 
 
-def every_list() -> dict[Robot, dict[str, ListText]]:
+def every_list() -> dict[Robot, dict[str, Context]]:
     """The lists of robots, with those that a function on request brings."""
     listed = [read_robot(name)[0] for name in shipped_robots()] + [ball()]
-    return {robot: list_texts(robot, ("regressor",), ["header"]) for robot in listed}
+    return {robot: list_texts(Description(robot), ("regressor",), ["header"]) for robot in listed}
 
 
 def test_lines_of_lists_break_between_entries() -> None:
     for texts in every_list().values():
-        for line in (line for text in texts.values() for line in (*text.names, *text.units)):
+        for line in (line for text in texts.values() for line in (*text["names"], *text["units"])):
             assert re.fullmatch(r"('[^']+'; )*'[^']+';?", line)
 
 
@@ -196,7 +198,7 @@ def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path
     for robot, texts in every_list().items():
         package = tmp_path / f"+{robot.name}"
         package.mkdir()
-        for constant, names in module_lists(robot, ("regressor",)).items():
+        for constant, names in Description(robot).lists(("regressor",)).items():
             name = LISTS[constant][0]
             (package / f"{name}.m").write_text(render("matlab_list.m.jinja", texts[name]))
             key = f"{robot.name}_{name}"
@@ -348,16 +350,16 @@ def test_names_that_matlab_does_not_take() -> None:
     """A name that begins with a digit gets an x; a robot's that hides another is refused."""
     robot = read_robot("quadrotor_2link")[0]
     links = tuple(replace(robot.links[1], name=name) for name in ("1st", "e"))
-    given = derive(replace(robot, links=links))
+    given = derived(replace(robot, links=links))
     source = render_module(given, "", find_targets(["matlab"]))["+quadrotor_2link/mass_matrix.m"]
     assert re.search(r"^    x_1st_q = q\(4, :\);$", source, flags=re.MULTILINE)
     assert "e_q = q(5, :);" in source
     assert not re.search(r"(?<!\w)_", re.sub("%.*", "", source))
     for name in ("end", "case", "cos", "reshape", "pi", "u", "residual", "count", "k1", "x"):
         with pytest.raises(UsageError, match=f"--target matlab: the robot's name {name} is"):
-            check_names(replace(given, robot=replace(robot, name=name)))
+            check_names(replace(given, description=Description(replace(robot, name=name))))
     with pytest.raises(UsageError, match=f"{'b' * 64} has more than 63 characters"):
-        check_names(replace(given, robot=replace(robot, name="b" * 64)))
+        check_names(replace(given, description=Description(replace(robot, name="b" * 64))))
     for names, words in (
         (["a" * 64], r"a{64} has more than 63 characters"),
         (["_1st_x", "x_1st_x"], "_1st_x would be x_1st_x, which is there already"),
@@ -371,7 +373,7 @@ def test_a_package_is_whole_in_the_module_that_has_it(
 ) -> None:
     """A file that was changed, one too many, and one that a package lost: each is named."""
     robot, text = read_robot("quadrotor")
-    model = derive(robot)
+    model = derived(robot)
     files = render_module(model, text, find_targets(["matlab"]))
     folder = tmp_path / robot.name
     write_module(folder, files)

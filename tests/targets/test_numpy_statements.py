@@ -6,16 +6,16 @@ import pytest
 
 from gibbs_codegen.program.nodes import Name, Number, Output, Product, Statement, Sum
 from gibbs_codegen.targets.numpy.statements import (
-    StatementPrinter,
+    PythonStatements,
     elements,
+    literals,
     load,
     result,
     result_type,
-    strings,
 )
 from gibbs_codegen.targets.printers import InfixPrinter
 
-PRINTER = StatementPrinter(InfixPrinter())
+PRINTER = PythonStatements(InfixPrinter())
 TWICE = Product((Number(2.0), Name("x")))
 
 
@@ -24,8 +24,8 @@ def test_statements_are_python() -> None:
     assert load("x", "q", 4) == "x = q[4]"
     assert load("mass", "values", "mass") == 'mass = values["mass"]'
     assert elements(["a", "b"]) == ["a, b,"]
-    assert strings(["a", "b"]) == ['"a", "b",']
-    assert strings([]) == []
+    assert literals(["a", "b"]) == ['"a", "b",']
+    assert literals([]) == []
 
 
 @pytest.mark.parametrize("length", range(1, 60))

@@ -8,14 +8,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import jinja2
 import pytest
 from conftest import ROOT
+from support.derived import derived
 
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
@@ -36,12 +36,12 @@ from gibbs_codegen.targets.registry import (
 @pytest.fixture(scope="module")
 def files() -> dict[str, str]:
     robot, text = read_robot("octorotor_7link")
-    return render_module(derive(robot), text, find_targets())
+    return render_module(derived(robot), text, find_targets())
 
 
 def test_a_name_that_the_context_lacks_is_an_error() -> None:
     with pytest.raises(jinja2.UndefinedError):
-        render("package_init.py.jinja", SimpleNamespace())
+        render("package_init.py.jinja", {})
 
 
 def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,7 +49,8 @@ def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
         main(["generate", "--help"])
     said = " ".join(capsys.readouterr().out.split())
     told = said[said.index("a target to emit: ") :].split(";")[0]
-    assert re.findall("|".join(TARGETS), told.split(", which")[0]) == [*TARGETS]
+    named = re.sub(r", which needs \w+", "", told.removeprefix("a target to emit: "))
+    assert re.split(r", or |, ", named) == [*TARGETS]
     needing = [name for name, target in TARGETS.items() if target.needs]
     assert all(f"{name}, which needs {TARGETS[name].needs[0]}" in told for name in needing)
 
@@ -65,11 +66,12 @@ def test_templates_take_no_decisions() -> None:
         assert "sympy" not in text
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
-    model = derive(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
+    model = derived(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
     long_names = render_module(model, robot_text(model.robot), find_targets())
-    many_folded = render_module(derive(paper_family(40, 1)), "-\n", find_targets())
+    many_folded = render_module(derived(paper_family(40, 1)), "-\n", find_targets())
     assert "base_drag_40" in many_folded["numpy_module.py"].partition("PARAMETERS = {")[0]
     for text in [*files.values(), *long_names.values(), *many_folded.values()]:
         # A name of 64 letters makes names that are longer than a line.
@@ -140,11 +142,13 @@ def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_f
     toy = Target(InfixPrinter(), lambda *_: {}, {}, by_default=False)
     monkeypatch.setitem(TARGETS, "toy", toy)
     assert [*find_targets()] == [*DEFAULT_TARGETS] == ["numpy", "c"]
-    model = derive(paper_family(4, 1))
+    model = derived(paper_family(4, 1))
     command = "generate THIS_FOLDER/robot.toml --out ."
     assert header(model, "", find_targets())[3].endswith(command)
-    asked = header(model, "", find_targets(["numpy", "c", "toy"]))
-    assert asked[3].endswith(f"{command} --target numpy --target c --target toy")
+    asked = " ".join(
+        line.strip() for line in header(model, "", find_targets(["numpy", "c", "toy"]))
+    )
+    assert f"{command} --target numpy --target c --target toy " in asked
     with pytest.raises(SystemExit):
         main(["generate", "--help"])
     assert f"default: {' and '.join(DEFAULT_TARGETS)}" in " ".join(capsys.readouterr().out.split())
@@ -162,19 +166,19 @@ def test_a_toy_target_is_a_printer_a_context_and_a_template(
         Shouting(),
         lambda model, printer, header: {
             "toy.jinja": {
-                name: SimpleNamespace(
-                    lines=[
+                name: {
+                    "lines": [
                         f"{s.name} := {printer.expression(s.value)}"
                         for s in model.program.function(name).statements
                     ]
-                )
+                }
                 for name in ("mass_matrix", "residual")
             }
         },
         {"toy.jinja": "{name}_{part}.toy"},
     )
     monkeypatch.setattr("gibbs_codegen.files.templating.template_folder", lambda: tmp_path)
-    files = render_module(derive(paper_family(4, 1)), "", {"toy": target})
+    files = render_module(derived(paper_family(4, 1)), "", {"toy": target})
     assert [*files] == [
         "robot.toml",
         "quadrotor_1link_mass_matrix.toy",

@@ -14,7 +14,7 @@ from support import on_request
 from support.compiled import Emitted, Library, build, compile_only, emit
 from support.tools import run, tool
 
-from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among
 from gibbs_codegen.robot.family import paper_family
 
 ATTITUDES = ("xyz", "quaternion")
@@ -43,7 +43,7 @@ def test_clang_finds_nothing_amiss_in_the_comments_of_headers(emitted: Emitted) 
 
 def on_demand(emitted: Emitted) -> list[Signature]:
     """Signatures of the functions on request; the matrices of composed ones are dense."""
-    rows = {name for name, row in FUNCTIONS.items() if row.on_request and not row.composed}
+    rows = {name for name in derivatives_among(FUNCTIONS) if not FUNCTIONS[name].composed}
     return [signature for signature in emitted.signatures() if signature.name in rows]
 
 

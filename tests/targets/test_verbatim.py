@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from conftest import ROOT
+from support.compiled import SMALL, Emitted
 
-from gibbs_codegen.targets.verbatim import c_source, python_source
+from gibbs_codegen.files.verbatim import c_source, python_source
 
 EMITTED = ROOT / "gibbs_codegen" / "emitted"
 ROBOT = ROOT / "generated" / "hexarotor_3link"
@@ -37,8 +40,11 @@ def test_a_c_file_has_those_that_it_includes_in_their_places() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "file"), [("support.c", ""), ("column_major.c", "_casadi")], ids=["module", "CasADi"]
+    ("name", "file"),
+    [("support.c", ".c"), ("column_major.c", "_casadi.c")],
+    ids=["module", "CasADi"],
 )
-def test_every_line_stands_in_the_module(name: str, file: str) -> None:
-    module = (ROBOT / f"hexarotor_3link{file}.c").read_text(encoding="utf-8")
-    assert f"\n{c_source(name)}" in module
+def test_every_line_stands_in_the_module(
+    name: str, file: str, emitted: Callable[[str], Emitted]
+) -> None:
+    assert f"\n{c_source(name)}" in emitted(SMALL).text(file)

@@ -6,10 +6,10 @@ import functools
 from dataclasses import replace
 
 import pytest
+from support.derived import derived
 from support.emitted import NUMPY
 from support.planted_faults import planted
 
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Passive, Robot
@@ -30,7 +30,7 @@ def vehicle(attitude: str) -> Robot:
 @functools.cache
 def source(attitude: str, derivatives: tuple[str, ...] | str) -> str:
     """The NumPy text of the robot's module."""
-    model = derive(vehicle(attitude), derivatives=derivatives)
+    model = derived(vehicle(attitude), derivatives=derivatives)
     return render_module(model, "", NUMPY)["numpy_module.py"]
 
 
@@ -91,5 +91,5 @@ def test_steps_of_a_robot_with_stiff_dampers_pass() -> None:
     robot = vehicle("xyz")
     links = tuple(replace(link, passive=Passive(damping=1e5)) for link in robot.links)
     stiff = replace(robot, links=links)
-    model = derive(stiff, derivatives=["step_rk4", "step_rk4_derivatives"])
+    model = derived(stiff, derivatives=["step_rk4", "step_rk4_derivatives"])
     refuse_wrong(stiff, render_module(model, "", NUMPY)["numpy_module.py"])

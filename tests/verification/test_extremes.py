@@ -14,7 +14,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, alternating_thrust
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import failure_text
-from gibbs_codegen.verification.modules import _from_text
+from gibbs_codegen.verification.modules import module_of
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
@@ -99,7 +99,7 @@ def test_planted_faults_are_found(name: str, faults: int) -> None:
     newton_euler = [NewtonEuler(Tree(robot))]
     missed = []
     for altered, what in planted(text, faults, seed=3):
-        comparisons = compare_module(_from_text(altered), robot, newton_euler, 3, 0)
+        comparisons = compare_module(module_of(altered), robot, newton_euler, 3, 0)
         if all(c.passed for c in comparisons):
             missed.append(what)
     assert len(missed) <= 1, missed

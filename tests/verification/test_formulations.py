@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from support.emitted import NUMPY
 from support.pages import blocks
-from support.pinocchio_oracle import Oracle
+from support.pinocchio_oracle import InPinocchio, Oracle
 from support.planted_faults import planted
 from support.random_robots import random_robot, random_tree, robots, trees
 
@@ -30,11 +30,10 @@ from gibbs_codegen.verification.equations import Expected, input_matrix
 from gibbs_codegen.verification.formulation import (
     Formulation,
     NotApplicableError,
-    Quantities,
     formulated,
 )
 from gibbs_codegen.verification.lagrange import Lagrange
-from gibbs_codegen.verification.modules import _from_text
+from gibbs_codegen.verification.modules import module_of
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import InOwnUnits, parameter_values, with_values
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio
@@ -51,43 +50,12 @@ NOT_COMPUTED |= {(name, "joint_wrenches") for name in ("MuJoCo", "Lagrange", "Pi
 
 def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> None:
     """All that a formulation gives, relative to the norm of what the oracle gives."""
-    oracle = Oracle(robot)
-    states = States.random(formulation.tree, 2, 5)
-    q, v, a = states.q, states.v, states.a
-    frames = [*oracle.frames.values()]
-    seats = [*oracle.rotors, *frames]
-    places = [[oracle.point_jacobian(x, seat) for seat in seats] for x in q]
-    energies = [oracle.energies(x, rate) for x, rate in zip(q, v, strict=True)]
-    motions = [*zip(q, v, a, strict=True)]
-    masses = [oracle.centroidal(x, rate) for x, rate in zip(q, v, strict=True)]
-    centres, columns, momenta, weights = zip(*masses, strict=True)
-    wrenches = [oracle.joint_wrenches(*x, u) for x, u in zip(motions, states.u, strict=True)]
-    expected = Quantities(
-        mass_matrix=[oracle.mass_matrix(x) for x in q],
-        residual=[-oracle.inverse_dynamics(x, rate, 0 * rate) for x, rate, _ in motions],
-        inverse_dynamics=[oracle.inverse_dynamics(*motion) for motion in motions],
-        poses=[[pose.homogeneous for _, pose in row] for row in places],
-        jacobians=[[jacobian for jacobian, _ in row] for row in places],
-        kinetic_energy=[kinetic for kinetic, _ in energies],
-        potential_energy=[potential for _, potential in energies],
-        positions=[oracle.positions(x) for x in q],
-        bias_accelerations=[
-            [oracle.bias_acceleration(x, rate, frame) for frame in frames] for x, rate, _ in motions
-        ],
-        centre_of_mass=centres,
-        centre_jacobian=columns,
-        momentum=momenta,
-        gravity_forces=weights,
-        joint_wrenches=wrenches,
-    )
+    oracle, states = Oracle(robot), States.random(formulation.tree, 2, 5)
+    expected = InPinocchio(oracle, formulation.tree).at(states)
     found = formulation.at(states).with_passive(formulation.tree, states)
     inputs = input_matrix(formulation.tree, found)
-    free = formulation.tree.free
-    given = found._asdict()
-    for name in ("centre_jacobian", "gravity_forces"):  # The oracle has them of the free joints.
-        given[name] = None if given[name] is None else given[name][..., free]
-    pairs = [*zip(given, given.values(), expected, strict=True)]
-    pairs.append(("input_matrix", inputs, [oracle.input_matrix(x) for x in q]))
+    pairs = [*zip(found._fields, found, expected, strict=True)]
+    pairs.append(("input_matrix", inputs, [oracle.input_matrix(x) for x in states.q]))
     for name, ours, theirs in pairs:
         if ours is None:
             assert (formulation.name, name) in NOT_COMPUTED
@@ -154,7 +122,7 @@ def test_mujoco_finds_faults_in_modules_of_thin_rods(of_rods: Robot) -> None:
     end = text.index("\ndef ", start + 1)
 
     def passes(kernel: str) -> bool:
-        module = _from_text(text[:start] + kernel + text[end:])
+        module = module_of(text[:start] + kernel + text[end:])
         return all(c.passed for c in expected.compare(Evaluation(module).all(states)))
 
     assert passes(text[start:end])

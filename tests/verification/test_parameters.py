@@ -11,8 +11,13 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
 from gibbs_codegen.verification.contents import without_effect
-from gibbs_codegen.verification.parameters import parameter_values, with_values
-from gibbs_codegen.verification.variation import determined, variation, variations
+from gibbs_codegen.verification.parameters import (
+    determined,
+    parameter_values,
+    variation,
+    variations,
+    with_values,
+)
 
 
 @pytest.mark.parametrize("robot", [*shipped_robots(), *range(3)])

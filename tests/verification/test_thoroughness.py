@@ -13,22 +13,21 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.degenerate_robots import degenerate_robot
+from support.derived import derived
 from support.emitted import NUMPY, emitted_module
 from support.tools import tool
 
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.rollouts import Motors, Problem, Rollout, plain_rollout
+from gibbs_codegen.runtime.rollouts import Motors, Problem, Rollout, numpy_rollout
 from gibbs_codegen.targets.registry import render_module
-from gibbs_codegen.verification import c_program, rollouts
-from gibbs_codegen.verification.c_program import compare_single_precision
+from gibbs_codegen.verification import c_program
+from gibbs_codegen.verification.c_program import compare_rollouts, compare_single_precision
 from gibbs_codegen.verification.comparison import Comparison
 from gibbs_codegen.verification.modules import refuse_wrong, verify
 from gibbs_codegen.verification.parameters import parameter_values, with_values
-from gibbs_codegen.verification.rollouts import compare_rollouts
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
@@ -64,7 +63,7 @@ def failing(folder: Path, backend: str = "numpy") -> set[str]:
 
 def all_parameters() -> str:
     """The NumPy source of a robot whose zeros are parameters."""
-    model = derive(read_robot("quadrotor_2link")[0], keep_zeros=True)
+    model = derived(read_robot("quadrotor_2link")[0], keep_zeros=True)
     return render_module(model, "", NUMPY)["numpy_module.py"]
 
 
@@ -317,9 +316,9 @@ def rollout_rows(
     """Rollouts by NumPy in place of those in C, without some of what a problem has."""
 
     def wrong(problem: Problem, flags: tuple[str, ...]) -> Rollout:
-        return plain_rollout(replace(problem, **{k: f(problem) for k, f in fault.items()}))
+        return numpy_rollout(replace(problem, **{k: f(problem) for k, f in fault.items()}))
 
-    monkeypatch.setattr(rollouts, "compiled_rollout", wrong)
+    monkeypatch.setattr(c_program.rollouts, "compiled_rollout", wrong)
     return compare_rollouts(emitted_module(robot), Tree(robot), 0, "single", ())
 
 

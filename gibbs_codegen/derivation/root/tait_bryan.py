@@ -26,26 +26,19 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.acceleration_column import AccelerationColumn, combination
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
-from gibbs_codegen.derivation.motion import Acceleration, Motion
-from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.motion import Acceleration, Motion, State
 from gibbs_codegen.derivation.unit_motions import Column, MovingBody, UnitMotion, column
 from gibbs_codegen.robot.layout import Places, velocity_places
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, Values, Vector
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
     Matrix,
     Rotation,
-    Vector,
     Wrench,
-    add,
     axis_vector,
-    cross,
-    dot,
     identity,
-    scale,
     turned_axes,
     zeros,
 )
@@ -60,9 +53,9 @@ class TaitBryanDerivatives:
     """
 
     axes: tuple[int, int, int]
-    rotations: tuple[Rotation, Rotation, Rotation]
+    rotations: Sequence[Rotation]
     inner: Sequence[Rotation]
-    units: tuple[UnitMotion, UnitMotion, UnitMotion]
+    units: Sequence[UnitMotion]
 
     def coriolis(self, tape: Scalars) -> TaitBryanDerivatives:
         """Itself: velocities are rates of coordinates."""
@@ -80,31 +73,28 @@ class TaitBryanDerivatives:
         return by_angle, by_rate
 
     def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
-        """Rows for θ₋₁, θ₀, θ₁, x, y, z, and columns as of `row`; `mass_block` is not used."""
+        """Values for θ₋₁, θ₀, θ₁, x, y, z, and columns as of `row`; `mass_block` is not used."""
         by_angle, by_rate = zeros(6, 6), zeros(6, 6)
         with tape.group("derivatives of the forces on attitude and position by themselves"):
             body = body.turned(tape, self.inner)
             for j in (2, 1, 0):
                 body = body.turned(tape, self._turns(j))
-                taken = column(tape, self.units[j], body)
+                own = column(tape, self.units[j], body)
                 for i in range(j, -1, -1):
-                    taken = taken.turned(tape, self._turns(i)) if i < j else taken
-                    by_angle[j][i] = taken.by_angle(tape, self.units[i])
-                    by_rate[j][i] = taken.by_rate(tape, self.units[i])
-                    by_angle[i][j] = taken.angle.moment[self.axes[i]]
-                    by_rate[i][j] = taken.rate.moment[self.axes[i]]
-                taken = taken.turned(tape, self.rotations[:1])
+                    own = own.turned(tape, self._turns(i)) if i < j else own
+                    by_angle[j][i] = own.by_angle(tape, self.units[i])
+                    by_rate[j][i] = own.by_rate(tape, self.units[i])
+                    by_angle[i][j] = own.angle.moment[self.axes[i]]
+                    by_rate[i][j] = own.rate.moment[self.axes[i]]
+                own = own.turned(tape, self.rotations[:1])
                 for i in range(3):
-                    by_angle[3 + i][j] = taken.angle.force[i]
-                    by_rate[3 + i][j] = taken.rate.force[i]
+                    by_angle[3 + i][j] = own.angle.force[i]
+                    by_rate[3 + i][j] = own.rate.force[i]
         return by_angle, by_rate
 
     def _turns(self, i: int) -> Sequence[Rotation]:
         """Rotations from the frame of the next angle to that of angle i: one for the second."""
         return self.rotations[1:2] if i == 1 else ()
-
-
-Row = Sequence[sp.Expr]
 
 
 @dataclass(frozen=True)
@@ -116,8 +106,8 @@ class TaitBryanFrame:
     """
 
     axes: tuple[int, int, int]
-    outer: tuple[Rotation, Rotation]
-    vectors: tuple[Vector, Vector, Vector]
+    outer: Sequence[Rotation]
+    vectors: tuple[Vector, ...]
     cos: sp.Expr
     sin: sp.Expr
 
@@ -129,23 +119,22 @@ class TaitBryanFrame:
 
     def seen(self, tape: Scalars, vector: Vector) -> Vector:
         """A vector of the frame of the derivatives in this frame."""
-        x, y, z = (dot(tape, axis, vector) for axis in self.vectors)
-        return (x, y, z)
+        return tuple(tape.dot(axis, vector) for axis in self.vectors)
 
-    def rows(self, tape: Scalars) -> Callable[[Acceleration], Row]:
+    def rows(self, tape: Scalars) -> Callable[[Acceleration], Values]:
         """θ̈₋₁, θ̈₀, θ̈₁, ẍ, ÿ, z̈ as a linear function of a motion of the base.
 
         The motion is r̈ and the share of θ̈₋₁, θ̈₀, θ̈₁ in dω/dt, in the frame of the derivatives.
         """
         a, b, c = self.axes
-        first = scale(tape, tape.let(1 / self.cos), self.vectors[a])
+        first = tape.scale(tape.let(1 / self.cos), self.vectors[a])
         images = [self.world(tape, self.seen(tape, axis_vector(k))) for k in range(3)]
 
-        def converted(motion: Acceleration) -> Row:
-            angle = dot(tape, first, motion.angular)
-            last = dot(tape, self.vectors[c], motion.angular)
-            linear = combination(tape, motion.linear, images)
-            middle = dot(tape, self.vectors[b], motion.angular)
+        def converted(motion: Acceleration) -> Values:
+            angle = tape.dot(first, motion.angular)
+            last = tape.dot(self.vectors[c], motion.angular)
+            linear = tape.combination(motion.linear, images)
+            middle = tape.dot(self.vectors[b], motion.angular)
             return [angle, middle, tape.let(last - tape.let(self.sin * angle)), *linear]
 
         return converted
@@ -155,7 +144,7 @@ class TaitBryanFrame:
         first, second = self.outer
         return first.vector(tape, second.vector(tape, vector))
 
-    def angles(self, tape: Scalars, vector: Vector) -> Row:
+    def angles(self, tape: Scalars, vector: Vector) -> Values:
         """θ̈₋₁, θ̈₀, θ̈₁ whose sum times their axes is a vector of this frame."""
         a, b, c = self.axes
         first = tape.let(vector[a] * tape.let(1 / self.cos))
@@ -167,34 +156,6 @@ class TaitBryanFrame:
         return (entries[0], entries[1], entries[2])
 
 
-def state_columns(
-    tape: Scalars,
-    frame: TaitBryanFrame,
-    turning: Sequence[AccelerationColumn],
-    linear: Vector,
-    rates: Sequence[sp.Expr],
-    accelerations: Sequence[sp.Expr],
-) -> tuple[list[Row], list[Row]]:
-    """Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates, with the rows of the base first.
-
-    `turning` are columns of dω/dt, r̈ and the joints for a change of each component of ω, in the
-    frame of the derivatives; `linear` is r̈ of the origin relative to free fall, in `frame`.
-    """
-    convert = frame.rows(tape)
-    about: list[Row] = []
-    for axis in frame.axes:
-        column = AccelerationColumn.combined(tape, frame.vectors[axis], turning)
-        about.append([*convert(column.root), *column.joints])
-    nothing = [sp.S.Zero] * len(about[0])
-    changes = _Changes(tape, frame, about, rates, accelerations)
-    by_angles = [
-        changes.by_first(linear),
-        changes.by_second(linear),
-        changes.by_third(linear),
-    ]
-    return [*by_angles, *[nothing] * 3], [*changes.by_rates(), *[nothing] * 3]
-
-
 @dataclass(frozen=True)
 class _Changes:
     """Columns of the angles and of their rates.
@@ -204,18 +165,17 @@ class _Changes:
 
     tape: Scalars
     frame: TaitBryanFrame
-    about: list[Row]
-    rates: Sequence[sp.Expr]
-    accelerations: Sequence[sp.Expr]
+    about: list[Values]
+    base: State
 
-    def by_rates(self) -> list[Row]:
+    def by_rates(self) -> list[Values]:
         """By θ̇₋₁, θ̇₀ and θ̇₁."""
         let, frame, sign, zero = self.tape.let, self.frame, self.frame.sign, sp.S.Zero
-        first, second, third = self.rates[:3]
+        first, second, third = self.base.rates[:3]
         a, b, c = self.about
         cos, sin = frame.cos, frame.sin
         turned = let(cos * first)
-        by_first = combination(self.tape, (cos, sin), (a, c))
+        by_first = self.tape.combination((cos, sin), (a, c))
         return [
             self._less(
                 by_first,
@@ -229,57 +189,55 @@ class _Changes:
             self._less(c, frame.vector(sign * second, -sign * turned, zero)),
         ]
 
-    def by_first(self, r: Vector) -> Row:
+    def by_first(self, r: Vector) -> Values:
         """By θ₋₁, which turns r̈ in the world; r is relative to free fall, in the frame."""
         axis = axis_vector(self.frame.axes[0])
-        linear = cross(self.tape, axis, self.frame.world(self.tape, r))
+        linear = self.tape.cross(axis, self.frame.world(self.tape, r))
         return self._with([sp.S.Zero] * len(self.about[0]), [sp.S.Zero] * 3, linear)
 
-    def by_second(self, r: Vector) -> Row:
+    def by_second(self, r: Vector) -> Values:
         """By θ₀, which turns g besides."""
         tape, let, frame, sign = self.tape, self.tape.let, self.frame, self.frame.sign
-        first, second, third = self.rates[:3]
+        first, second, third = self.base.rates[:3]
         a, _, c = self.about
         cos, sin = frame.cos, frame.sin
         along_a, along_c = let(sin * first), let(cos * first)
-        column: Row = combination(tape, (-sign * along_a, sign * along_c), (a, c))
+        column: Values = tape.combination((-sign * along_a, sign * along_c), (a, c))
         column = self._less(
             column,
             frame.vector(let(-along_c * second), let(along_a * third), let(-along_a * second)),
         )
-        gain = let(sign * let(sin * let(1 / cos)) * self.accelerations[0])
-        last = let(-let(sin * gain) - let(sign * cos * self.accelerations[0]))
+        gain = let(sign * let(sin * let(1 / cos)) * self.base.accelerations[0])
+        last = let(-let(sin * gain) - let(sign * cos * self.base.accelerations[0]))
         outer, inner = frame.outer
-        linear = outer.vector(tape, cross(tape, axis_vector(frame.axes[1]), inner.vector(tape, r)))
+        linear = outer.vector(tape, tape.cross(axis_vector(frame.axes[1]), inner.vector(tape, r)))
         return self._with(column, [gain, sp.S.Zero, last], linear)
 
-    def by_third(self, r: Vector) -> Row:
+    def by_third(self, r: Vector) -> Values:
         """By θ₁, which turns the base in the frame."""
         tape, let, frame, sign = self.tape, self.tape.let, self.frame, self.frame.sign
-        first, second, third = self.rates[:3]
+        first, second, third = self.base.rates[:3]
         turned = let(frame.cos * first)
         a, b, _ = self.about
-        column = combination(tape, (sign * second, -sign * turned), (a, b))
+        column = tape.combination((sign * second, -sign * turned), (a, b))
         along_a = let(
-            frame.cos * self.accelerations[0] + sign * second * let(third - let(frame.sin * first))
+            frame.cos * self.base.accelerations[0]
+            + sign * second * let(third - let(frame.sin * first))
         )
-        along_b = let(self.accelerations[1] - sign * let(third * turned))
+        along_b = let(self.base.accelerations[1] - sign * let(third * turned))
         angles = frame.angles(tape, frame.vector(-sign * along_b, sign * along_a, sp.S.Zero))
-        linear = frame.world(tape, cross(tape, axis_vector(frame.axes[2]), r))
+        linear = frame.world(tape, tape.cross(axis_vector(frame.axes[2]), r))
         return self._with(column, angles, linear)
 
-    def _less(self, column: Row, bias: Vector) -> Row:
+    def _less(self, column: Values, bias: Vector) -> Values:
         """A column less what a change of b takes from the angles' accelerations."""
         angles = self.frame.angles(self.tape, bias)
         return self._with(column, [-angle for angle in angles], ZERO)
 
-    def _with(self, column: Row, angles: Sequence[sp.Expr], linear: Vector) -> Row:
+    def _with(self, column: Values, angles: Values, linear: Vector) -> Values:
         """A column with accelerations added for the angles, and for the world coordinates."""
         pairs = zip(column[:6], (*angles, *linear), strict=True)
         return [*(self.tape.let(p + q) for p, q in pairs), *column[6:]]
-
-
-Rows = tuple[sp.Expr, ...]
 
 
 @dataclass(frozen=True)
@@ -287,17 +245,15 @@ class TaitBryanRoot:
     """Attitude by three intrinsic rotations, position in world axes."""
 
     axes: tuple[int, int, int]
-    rotations: tuple[Rotation, Rotation, Rotation]
+    rotations: Sequence[Rotation]
     angle: sp.Expr
 
     @classmethod
-    def make(cls, tape: Scalars, sequence: str, angles: Sequence[sp.Expr]) -> TaitBryanRoot:
+    def make(cls, tape: Scalars, sequence: str, angles: Values) -> TaitBryanRoot:
         """The root of a sequence of axes, such as "xyz", and of θ₋₁, θ₀ and θ₁ (rad)."""
         a, b, c = ("xyz".index(letter) for letter in sequence)
-        first, second, third = (
-            Rotation.angle(tape, axis, angle) for axis, angle in zip((a, b, c), angles, strict=True)
-        )
-        return cls((a, b, c), (first, second, third), angles[2])
+        pairs = zip((a, b, c), angles, strict=True)
+        return cls((a, b, c), [Rotation.angle(tape, *pair) for pair in pairs], angles[2])
 
     @property
     def spins_about_normal(self) -> bool:
@@ -323,44 +279,34 @@ class TaitBryanRoot:
         """Number of rotations between the world and the group frame."""
         return 2 if self.spins_about_normal else 3
 
-    def frame_motion(
-        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
-    ) -> Motion:
+    def frame_motion(self, tape: Scalars, base: State) -> Motion:
         """Motion of the group frame in its own axes, by the rates of θ₋₁, θ₀, θ₁, x, y, z."""
-        return self._motion_after(tape, self._outer, rates, accelerations, gravity)
+        return self._motion_after(tape, self._outer, base)
 
-    def _motion_after(
-        self, tape: Scalars, count: int, rates: Values, accelerations: Values, gravity: sp.Expr
-    ) -> Motion:
+    def _motion_after(self, tape: Scalars, count: int, base: State) -> Motion:
         """Motion of a frame turned by the first `count` rotations, in its own axes."""
-        x, y, z = self.origin_acceleration(tape, rates, accelerations, gravity)
+        x, y, z = self.origin_acceleration(tape, base)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
         for i in range(count):
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
-            gain = scale(tape, rates[i], cross(tape, omega, axis_vector(axis)))
-            omega_dot = add(
-                tape,
-                back.vector(tape, omega_dot),
-                gain,
-                axis_vector(axis, accelerations[i]),
-            )
-            omega = add(tape, omega, axis_vector(axis, rates[i]))
+            gain = tape.scale(base.rates[i], tape.cross(omega, axis_vector(axis)))
+            own = axis_vector(axis, base.accelerations[i])
+            omega_dot = tape.add(back.vector(tape, omega_dot), gain, own)
+            omega = tape.add(omega, axis_vector(axis, base.rates[i]))
             acceleration = back.vector(tape, acceleration)
         return Motion.of(tape, omega, omega_dot, acceleration)
 
-    def origin_acceleration(
-        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
-    ) -> Vector:
+    def origin_acceleration(self, tape: Scalars, base: State) -> Vector:
         """Acceleration of the origin in world axes with gravity upwards (m/s²)."""
-        x, y, z = accelerations[3:]
-        return (x, y, z + gravity)
+        x, y, z = base.accelerations[3:]
+        return (x, y, z + base.gravity)
 
     def segment_spin(self, values: Values) -> sp.Expr:
         """The rate or acceleration of θ₁ where the root segment has it to itself, or zero."""
         return values[2] if self.spins_about_normal else sp.S.Zero
 
-    def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
+    def rows(self, tape: Scalars, wrench: Wrench) -> Values:
         """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z."""
         rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
@@ -369,20 +315,17 @@ class TaitBryanRoot:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
 
-    def derivatives(
-        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
-    ) -> TaitBryanDerivatives:
+    def derivatives(self, tape: Scalars, base: State) -> TaitBryanDerivatives:
         """How forces depend on the angles and their rates."""
         # Of the first two angles the frame between, and of the third the one between it and them.
-        frames = [
-            self._motion_after(tape, count, rates, accelerations, gravity) for count in (1, 1, 2)
-        ]
-        first, second, third = (
+        frames = [self._motion_after(tape, count, base) for count in (1, 1, 2)]
+        units = [
             UnitMotion.turning(tape, axis, motion, ZERO)
             for axis, motion in zip(self.axes, frames, strict=True)
+        ]
+        return TaitBryanDerivatives(
+            self.axes, self.rotations, self.rotations[2 : self._outer], units
         )
-        inner = self.rotations[2 : self._outer]
-        return TaitBryanDerivatives(self.axes, self.rotations, inner, (first, second, third))
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector of the group frame."""
@@ -392,7 +335,7 @@ class TaitBryanRoot:
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
         """Linear and angular velocity of a point per unit rate, in world axes."""
-        turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
+        turning = [(tape.cross(axis, point), axis) for axis in self._world_axes(tape)]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
 
     def _world_axes(self, tape: Scalars) -> list[Vector]:
@@ -427,7 +370,7 @@ class TaitBryanRoot:
         return block
 
     def accelerations(
-        self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
+        self, tape: Scalars, linear: Vector, angular: Vector, base: State
     ) -> list[sp.Expr]:
         """Those of θ₋₁, θ₀, θ₁, x, y, z, from a motion of the group frame.
 
@@ -439,7 +382,7 @@ class TaitBryanRoot:
         with tape.group("accelerations of the attitude angles"):
             angles = self._angle_accelerations(tape, angular)
         with tape.group("acceleration of the origin, in world axes"):
-            return [*angles, x, y, tape.let(z - gravity)]
+            return [*angles, x, y, tape.let(z - base.gravity)]
 
     def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
         """The rates themselves."""
@@ -460,19 +403,21 @@ class TaitBryanRoot:
         return self._frame(tape, turns).rows(tape)
 
     def state_columns(
-        self,
-        tape: Scalars,
-        turning: Sequence[AccelerationColumn],
-        linear: Vector,
-        rates: Values,
-        accelerations: Values,
-        gravity: sp.Expr,
+        self, tape: Scalars, turning: Sequence[Values], linear: Vector, base: State
     ) -> tuple[list[Values], list[Values]]:
-        """Columns for each coordinate of the base, and for its rate."""
+        """Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates."""
         frame = self._frame(tape, [])
         if not self.spins_about_normal:
             linear = self.rotations[2].vector(tape, linear)
-        return state_columns(tape, frame, turning, linear, rates, accelerations)
+        convert = frame.rows(tape)
+        about: list[Values] = []
+        for axis in frame.axes:
+            column = tape.combination(frame.vectors[axis], turning)
+            about.append([*convert(Acceleration.of(column[:6])), *column[6:]])
+        nothing = [[sp.S.Zero] * len(about[0])] * 3
+        changes = _Changes(tape, frame, about, base)
+        by_angles = [changes.by_first(linear), changes.by_second(linear), changes.by_third(linear)]
+        return [*by_angles, *nothing], [*changes.by_rates(), *nothing]
 
     def _frame(self, tape: Scalars, turns: Sequence[Rotation]) -> TaitBryanFrame:
         """The frame between the second rotation and the third, seen from another."""
@@ -495,5 +440,13 @@ class TaitBryanRoot:
         return identity(6)
 
     def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """The identity."""
+        return identity(6)
+
+    def difference_by_start(self, tape: Scalars, start: Values, end: Values) -> Matrix:
+        """Minus the identity."""
+        return [[-entry for entry in row] for row in identity(6)]
+
+    def difference_by_end(self, tape: Scalars, start: Values, end: Values) -> Matrix:
         """The identity."""
         return identity(6)

@@ -133,8 +133,7 @@ class ReachableWrenches:
     @property
     def hover(self) -> Array:
         """The wrench of hovering (6)."""
-        wrench: Array = self.columns @ self.thrusts
-        return wrench
+        return self.columns @ self.thrusts
 
     @cached_property
     def margins(self) -> Array | None:
@@ -154,8 +153,7 @@ class ReachableWrenches:
         low, high = self.limits
 
         def support(direction: Array) -> Array:
-            point: Array = self.columns @ np.where(direction @ self.columns > 0.0, high, low)
-            return point
+            return self.columns @ np.where(direction @ self.columns > 0.0, high, low)
 
         return polytope(support, 6)
 
@@ -188,8 +186,7 @@ class ReachableWrenches:
 
         def support(direction: Array) -> Array:
             step = ways @ self._farthest(ways, direction @ self.columns[kept] @ ways)
-            point: Array = self.columns[kept] @ (self.thrusts + step)
-            return point
+            return self.columns[kept] @ (self.thrusts + step)
 
         return polytope(support, 3)
 
@@ -216,8 +213,7 @@ class ReachableWrenches:
             raise _NoHoverError(f"{self.robot}: no thrusts within the limits hover")
         if not found.success:
             raise UsageError(f"{self.robot}: SciPy finds no reachable wrenches: {found.message}")
-        farthest: Array = np.asarray(found.x) * size / scale
-        return farthest
+        return np.asarray(found.x) * size / scale
 
 
 def reachable_wrenches(
@@ -290,5 +286,4 @@ def about(wrenches: Array, point: Array) -> Array:
 def _null_space(matrix: Array) -> Array:
     """Orthonormal columns that a matrix maps to zero."""
     _, values, right = np.linalg.svd(matrix)
-    space: Array = right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
-    return space
+    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares, linprog, nnls
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, real, vector, vehicle_of
-from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, robot_file_actuators
+from gibbs_codegen.flight.plant.actuators import Actuators, joint_place, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
 
@@ -79,8 +79,7 @@ class SteadyMotion:
             self.vehicle.base_wrench(q, self.force(q)),
             self.vehicle.thrust_wrenches(q),
         )
-        missing: Array = needed - columns @ (np.linalg.pinv(columns, rcond=RANK) @ needed)
-        return missing
+        return needed - columns @ (np.linalg.pinv(columns, rcond=RANK) @ needed)
 
     def size(self, q: Array) -> float:
         """The largest component of the wrenches on the base, needed and acting, N or N m; or 1."""
@@ -170,8 +169,7 @@ def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) 
 
 def margins(inputs: Array, limits: Array) -> Array:
     """Distances (nu) of inputs from the nearer limit, negative beyond, infinite without limits."""
-    within: Array = np.minimum(inputs - limits[0], limits[1] - inputs)
-    return within
+    return np.minimum(inputs - limits[0], limits[1] - inputs)
 
 
 def _slack(inputs: Array) -> float:
@@ -368,7 +366,7 @@ def trim(
         vector("acceleration", acceleration, 3),
         _acting(vehicle, wrenches or {}),
     )
-    actuators = robot_file_actuators(vehicle)
+    actuators = module_actuators(vehicle)
     if limits is not None:
         actuators.thrusts[:] = _limits(vehicle, limits)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)

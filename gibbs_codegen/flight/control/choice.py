@@ -18,7 +18,7 @@ from gibbs_codegen.flight.plant.allocation import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.control import Control, Law
+from gibbs_codegen.flight.scenario.parts import Control, Law
 
 _ALL = 6
 # How much faster the base must lean than the position follows, which it moves.
@@ -36,9 +36,9 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
         return law
     full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
     one_axis = thrust_axis(vehicle, q) is not None
-    if law != "geometric" and full:
+    if law in ("tracking", "computed_torque") and full:
         return "computed_torque"
-    if law != "computed_torque" and one_axis:
+    if law in ("tracking", "geometric") and one_axis:
         return "geometric"
     purpose = f"{vehicle.name}: to fly {scenario!r} under "
     if full:
@@ -47,7 +47,8 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
             'all directions; set control.law to "tracking" or "computed_torque"',
             (),
         )
-    missing = _missing(vehicle, q)
+    wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
+    missing = Allocation(wrenches[np.argmin(ranks(wrenches))]).missing
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(
@@ -107,9 +108,3 @@ def _posture(vehicle: Vehicle, q: Array) -> str:
     joints = zip(vehicle.joint_names, at.tolist(), strict=True)
     values = ", ".join(f"{name} = {value:.4g}" for name, value in joints)
     return f" where {values} (rad or m); choose another posture (arm.posture_deg or arm.moves), or"
-
-
-def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:
-    """Directions that the rotors cannot command where, at `q` (s, nq), they command least."""
-    wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
-    return Allocation(wrenches[np.argmin(ranks(wrenches))]).missing

@@ -36,14 +36,14 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
     gains, places = controller.gains, controller.vehicle.layout.v
     every = np.stack([gains.damping, gains.stiffness], axis=-1)
     if controller.law != "geometric":
-        return _alone(every, gains.integral, lags)
-    found = _alone(np.delete(every, places.attitude, axis=0), gains.integral, lags)
+        return _decoupled(every, gains.integral, lags)
+    found = _decoupled(np.delete(every, places.attitude, axis=0), gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
-        found += _alone(every[places.position], 0.0, lags)
+        found += _decoupled(every[places.position], 0.0, lags)
     return found + _sideways(gains, every[places.position], every[places.attitude], lags)
 
 
-def _alone(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
+def _decoupled(pairs: Array, integral: float, lags: Sequence[float]) -> list[Array]:
     """Polynomials, highest power first, of errors that nothing else acts on.
 
     `pairs` (k, 2) are their damping and stiffness. Torques of joints do not lag: without comes
@@ -66,11 +66,11 @@ def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[flo
     pairs = np.concatenate([position, attitude], axis=-1)
     for d, k, damping, stiffness in np.unique(pairs, axis=0):
         wish = [d, k, gains.integral * k] if gains.integral else [d, k]
-        asked = np.polymul([damping, stiffness], wish)
+        desired = np.polymul([damping, stiffness], wish)
         moved = [1.0] + [0.0] * len(wish)
         for lag in (0.0, *lags):
             lean = np.trim_zeros(np.array([lag, 1.0, damping, stiffness]), "f")
-            whole = np.polyadd(np.polymul(lean, moved), asked)
+            whole = np.polyadd(np.polymul(lean, moved), desired)
             found.append(whole / whole[0])
     return found
 

@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Gains, inputs_of
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, Allocation, force_axis
-from gibbs_codegen.flight.plant.kinematics import times, transposed
-from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.control import Law
+from gibbs_codegen.flight.scenario.parts import Law
+from gibbs_codegen.flight.vectors import Array, times, transposed
 
 # Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
 _AUTHORITY = 0.8
@@ -71,12 +71,14 @@ class GeometricLaw:
         axis = np.broadcast_to(axis, (*q.shape[:-1], 3))
         along = times(vehicle.base_rotation(q), axis)
         jacobian = vehicle.centre_of_mass_jacobian(q)
-        learned, aimed = np.zeros_like(v), np.array(q)
+        error_correction, aimed = np.zeros_like(v), np.array(q)
         if memory is not None and self.memory:
-            learned = self.gains.integral * memory
-        aimed[..., vehicle.arm] -= learned[..., vehicle.arm_rates]
+            error_correction = self.gains.integral * memory
+        aimed[..., vehicle.arm] -= error_correction[..., vehicle.arm_rates]
         centre = vehicle.centre_of_mass(q)
-        push = self._push(time, (centre, times(jacobian, v)), learned[..., places.position], along)
+        push = self._push(
+            time, (centre, times(jacobian, v)), error_correction[..., places.position], along
+        )
         desired = self.reference(time)
         a = np.zeros_like(v)
         a[..., places.joints] = self._joints(aimed, v, desired)
@@ -139,12 +141,16 @@ class GeometricLaw:
         return self.vehicle.kinematics.wrench(q, generalised)[0]
 
     def _push(
-        self, time: float | Array, moving: tuple[Array, Array], learned: Array, along: Array
+        self,
+        time: float | Array,
+        moving: tuple[Array, Array],
+        error_correction: Array,
+        along: Array,
     ) -> WantedForce:
         """The force that the centre of mass needs.
 
         Its position and velocity `moving`, and the thrust axis `along`, are (…, 3) in world axes;
-        `learned` (…, 3), m, is what integral action adds to its error.
+        `error_correction` (…, 3), m, is what integral action adds to its error.
         """
         place = self.vehicle.layout.v.position
         stiffness, damping = self.gains.stiffness[place], self.gains.damping[place]
@@ -152,7 +158,7 @@ class GeometricLaw:
         desired = self.mass * acceleration + self.weight
         off, drift = wanted - moving[0], speed - moving[1]
         most = _AUTHORITY * np.linalg.norm(desired, axis=-1, keepdims=True)
-        wish = self.mass * (stiffness * (off + learned) + damping * drift)
+        wish = self.mass * (stiffness * (off + error_correction) + damping * drift)
         share = 1.0 / np.sqrt(1.0 + _dot(wish, wish) / most**2)
         push = WantedForce(desired + share * wish, share * wish, np.zeros_like(wish))
         learning = self.gains.integral * off
@@ -166,12 +172,11 @@ class GeometricLaw:
         at, rate = self.vehicle.arm, self.vehicle.arm_rates
         off = desired[0][..., at] - q[..., at]
         drift = desired[1][..., rate] - v[..., rate]
-        accelerations: Array = (
+        return (
             desired[2][..., rate]
             + self.gains.stiffness[rate] * off
             + self.gains.damping[rate] * drift
         )
-        return accelerations
 
     def _turning(
         self,
@@ -221,8 +226,7 @@ class GeometricLaw:
 
 def _thrust(push: WantedForce, along: Array) -> Array:
     """The part (…, 3) of a force that thrust makes along its axis, which never pulls."""
-    thrust: Array = np.maximum(_dot(push.force, along), 0.0) * along
-    return thrust
+    return np.maximum(_dot(push.force, along), 0.0) * along
 
 
 def _attitude_error(carried: Array, axis: Array, unit: Array) -> Array:
@@ -245,11 +249,9 @@ def _attitude_error(carried: Array, axis: Array, unit: Array) -> Array:
     about, cosine = _dot(quaternion[..., :3], axis), quaternion[..., 3:]
     heading = 2.0 * np.arctan2(about * np.copysign(1.0, cosine), np.abs(cosine))
     lean = swing * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
-    error: Array = lean + axis * heading * (about**2 + cosine**2)
-    return error
+    return lean + axis * heading * (about**2 + cosine**2)
 
 
 def _dot(a: Array, b: Array) -> Array:
     """Scalar products (…, 1) of vectors (…, 3)."""
-    product: Array = np.sum(a * b, axis=-1, keepdims=True)
-    return product
+    return np.sum(a * b, axis=-1, keepdims=True)

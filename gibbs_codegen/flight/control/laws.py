@@ -33,7 +33,7 @@ import numpy as np
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.control import Law
+from gibbs_codegen.flight.scenario.parts import Law
 
 # Laws that correct errors by gains.
 CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
@@ -76,7 +76,7 @@ def inputs_and_constraint_torques(
     return inputs, vehicle.constraint_torques(q, v, a, inputs)
 
 
-def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:
+def error_correction(vehicle: Vehicle, pull: Array, q: Array) -> Array:
     """Accelerations (…, nv) that correct motions, from `pull` (…, nv), those of the errors.
 
     Those of a base with a quaternion are in its frame.
@@ -88,7 +88,7 @@ def learned(vehicle: Vehicle, pull: Array, q: Array) -> Array:
     return found
 
 
-def kept_from_winding(growth: Array, memory: Array, saturated: bool | np.bool_) -> Array:
+def anti_windup(growth: Array, memory: Array, saturated: bool | np.bool_) -> Array:
     """Growth of what is remembered, none of it away from 0 while an input is at a limit."""
     return np.where(saturated & (growth * memory >= 0.0), 0.0, growth)
 
@@ -181,7 +181,7 @@ class Controller:
             a = self.vehicle.kinematics.corrected(q, v, desired, gains)
             if memory is not None and self.memory:
                 pull = self.gains.stiffness * self.gains.integral * memory
-                a = a + learned(self.vehicle, pull, q)
+                a = a + error_correction(self.vehicle, pull, q)
         return required_inputs(self.vehicle, self.allocation, q, v, a)
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
@@ -192,26 +192,25 @@ class Controller:
         return self.vehicle.kinematics.errors(q, v, *desired[:2])[0]
 
 
-def wanted_rates(
+def setpoint_rates(
     law: ControlLaw,
     time: float | Array,
     parts: tuple[Array, Array, Array],
     wanted: Array,
-    acting: Array,
+    applied: Array,
 ) -> Array:
     """Time derivatives (…, N), N/s, along the motion, of the thrusts that a law wants.
 
-    Of the law nothing is known but what it commands: `wanted`, while `acting` act, both (…, nu).
+    Of the law nothing is known but what it commands: `wanted`, while `applied` act, both (…, nu).
     `parts` are coordinates, velocities, and memory. Where limits begin or cease to bind, the mean
     of both sides.
     """
     q, v, memory = parts
     vehicle, growth = law.vehicle, law.growth(time, q, v, memory)
-    moving, a = vehicle.kinematics.rates(q, v), vehicle.forward_dynamics(q, v, acting)
+    moving, a = vehicle.kinematics.rates(q, v), vehicle.forward_dynamics(q, v, applied)
     # Back at the end of the desired motion, after which it stands still.
     ahead = np.where(np.asarray(time) > law.reference.end - _AHEAD, -_AHEAD, _AHEAD)
     share = ahead[..., np.newaxis]
     moved = vehicle.kinematics.normalised(q + share * moving)
     later = law(time + ahead, moved, v + share * a, memory + share * growth)
-    rates: Array = ((later - wanted) / share)[..., : vehicle.rotors]
-    return rates
+    return ((later - wanted) / share)[..., : vehicle.rotors]

@@ -26,12 +26,22 @@ from scipy.optimize import lsq_linear
 from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.desired.base_trajectory import (
+    BATCH,
+    CHECKS,
+    Deviation,
+    bounded_path,
+    check_times,
+    refine,
+    refined,
+    tolerance,
+)
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion
 from gibbs_codegen.flight.scenario.paths import Path
 
 # Lower and upper limits of the joints (n), rad or m; infinite where there are none.
-Limits = tuple[Array, Array]
+JointBounds = tuple[Array, Array]
 
 # Distance from its target at which the tip counts as there, m.
 REACHED = 1e-9
@@ -64,7 +74,7 @@ _TRIED_OUT_OF_REACH = 200
 OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
 
 
-def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Array, float]:
+def reach(vehicle: Vehicle, q: Array, target: Array, limits: JointBounds) -> tuple[Array, float]:
     """Coordinates (nq) that bring the tip nearest to `target` (3), world axes, and how near, m.
 
     Only joints move; attitude and position are kept.
@@ -93,7 +103,7 @@ def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Ar
     return q, float(np.linalg.norm(error))
 
 
-def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) -> Array:
+def _damped_step(jacobian: Array, error: Array, damping: float, room: JointBounds) -> Array:
     """The step δ (n) of least |J δ − e|² + λ|δ|² within `room`, its distances from joint limits.
 
     J (3, n) is of the tip's position, e (3), m, leads from the tip to its target, and `damping` is
@@ -114,7 +124,7 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) ->
 
 
 def first_posture(
-    vehicle: Vehicle, q: Array, target: Array, limits: Limits, guess: Array | None
+    vehicle: Vehicle, q: Array, target: Array, limits: JointBounds, guess: Array | None
 ) -> tuple[Array, float]:
     """Coordinates (nq) that bring the tip to a point, without any to go on from, and how near, m.
 
@@ -127,12 +137,14 @@ def first_posture(
         return reach(vehicle, q, target, limits)
     low = np.where(np.isfinite(limits[0]), limits[0], -np.pi)
     high = np.where(np.isfinite(limits[1]), limits[1], np.pi)
+    endless = np.isinf(limits[0]) & np.isinf(limits[1]) & vehicle.is_angle[vehicle.arm]
     postures = []
     for share in qmc.Halton(vehicle.joints, scramble=False).random(_GUESSES):
         start = q.copy()
         start[vehicle.arm] = low + share * (high - low)
         found, distance = reach(vehicle, start, target, limits)
-        found[vehicle.arm] = _without_turns(vehicle, found[vehicle.arm], limits)
+        joints = found[vehicle.arm]  # Those that turn without limits get angles within [−π, π).
+        found[vehicle.arm] = np.where(endless, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
         postures.append((found, distance))
     found, distance = min(postures, key=lambda posture: posture[1])
     if distance > REACHED:
@@ -141,22 +153,13 @@ def first_posture(
     measures = [_least_singular_value(vehicle, found) for found, _ in reached]
     # Elbow up or down, say, are as good as each other: then the joints nearest to 0.
     best = [p for p, m in zip(reached, measures, strict=True) if m >= 0.999 * max(measures)]
-    return min(best, key=lambda posture: _distance_from_zero(posture[0][vehicle.arm]))
 
+    def distance_from_zero(posture: tuple[Array, float]) -> tuple[float, ...]:
+        # Of mirror images the one with positive joints comes first; rounding chooses nothing.
+        joints = posture[0][vehicle.arm]
+        return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
 
-def _distance_from_zero(joints: Array) -> tuple[float, ...]:
-    """How far joints are from 0; of mirror images the one with positive joints comes first.
-
-    Rounded, so that rounding errors do not choose between equals.
-    """
-    return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
-
-
-def _without_turns(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
-    """Joints (n) with the angles of those that turn without limits within [−π, π)."""
-    turning = np.isinf(limits[0]) & np.isinf(limits[1])
-    turning &= vehicle.is_angle[vehicle.arm]
-    return np.where(turning, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
+    return min(best, key=distance_from_zero)
 
 
 def arm_length(vehicle: Vehicle, q: Array) -> float:
@@ -193,7 +196,7 @@ class ArmRates:
 
 
 def arm_rates(
-    vehicle: Vehicle, state: tuple[Array, Array, Array], target: Array, limits: Limits
+    vehicle: Vehicle, state: tuple[Array, Array, Array], target: Array, limits: JointBounds
 ) -> ArmRates:
     """Joint rates and accelerations of least norm that move the tip as desired, or nearest to it.
 
@@ -245,7 +248,7 @@ class _Braking:
     growth: Array
 
 
-def _braking(joints: Array, jacobian: Array, speed: Array, limits: Limits) -> _Braking:
+def _braking(joints: Array, jacobian: Array, speed: Array, limits: JointBounds) -> _Braking:
     """Joint rates of least norm that add `speed` (3), m/s, to the tip's velocity, or nearly so.
 
     Joints brake before their limits. `jacobian` (3, n) is of the tip's position.
@@ -303,7 +306,7 @@ def arm_motion(
     vehicle: Vehicle,
     base: Motion,
     tip: Path,
-    limits: Limits,
+    limits: JointBounds,
     guess: Array | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Motion:
@@ -333,17 +336,17 @@ class _Continuation:
 
     `targets` (s, ≥ 3, 3) are position, velocity and acceleration of the tip. `distances` (s) are
     those of the tip from its path, m; `singular` tells the first knot at which the arm cannot move
-    as the path wants. `tried` are the numbers of the knots that were solved, `held` (n) the joints
-    that the last of them left at a limit.
+    as the path wants. `tried` are the numbers of the knots that were solved; `at_limit` (n) are the
+    joints that the last of them left at a limit.
     """
 
-    def __init__(self, vehicle: Vehicle, base: Motion, targets: Array, limits: Limits) -> None:
+    def __init__(self, vehicle: Vehicle, base: Motion, targets: Array, limits: JointBounds) -> None:
         self.vehicle, self.limits, self.targets, self.time = vehicle, limits, targets, base.time
         self.q, self.v, self.a = base.q.copy(), base.v.copy(), base.a.copy()
         # Of the joints (s, n).
         self.rates, self.accelerations = (each[:, vehicle.arm_rates] for each in (self.v, self.a))
         self.distances = np.zeros(len(base.time))
-        self.held: Flags = np.zeros(vehicle.joints, dtype=bool)
+        self.at_limit: Flags = np.zeros(vehicle.joints, dtype=bool)
         self.singular = ""
         self.tried = [0]
 
@@ -360,15 +363,15 @@ class _Continuation:
             q = self._posture_for_path(q)
         self.q[0], self.distances[0] = q, distance
         if distance <= REACHED:
-            self.held = self._set_rates(0).at_limit
+            self.at_limit = self._set_rates(0).at_limit
 
     def advance(self, k: int) -> None:
         """Solve knot k from the last one that was tried."""
         arm, q, last = self.vehicle.arm, self.q, self.tried[-1]
         step, v, a = self.time[k] - self.time[last], self.rates, self.accelerations
         q[k, arm] = q[last, arm] + step * (v[last] + 0.5 * step * a[last])
-        self.held = self.held | self._beyond(q[k, arm])
-        self._reach(k, self.held)
+        self.at_limit = self.at_limit | self._beyond(q[k, arm])
+        self._reach(k, self.at_limit)
         self.tried.append(k)
         if self.distances[k] > REACHED:
             return
@@ -376,15 +379,14 @@ class _Continuation:
         if found.redundant and self.distances[last] <= REACHED:
             found = self._correct(k, last)
         if not found.missing:
-            self.held = found.at_limit
+            self.at_limit = found.at_limit
 
     def _beyond(self, joints: Array) -> Flags:
-        beyond: Flags = (joints < self.limits[0]) | (joints > self.limits[1])
-        return beyond
+        return (joints < self.limits[0]) | (joints > self.limits[1])
 
-    def _reach(self, k: int, held: Flags) -> None:
-        self.q[k], self.distances[k] = _reach_holding(
-            self.vehicle, self.q[k], self.targets[k, 0], self.limits, held
+    def _reach(self, k: int, at_limit: Flags) -> None:
+        self.q[k], self.distances[k] = _reach_without(
+            self.vehicle, self.q[k], self.targets[k, 0], self.limits, at_limit
         )
 
     def _set_rates(self, k: int) -> ArmRates:
@@ -407,14 +409,14 @@ class _Continuation:
         ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's).
         """
         arm, q, v, a = self.vehicle.arm, self.q, self.rates, self.accelerations
-        step, held = self.time[k] - self.time[last], self.held
+        step, at_limit = self.time[k] - self.time[last], self.at_limit
         for _ in range(3):
             integral = (
                 q[last, arm] + step / 2.0 * (v[last] + v[k]) + step**2 / 12.0 * (a[last] - a[k])
             )
-            q[k, arm] = np.where(held, q[k, arm], integral)
-            held = held | self._beyond(integral)
-            self._reach(k, held)
+            q[k, arm] = np.where(at_limit, q[k, arm], integral)
+            at_limit = at_limit | self._beyond(integral)
+            self._reach(k, at_limit)
             found = self._set_rates(k)
             if found.missing:
                 break
@@ -442,17 +444,17 @@ class _Continuation:
         return found if distance <= REACHED else singular
 
 
-def _reach_holding(
-    vehicle: Vehicle, q: Array, target: Array, limits: Limits, held: Flags
+def _reach_without(
+    vehicle: Vehicle, q: Array, target: Array, limits: JointBounds, at_limit: Flags
 ) -> tuple[Array, float]:
-    """`reach`, with joints `held` (n) left where they are if it can be done without them.
+    """`reach`, with joints `at_limit` (n) left where they are if it can be done without them.
 
     Joints that come to a limit would else be moved off it by each step towards the target, only to
     be driven into it again.
     """
-    if np.any(held):
+    if np.any(at_limit):
         joints = np.clip(q[vehicle.arm], *limits)
-        narrow = np.where(held, joints, limits[0]), np.where(held, joints, limits[1])
+        narrow = np.where(at_limit, joints, limits[0]), np.where(at_limit, joints, limits[1])
         found, distance = reach(vehicle, q, target, narrow)
         if distance <= REACHED:
             return found, distance
@@ -486,3 +488,71 @@ def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) ->
         times,
         distances[far],
     )
+
+
+_TOO_FAST = (
+    "the arm, or the path of its tip, moves too fast",
+    "slow it down, or lead the tip farther past the axes of joints and the edge of its reach",
+)
+
+
+def desired_with_tip(
+    vehicle: Vehicle,
+    time: Array,
+    base_at: Callable[[Array], Motion],
+    tip: Path,
+    limits: JointBounds,
+    guess: Array | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Motion:
+    """Motion of base and arm, with the tip on a path.
+
+    Where the tip leaves it between the evenly spaced knots, 2, 4 … times as many are taken.
+    `base_at` gives the base's motion for knots, as `desired_base` does; `guess` (n) are joints to
+    begin with, None tries many postures. Raises `UnreachableError` for points out of reach,
+    `SingularArmError` where the arm cannot move as the path wants, `UsageError` without an arm, and
+    where not even the most knots keep the tip on its path.
+    """
+    if not vehicle.has_tip:
+        raise UsageError(
+            f"{vehicle.name}: has no tip, which a robot has where it has one arm without branches, "
+            f"or a frame of that name; {OTHER_SCENARIO}"
+        )
+    if vehicle.joints == 0:
+        raise UsageError(
+            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
+            f"{OTHER_SCENARIO}"
+        )
+    base = base_at(time)
+    while True:
+        bounded_path(base.time, tip, "path of the tip")
+        motion = arm_motion(vehicle, base, tip, limits, guess, progress)
+        deviation = _deviation(vehicle, motion, tip)
+        if deviation is None:
+            return motion
+        # How many knots it takes is found on the worst piece alone, and then holds for all.
+        piece = deviation.piece
+        span, start = base.time[piece : piece + 2], motion.q[piece, vehicle.arm]
+        already = refinement = (len(base.time) - 1) // (len(time) - 1)
+        while deviation is not None:
+            refinement = refine(refinement, time, deviation, *_TOO_FAST)
+            near = base_at(refined(span, refinement // already))
+            deviation = _deviation(vehicle, arm_motion(vehicle, near, tip, limits, start), tip)
+        base = base_at(refined(time, refinement))
+
+
+def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
+    """Where the tip is farthest from its path between knots, m; None within the tolerance."""
+    reference = vehicle.kinematics.reference(motion)
+    worst, found = 1.0, None
+    for begin in range(0, len(motion.time) - 1, BATCH):
+        every = check_times(motion.time[begin : begin + BATCH + 1])
+        places = bounded_path(every, tip, "path of the tip")[:, 0]
+        reached = vehicle.tip_pose(reference(every)[0])[:, :3, 3]
+        off = np.linalg.norm(reached - places, axis=-1)
+        excess = off / tolerance(np.abs(places).max())
+        instant = int(np.argmax(excess))
+        if not excess[instant] <= worst:
+            worst = excess[instant]
+            found = Deviation(begin + instant // CHECKS, every[instant], off[instant], "m")
+    return found

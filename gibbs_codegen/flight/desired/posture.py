@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from gibbs_codegen.flight.desired.inverse_kinematics import Limits
+from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds
 from gibbs_codegen.flight.plant.actuators import joint_place
 from gibbs_codegen.flight.plant.allocation import ranks
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion
+from gibbs_codegen.flight.scenario.parts import Move
 from gibbs_codegen.flight.scenario.paths import Line
-from gibbs_codegen.flight.scenario.scenario import Move
 
 # Postures that the search starts from, besides the first.
 _STARTS = 7
@@ -63,7 +63,7 @@ def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:
     return Motion(base.time, q, v, a)
 
 
-def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
+def rest_posture(vehicle: Vehicle, limits: JointBounds) -> Array:
     """Joints (n) of least potential energy under a level base.
 
     Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
@@ -109,7 +109,7 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     return posture(_equilibrium(gradient, best, low, high))[vehicle.arm]
 
 
-def commanding_posture(vehicle: Vehicle, limits: Limits, posture: Array) -> Array:
+def authority_posture(vehicle: Vehicle, limits: JointBounds, posture: Array) -> Array:
     """Joints (n) near `posture` at which rotors that joints move command wrenches most evenly.
 
     One revolute joint after the other is put to where, of some places between its limits, the

@@ -2,24 +2,24 @@
 
 The geometry of the motion stays as it is; only when it is where changes. It is found in this order:
 
-The course is where the motion leads, measured by the length of the way that all velocities together
-cover: of the base in m, of angles in rad. It consists of stretches on which something moves, with
+The path is where the motion leads, measured by its arc length: the way that all velocities together
+cover, of the base in m, of angles in rad. It consists of stretches on which something moves, with
 rests between; a motion also rests where it turns back. In this length every stretch begins and ends
 regularly, however gently the motion does.
 
-The demand: inputs along the course are linear in acceleration and squared speed there.
+The demand: inputs along the path are linear in acceleration and squared speed there.
 
-The fastest speeds: between two nodes the acceleration along the course is constant, so that the
+The fastest speeds: between two nodes the acceleration along the path is constant, so that the
 squared speed grows linearly. Limits hold at both ends of each interval (Pham and Pham, 2018:
 time-optimal path parameterisation by reachability analysis): a pass backward finds the greatest
 squared speed from which the end can still be reached, a pass forward takes the greatest
 acceleration that stays below.
 
 The schedule makes squared speeds a smooth function of time, since the fastest motion switches from
-one limit to another in no time. Its length along the course, taken at equal steps of time, is made
+one limit to another in no time. Its length along the path, taken at equal steps of time, is made
 the control points of a cubic spline. The acceleration of that is an average of accelerations
 nearby, and so is what depends on it linearly: averages of what keeps limits keep them too, but for
-the change of the course within a few steps. A longer average makes thrusts change more slowly, so
+the change of the path within a few steps. A longer average makes thrusts change more slowly, so
 limits of thrust rates are kept by it. What still is beyond the limits is taken back by less room
 for motion there.
 """
@@ -35,11 +35,17 @@ from scipy.interpolate import BSpline, PchipInterpolator, PPoly
 from scipy.ndimage import maximum_filter1d
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.desired.knots import CHECKS, KNOT_SPACING, check_times, tolerance
+from gibbs_codegen.flight.desired.base_trajectory import (
+    CHECKS,
+    KNOT_SPACING,
+    check_times,
+    tolerance,
+)
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.scenario import MAX_DURATION, Scenario
+from gibbs_codegen.flight.scenario.parts import MAX_DURATION
+from gibbs_codegen.flight.scenario.scenario import Scenario
 
 # Share of the greatest speed below which everything rests. What a smooth start covers below it is
 # a share of 1e-9 of the way.
@@ -57,7 +63,7 @@ _REACHED = 0.01
 _NEAR = 1.0 - _REACHED
 # Gaps shorter than this between times at which a limit is reached are not told, s.
 _GAP = 0.05
-# No speed is greater: a length of the course per s.
+# No speed is greater: a length of the path per s.
 _FASTEST = 1e6
 # Steps by which a cubic spline reaches out to both sides of its control points.
 _REACH = 2
@@ -81,9 +87,9 @@ _FINEST = 8
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a course on which something moves, from `begin` to `end`, s, of the scenario.
+    """A part of a path on which something moves, from `begin` to `end`, s, of the scenario.
 
-    `first`, `last` are lengths of the course there, `speeds` those at both ends, in length per s; 0
+    `first`, `last` are lengths of the path there, `speeds` those at both ends, in length per s; 0
     for a rest.
     """
 
@@ -94,7 +100,7 @@ class Stretch:
     speeds: tuple[float, float]
 
 
-class Course:
+class ArcLength:
     """Length of the way of a motion as a function of the scenario's time, and back."""
 
     def __init__(self, reference: Reference) -> None:
@@ -107,25 +113,17 @@ class Course:
         self._growth = self._speed.derivative()
         self.length: PPoly = self._speed.antiderivative()
         self.lengths = self.length(self.time)
-        self.stretches = [self._stretch(*ends, speed) for ends in _moving(v, speed)]
-
-    def _stretch(self, first: int, last: int, speed: Array) -> Stretch:
-        """The stretch between two instants, by their numbers; `speed` (s) is of all instants."""
+        time, lengths = self.time.tolist(), self.lengths.tolist()
         # At rest is where a stretch meets another or standstill: all but the ends of the motion.
-        ends = (0, len(speed) - 1)
-        speeds = [
-            float(speed[k]) if k == end else 0.0 for k, end in zip((first, last), ends, strict=True)
+        inner = np.arange(len(speed)) % (len(speed) - 1) > 0
+        ends = np.where(inner, 0.0, speed).tolist()
+        self.stretches = [
+            Stretch(time[a], time[b], lengths[a], lengths[b], (ends[a], ends[b]))
+            for a, b in _stretch_ends(v, speed)
         ]
-        return Stretch(
-            float(self.time[first]),
-            float(self.time[last]),
-            float(self.lengths[first]),
-            float(self.lengths[last]),
-            (speeds[0], speeds[1]),
-        )
 
     def speeds(self, time: Array) -> Array:
-        """Speed along the course in the scenario, and its first two derivatives (3, s)."""
+        """Speed along the path in the scenario, and its first two derivatives (3, s)."""
         bend = self._growth.derivative()
         return np.stack([self._speed(time), self._growth(time), bend(time)])
 
@@ -143,7 +141,7 @@ class Course:
         return q, direction, bend
 
     def times(self, lengths: Array) -> Array:
-        """Scenario times (s) at lengths (s) of the course; the first time where it rests there."""
+        """Scenario times (s) at lengths (s) of the path; the first time where it rests there."""
         place = np.clip(np.searchsorted(self.lengths, lengths), 1, len(self.time) - 1)
         low, high = self.time[place - 1], self.time[place]
         for _ in range(_HALVINGS):
@@ -153,7 +151,7 @@ class Course:
         return high
 
 
-def _moving(v: Array, speed: Array) -> list[tuple[int, int]]:
+def _stretch_ends(v: Array, speed: Array) -> list[tuple[int, int]]:
     """First and last instant of every stretch.
 
     Where the motion turns back, one stretch begins where another ends. `speed` (s) is 0 at rest.
@@ -169,13 +167,13 @@ def _moving(v: Array, speed: Array) -> list[tuple[int, int]]:
     return [(first, last) for first, last in itertools.pairwise(cuts) if moves[first]]
 
 
-def nodes(course: Course, stretch: Stretch, spacing: float) -> Array:
-    """Scenario times (s) at which a stretch is looked at, close in time and along the course.
+def nodes(arc: ArcLength, stretch: Stretch, spacing: float) -> Array:
+    """Scenario times (s) at which a stretch is looked at, close in time and along the path.
 
     They are at most `spacing` apart, s, and include both ends.
     """
-    inside = (course.time >= stretch.begin) & (course.time <= stretch.end)
-    time, length = course.time[inside], course.lengths[inside]
+    inside = (arc.time >= stretch.begin) & (arc.time <= stretch.end)
+    time, length = arc.time[inside], arc.lengths[inside]
     duration, way = stretch.end - stretch.begin, stretch.last - stretch.first
     place = (time - stretch.begin) / duration + (length - stretch.first) / way
     count = max(int(np.ceil(duration / spacing)), 2 * CHECKS)
@@ -183,12 +181,11 @@ def nodes(course: Course, stretch: Stretch, spacing: float) -> Array:
     # None so near to an end that rounding would make something of what lies between.
     way_done = np.interp(found, time, length) - stretch.first
     apart = (way_done > _APART * way) & (way_done < (1.0 - _APART) * way)
-    result: Array = np.concatenate([[stretch.begin], found[apart], [stretch.end]])
-    return result
+    return np.concatenate([[stretch.begin], found[apart], [stretch.end]])
 
 
 @dataclass(frozen=True)
-class Limits:
+class TimingLimits:
     """What the timing of a motion keeps to; infinite where there is no limit.
 
     - `inputs` (2, nu): least and greatest thrusts, N, and torques or forces, N m or N
@@ -206,7 +203,7 @@ class Limits:
         return bool(np.any(np.isfinite(self.inputs)) or np.any(np.isfinite(self.velocities)))
 
 
-def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
+def limits_of(vehicle: Vehicle, scenario: Scenario) -> TimingLimits:
     """Limits that the scenario's timing says, and else those of motors and joints.
 
     Raises `UsageError` for a joint that the robot does not have.
@@ -218,7 +215,7 @@ def limits_of(vehicle: Vehicle, scenario: Scenario) -> Limits:
         for name, most in getattr(timing, key).items():
             values[joint_place(vehicle, name, f"timing.{key}")] = most
     rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
-    return Limits(actuators.inputs, rate, actuators.velocities)
+    return TimingLimits(actuators.inputs, rate, actuators.velocities)
 
 
 def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
@@ -264,7 +261,7 @@ def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array)
     )
 
 
-def excess(demand: Demand, limits: Limits) -> Array:
+def excess(demand: Demand, limits: TimingLimits) -> Array:
     """Factors (s) by which squared speeds and accelerations are too great; 1 just at a limit.
 
     Standing still must keep the limits.
@@ -274,11 +271,10 @@ def excess(demand: Demand, limits: Limits) -> Array:
     room = np.where(moving > 0.0, most - demand.still, demand.still - least)
     inputs = np.max(np.abs(moving) / room, axis=-1)
     joints = np.max(np.abs(demand.velocities) / limits.velocities, axis=-1, initial=0.0)
-    worst: Array = np.maximum(inputs, joints**2)
-    return worst
+    return np.maximum(inputs, joints**2)
 
 
-def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
+def worst_violation(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> str:
     """A clause with the limit that is exceeded most, as a share of it, and when; "" if none is."""
     least, most = limits.inputs
     joints, thrusts = vehicle.joint_names, vehicle.inputs[: vehicle.rotors]
@@ -304,16 +300,21 @@ def exceeded(vehicle: Vehicle, demand: Demand, limits: Limits) -> str:
     return clause
 
 
-def check_still(vehicle: Vehicle, demand: Demand, limits: Limits) -> None:
-    """Raise `UsageError`, with input and time, if the robot cannot stand still on its way."""
+def check_still(vehicle: Vehicle, q: Array, time: Array, limits: TimingLimits) -> None:
+    """Raise `UsageError`, with input and time, if the robot cannot stand still on its way.
+
+    Coordinates (s, nq) are those at times (s), s, of the scenario.
+    """
+    at_rest = np.zeros((len(q), vehicle.layout.v.size))
+    still = needed_inputs(vehicle, q, at_rest, at_rest)
     least, most = limits.inputs
-    margin = np.minimum(demand.still - least, most - demand.still)
+    margin = np.minimum(still - least, most - still)
     if np.all(margin > 0.0):
         return
     instant, place = np.argwhere(margin <= 0.0)[0]
     raise UsageError(
-        f"timing: at t = {demand.time[instant]:.6g} s of the scenario {vehicle.inputs[place]} is "
-        f"{demand.still[instant, place]:.4g} where the robot stands still, which is not within its "
+        f"timing: at t = {time[instant]:.6g} s of the scenario {vehicle.inputs[place]} is "
+        f"{still[instant, place]:.4g} where the robot stands still, which is not within its "
         f"limits, {least[place]:g} to {most[place]:g}: no timing is slow enough; widen the limits"
     )
 
@@ -327,7 +328,7 @@ class Binding:
     what: str
 
 
-def binding(vehicle: Vehicle, demand: Demand, limits: Limits) -> tuple[Binding, ...]:
+def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Binding, ...]:
     """Which limits a motion reaches, and when, the earliest first."""
     least, most = limits.inputs
     names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
@@ -382,7 +383,7 @@ class Rows:
     most: Array
 
 
-def fastest(lengths: Array, rows: Rows, ends: tuple[float, float]) -> Array:
+def greatest_squares(lengths: Array, rows: Rows, ends: tuple[float, float]) -> Array:
     """The greatest squared speeds (s) at nodes at lengths (s), with at most `ends` at both ends."""
     steps = np.diff(lengths)
     count = len(lengths)
@@ -436,14 +437,14 @@ def _greatest(square: Array, acceleration: Array, most: Array) -> float:
 
 @dataclass(frozen=True)
 class Profile:
-    """Squared speeds (s) along a stretch at lengths (s) of the course."""
+    """Squared speeds (s) along a stretch at lengths (s) of the path."""
 
     lengths: Array
     squares: Array
 
 
 class Clock:
-    """Length along a course as a function of time, with three derivatives.
+    """Length along a path as a function of time, with three derivatives.
 
     Profiles have the squared speeds along each stretch; a rest lasts as long as in the scenario.
     Lengths are averaged over `window`, s, and control points are at most `spacing` apart, s:
@@ -452,10 +453,10 @@ class Clock:
     """
 
     def __init__(
-        self, course: Course, profiles: Sequence[Profile], spacing: float, window: float
+        self, arc: ArcLength, profiles: Sequence[Profile], spacing: float, window: float
     ) -> None:
-        self.course = course
-        exact = _exact(course, profiles, _REACH * spacing + 0.5 * window)
+        self.arc = arc
+        exact = _exact(arc, profiles, _REACH * spacing + 0.5 * window)
         self.duration = float(exact.x[-1])
         if self.duration > MAX_DURATION:
             raise UsageError(
@@ -473,7 +474,7 @@ class Clock:
             )
             points = (ahead - behind) / window
         else:
-            points = _mirrored(exact, time)
+            points = _reflection(exact, time)
         knots = self.step * np.arange(-3, pieces + 4)
         spline = BSpline(knots, points, 3)
         self._derivatives = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
@@ -486,10 +487,10 @@ class Clock:
     def scenario_time(self, time: Array) -> Array:
         """Time of the scenario and its three derivatives (…, 4); these are zero where it rests."""
         length, speed, growth, jerk = np.moveaxis(self(np.ravel(time)), -1, 0)
-        now = self.course.times(length)
+        now = self.arc.times(length)
         out = np.zeros((len(now), 4))
         out[:, 0] = now
-        way = self.course.speeds(now)
+        way = self.arc.speeds(now)
         moving = way[0] > _STANDSTILL * np.max(way[0], initial=0.0)
         first, second, third = way[:, moving]
         rate = speed[moving] / first
@@ -501,16 +502,16 @@ class Clock:
     def motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Coordinates (s, nq), velocities and accelerations (s, nv) at times (s), s."""
         length, speed, growth, _ = np.moveaxis(self(time)[..., np.newaxis], 1, 0)
-        q, direction, bend = self.course.at(self.course.times(length[:, 0]))
+        q, direction, bend = self.arc.at(self.arc.times(length[:, 0]))
         return q, direction * speed, direction * growth + bend * speed**2
 
 
-def _exact(course: Course, profiles: Sequence[Profile], pad: float) -> PPoly:
-    """Length along the course in time, from 0, with constant accelerations between nodes.
+def _exact(arc: ArcLength, profiles: Sequence[Profile], pad: float) -> PPoly:
+    """Length along the path in time, from 0, with constant accelerations between nodes.
 
     `pad`, s, is added to every rest where a stretch begins or ends there.
     """
-    reference = course.reference
+    reference = arc.reference
     steps: list[Array] = []
     coefficients: list[Array] = []
     last, length, before = reference.begin, 0.0, 0.0
@@ -520,7 +521,7 @@ def _exact(course: Course, profiles: Sequence[Profile], pad: float) -> PPoly:
             steps.append(np.array([duration]))
             coefficients.append(np.array([[0.0], [0.0], [length]]))
 
-    for stretch, profile in zip(course.stretches, profiles, strict=True):
+    for stretch, profile in zip(arc.stretches, profiles, strict=True):
         after = pad if stretch.speeds[0] == 0.0 else 0.0
         rest(before + stretch.begin - last + after)
         speeds = np.sqrt(profile.squares)
@@ -535,7 +536,7 @@ def _exact(course: Course, profiles: Sequence[Profile], pad: float) -> PPoly:
     return PPoly(np.concatenate(coefficients, axis=1), ends)
 
 
-def _mirrored(exact: PPoly, time: Array) -> Array:
+def _reflection(exact: PPoly, time: Array) -> Array:
     """The length at any times (s): before the first and after the last, as if seen in a mirror.
 
     So averages over times on both sides of an end are the length there.
@@ -543,24 +544,22 @@ def _mirrored(exact: PPoly, time: Array) -> Array:
     end = exact.x[-1]
     inside = np.where(time < 0.0, -time, np.where(time > end, 2.0 * end - time, time))
     turned = np.where(time < 0.0, 2.0 * exact(0.0), 2.0 * exact(end)) - exact(inside)
-    result: Array = np.where(inside == time, exact(inside), turned)
-    return result
+    return np.where(inside == time, exact(inside), turned)
 
 
 def _integral(exact: PPoly, integral: PPoly, time: Array) -> Array:
-    """The integral (s) of `_mirrored` from 0 to times (s); `integral` is that of `exact`."""
+    """The integral (s) of `_reflection` from 0 to times (s); `integral` is that of `exact`."""
     end = exact.x[-1]
     early, late = time < 0.0, time > end
     inside = np.where(early, -time, np.where(late, 2.0 * end - time, time))
     added = np.where(early, 2.0 * exact(0.0) * time, 2.0 * exact(end) * (time - end))
-    result: Array = integral(inside) + np.where(early | late, added, 0.0)
-    return result
+    return integral(inside) + np.where(early | late, added, 0.0)
 
 
-def fastest_motion(
+def time_optimal_motion(
     vehicle: Vehicle,
     reference: Reference,
-    limits: Limits,
+    limits: TimingLimits,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Clock:
     """The fastest timing of a motion whose wrenches the rotors can produce.
@@ -568,22 +567,21 @@ def fastest_motion(
     `reference` is in the scenario's time; `progress` is told the share done, 0 to 1. Raises
     `UsageError` if the robot cannot stand still within its limits everywhere on its way.
     """
-    course = Course(reference)
-    still = course.time[::CHECKS]
-    q, v, _ = reference(still)
-    check_still(vehicle, demand_of(vehicle, (q, 0.0 * v, 0.0 * v), still), limits)
-    ways = [_Way(vehicle, course, stretch, limits) for stretch in course.stretches]
+    arc = ArcLength(reference)
+    knots = arc.time[::CHECKS]
+    check_still(vehicle, reference(knots)[0], knots, limits)
+    parts = [_SegmentLimits(vehicle, arc, stretch, limits) for stretch in arc.stretches]
     window = 0.0
     for attempt in range(_ATTEMPTS):
         progress(attempt / _ATTEMPTS)
-        profiles = [way.profile() for way in ways]
-        clock = Clock(course, profiles, KNOT_SPACING, window)
+        profiles = [way.profile() for way in parts]
+        clock = Clock(arc, profiles, KNOT_SPACING, window)
         demand = demand_at(vehicle, clock)
         over = excess(demand, limits)
         if np.max(np.abs(demand.rates)) > limits.thrust_rate:
-            window = _window(vehicle, course, profiles, limits.thrust_rate)
+            window = _window(vehicle, arc, profiles, limits.thrust_rate)
         elif np.max(over, initial=0.0) > 1.0 or (attempt < 3 and np.any(vehicle.damping)):
-            for way in ways:
+            for way in parts:
                 way.slow_down(clock(demand.time)[:, 0], over, everywhere=attempt >= _LOCAL)
         else:
             return clock
@@ -614,15 +612,17 @@ def timed_reference(vehicle: Vehicle, clock: Clock) -> Reference:
         refinement *= 2
 
 
-class _Way:
-    """One stretch of a course with the limits along it.
+class _SegmentLimits:
+    """One stretch of a path with the limits along it.
 
     `room` (nodes) is what is left of the way from standing still to the limits.
     """
 
-    def __init__(self, vehicle: Vehicle, course: Course, stretch: Stretch, limits: Limits) -> None:
-        time = nodes(course, stretch, _NODE_SPACING)
-        self.lengths = course.length(time)
+    def __init__(
+        self, vehicle: Vehicle, arc: ArcLength, stretch: Stretch, limits: TimingLimits
+    ) -> None:
+        time = nodes(arc, stretch, _NODE_SPACING)
+        self.lengths = arc.length(time)
         self.speeds = stretch.speeds
         self.room = np.full(len(time), 1.0 - _RESERVE)
         self.squares: Array | None = None
@@ -631,7 +631,7 @@ class _Way:
         for end, beside in ((0, 1), (-1, -2)):
             if stretch.speeds[end] == 0.0:
                 looked[end] = 0.9 * time[end] + 0.1 * time[beside]
-        q, direction, bend = course.at(looked)
+        q, direction, bend = arc.at(looked)
         at_rest = 0.0 * direction
         still = needed_inputs(vehicle, q, at_rest, at_rest)
         ahead, back = (needed_inputs(vehicle, q, s * direction, bend) for s in (1.0, -1.0))
@@ -659,13 +659,13 @@ class _Way:
             min(speed**2, np.min(most[k] / np.maximum(rows.square[k], 1e-300)))
             for k, speed in zip((0, -1), self.speeds, strict=True)
         ]
-        self.squares = fastest(self.lengths, rows, (ends[0], ends[1]))
+        self.squares = greatest_squares(self.lengths, rows, (ends[0], ends[1]))
         return Profile(self.lengths, self.squares)
 
     def slow_down(self, lengths: Array, over: Array, everywhere: bool) -> None:
         """Leave less room for motion where limits are exceeded, or everywhere on the stretch.
 
-        `over` (s) tells by how much at lengths (s) along the course; below 1 if they are not.
+        `over` (s) tells by how much at lengths (s) along the path; below 1 if they are not.
         """
         over = maximum_filter1d(np.maximum(over, 1.0), 2 * _AROUND + 1)
         here = np.interp(self.lengths, lengths, over)
@@ -679,16 +679,16 @@ def _both(values: Array, joints: Array) -> Array:
     return np.concatenate([values, -values, joints], axis=1)
 
 
-def _window(vehicle: Vehicle, course: Course, profiles: list[Profile], thrust_rate: float) -> float:
+def _window(vehicle: Vehicle, arc: ArcLength, profiles: list[Profile], thrust_rate: float) -> float:
     """The shortest time to average over, s, for thrusts to change by at most `thrust_rate`, N/s."""
 
     def too_fast(window: float) -> bool:
-        clock = Clock(course, profiles, KNOT_SPACING, window)
+        clock = Clock(arc, profiles, KNOT_SPACING, window)
         rates = demand_at(vehicle, clock).rates
         return bool(np.max(np.abs(rates)) > (1.0 - _RATE_RESERVE) * thrust_rate)
 
     low, high = 0.0, KNOT_SPACING
-    while too_fast(high) and high < course.reference.end:
+    while too_fast(high) and high < arc.reference.end:
         low, high = high, 2.0 * high
     for _ in range(12):
         middle = 0.5 * (low + high)

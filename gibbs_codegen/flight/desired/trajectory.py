@@ -1,35 +1,36 @@
-"""The desired motion of a scenario, and the state in which its flight starts."""
+"""The desired motion of a scenario, and the state in which its flight starts.
+
+The motion is timed as the paths say, or as fast as limits allow.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.desired.base_trajectory import desired_base
-from gibbs_codegen.flight.desired.feasible_motion import feasible_motion
-from gibbs_codegen.flight.desired.inverse_kinematics import Limits
-from gibbs_codegen.flight.desired.knots import knots
+from gibbs_codegen.flight.desired import timing
+from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
+from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, desired_with_tip
 from gibbs_codegen.flight.desired.posture import (
-    commanding_posture,
-    hanging_posture,
+    authority_posture,
     joint_motion,
+    rest_posture,
     with_joints,
 )
-from gibbs_codegen.flight.desired.tip_trajectory import desired_with_tip
+from gibbs_codegen.flight.desired.underactuated_base import underactuated_motion
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
-from gibbs_codegen.flight.plant.allocation import thrust_axis
+from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.orientation import (
-    SingularAttitudeError,
-    Turning,
-)
+from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Turning
+from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
 from gibbs_codegen.flight.scenario.paths import Path
-from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
 
 # Is told what is being done, and the share of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -59,7 +60,7 @@ def desired_motion(
 def _with_posture(
     vehicle: Vehicle,
     scenario: Scenario,
-    limits: Limits,
+    limits: JointBounds,
     fastest: Array | float,
     progress: Progress,
 ) -> Motion:
@@ -69,28 +70,28 @@ def _with_posture(
     """
     task, time = scenario.arm, knots(scenario.duration)
     if task.posture is None:
-        posture = hanging_posture(vehicle, limits)
+        posture = rest_posture(vehicle, limits)
         if vehicle.rotors_move and scenario.control.law != "off":
-            posture = commanding_posture(vehicle, limits, posture)
+            posture = authority_posture(vehicle, limits, posture)
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
         _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
     for name, moves in task.moves.items():
         for move in moves:
-            held = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
-            _check_limits(vehicle, task, "moves", held, limits, [name])
+            moved = np.where(np.array(vehicle.joint_names) == name, move.to, posture)
+            _check_limits(vehicle, task, "moves", moved, limits, [name])
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (scenario.base, scenario.attitude), partial(progress, "desired motion")
     # What the base does then depends on the joints.
     _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
-        return feasible_motion(vehicle, time, joints_at, *wanted, shown)
+        return underactuated_motion(vehicle, time, joints_at, *wanted, shown)
     base = desired_base(vehicle, time, *wanted, shown)
     return with_joints(vehicle, base, joints_at(base.time))
 
 
 def _with_tip(
-    vehicle: Vehicle, scenario: Scenario, tip: Path, limits: Limits, progress: Progress
+    vehicle: Vehicle, scenario: Scenario, tip: Path, limits: JointBounds, progress: Progress
 ) -> Motion:
     """The motion of a scenario with a path of the tip.
 
@@ -192,7 +193,12 @@ def _joint_values(vehicle: Vehicle, values: Mapping[str, float], table: str) -> 
 
 
 def _check_limits(
-    vehicle: Vehicle, task: ArmTask, key: str, values: Array, limits: Limits, joints: Iterable[str]
+    vehicle: Vehicle,
+    task: ArmTask,
+    key: str,
+    values: Array,
+    limits: JointBounds,
+    joints: Iterable[str],
 ) -> None:
     """Raise `UsageError` for the first of some joints whose value (n) is outside its limits.
 
@@ -211,3 +217,142 @@ def _check_limits(
                 f"arm.{key}.{name}: {value:.6g}{unit} is outside its limits, "
                 f"{lower:.6g} to {upper:.6g}{unit}{hint}"
             )
+
+
+# Factor between durations that are tried, how many of them, and halvings of the last interval.
+_RATIO, _MOST, _HALVINGS = 1.5, 12, 6
+
+_NOTHING = "nothing moves, so that there is nothing to time"
+
+
+@dataclass(frozen=True)
+class TimedMotion:
+    """A scenario at the times at which it is flown, and its desired motion.
+
+    `said` tells of the timing in words, "" where it is that of the paths; `binding` are the limits
+    that it reaches.
+    """
+
+    scenario: Scenario
+    reference: Reference
+    said: str = ""
+    binding: tuple[timing.Binding, ...] = ()
+
+
+def timed_motion(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+) -> TimedMotion:
+    """The desired motion of a scenario, by its law of timing.
+
+    Where the rotors command every wrench, "fastest" is the fastest motion along the paths. Else the
+    attitude depends on the timing, and all of the motion is stretched by one factor. Raises
+    `UsageError` or one of its kinds where there is no such motion.
+    """
+    if scenario.timing.law == "uniform":
+        return TimedMotion(scenario, desired_motion(vehicle, scenario, progress))
+    limits = timing.limits_of(vehicle, scenario)
+    if not limits.any:
+        raise UsageError(
+            f'{vehicle.name}: timing.law "fastest" needs limits, and neither the robot file nor '
+            "the scenario has any; give timing.limits, timing.effort or timing.velocity"
+        )
+    if allocation_of(vehicle).missing:
+        return _stretched_motion(vehicle, scenario, limits, progress)
+    reference = desired_motion(vehicle, scenario, progress)
+    if _rests(reference):
+        return TimedMotion(scenario, reference, _NOTHING)
+    clock = timing.time_optimal_motion(
+        vehicle, reference, limits, lambda share: progress("fastest timing", share)
+    )
+    return TimedMotion(
+        on_clock(scenario, clock.duration, clock.scenario_time),
+        timing.timed_reference(vehicle, clock),
+        f"fastest within limits, {clock.duration:.4g} s instead of {scenario.duration:.4g} s",
+        timing.binding(vehicle, timing.demand_at(vehicle, clock), limits),
+    )
+
+
+def _rests(reference: Reference) -> bool:
+    """Whether nothing ever moves."""
+    return not np.any(reference(check_times(reference.knots))[1])
+
+
+def _stretched_motion(
+    vehicle: Vehicle, scenario: Scenario, limits: timing.TimingLimits, progress: Progress
+) -> TimedMotion:
+    """The fastest motion that differs from that of a scenario by one factor of time.
+
+    Raises `UsageError` if none of the factors that are tried keeps the limits.
+    """
+    search = _StretchSearch(vehicle, scenario, limits, progress)
+    if search.kept(1.0) and _rests(search.found[1.0][0]):
+        return TimedMotion(scenario, search.found[1.0][0], _NOTHING)
+    ratio = 1.0 / _RATIO if search.found else _RATIO
+    factors = ratio ** np.arange(1, _MOST)
+    factors = np.append(1.0, factors[factors * scenario.duration <= MAX_DURATION])
+    # Faster until limits are exceeded, or slower until they are kept.
+    last = next((f for f in factors[1:] if search.kept(f) == (ratio > 1.0)), factors[-1])
+    if not search.found:
+        raise UsageError(
+            f"timing: {vehicle.name} does not keep its limits, even if all of {scenario.name!r} "
+            f"takes {last:.3g} times as long: {search.why_not}; widen the limits, or give a "
+            "gentler motion"
+        )
+    fast, slow = sorted((last, last / ratio))
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(fast * slow))
+        fast, slow = (fast, middle) if search.kept(middle) else (middle, slow)
+    factor = min(search.found)
+    bound = f"; any faster, {search.why_not}" if search.why_not else ""
+    reference, demand = search.found[factor]
+    return TimedMotion(
+        slow_motion(scenario, factor),
+        reference,
+        f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: all of the motion is "
+        f"stretched by one factor, {factor:.3g}, since the attitude of {vehicle.name} follows from "
+        f"the timing{bound}",
+        timing.binding(vehicle, demand, limits),
+    )
+
+
+class _StretchSearch:
+    """Factors of time that were tried: the motions that keep limits, and why others do not."""
+
+    def __init__(
+        self, vehicle: Vehicle, scenario: Scenario, limits: timing.TimingLimits, progress: Progress
+    ) -> None:
+        self.vehicle, self.scenario, self.limits = vehicle, scenario, limits
+        self.found: dict[float, tuple[Reference, timing.Demand]] = {}
+        # Why there is no motion, or which limit it exceeds: a clause.
+        self._failed: dict[float, str] = {}
+        self._progress = progress
+
+    @property
+    def why_not(self) -> str:
+        """What stops the slowest of the motions that fail: a clause, or ""."""
+        return self._failed[max(self._failed)] if self._failed else ""
+
+    def kept(self, factor: float) -> bool:
+        """Whether there is a motion by a factor of time, and it keeps the limits.
+
+        Raises `UsageError` if the robot cannot stand still with its joints as they are on the way.
+        """
+        attempts = len(self.found) + len(self._failed)
+        self._progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
+        try:
+            reference = desired_motion(self.vehicle, slow_motion(self.scenario, factor))
+        except UsageError as error:  # Too fast for the attitude or the arm to follow.
+            self._failed[factor] = str(error)
+            return False
+        time = check_times(reference.knots)
+        demand = timing.demand_of(self.vehicle, reference(time), time)
+        # Standing still as the base is at the start, with the joints as they are on the way.
+        q, arm = reference(time)[0], self.vehicle.arm
+        still = np.tile(q[0], (len(q), 1))
+        still[:, arm] = q[:, arm]
+        timing.check_still(self.vehicle, still, time / factor, self.limits)
+        if why := timing.worst_violation(self.vehicle, demand, self.limits):
+            self._failed[factor] = why
+            return False
+        self.found[factor] = reference, demand
+        return True

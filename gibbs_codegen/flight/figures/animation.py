@@ -20,16 +20,8 @@ from PIL import Image
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.figures.scene import VIEW, extent, fit, hide_numbers, set_scene
 from gibbs_codegen.figures.style import COLOURS, DARK, GOLD, style
+from gibbs_codegen.flight.figures import snapshots
 from gibbs_codegen.flight.figures.curves import add_legend
-from gibbs_codegen.flight.figures.snapshots import (
-    LONGEST,
-    PathDrawing,
-    RobotDrawing,
-    ThrustArrows,
-    bounds,
-    rotor_radius,
-    samples_at,
-)
 from gibbs_codegen.flight.record.flight import Array, Flight
 
 # Height of frames, what heading and legend take of it, and how wide the whole flight may be, in.
@@ -55,7 +47,7 @@ class Film:
         self._flight = flight
         rotors = [flight.points.index(name) for name in flight.rotor_points]
         self._middles = flight.positions[:, rotors].mean(axis=1)
-        whole = bounds(flight)
+        whole = snapshots.bounds(flight)
         self.near = _near_radius(flight, self._middles, whole)
         height = _HEIGHT - _HEAD
         wide, high = extent(whole, VIEW)
@@ -116,9 +108,9 @@ class Film:
 def _artists(axes: Any, flight: Flight, scale: float = 1.0) -> list[Any]:
     """Drawings in 3-D axes that `show` a sample; `scale` multiplies the widths of lines."""
     return [
-        PathDrawing(axes, flight, desired="0.65"),
-        RobotDrawing(axes, flight, scale=scale),
-        ThrustArrows(axes, flight, scale),
+        snapshots.PathDrawing(axes, flight, desired="0.65"),
+        snapshots.RobotDrawing(axes, flight, scale=scale),
+        snapshots.ThrustArrows(axes, flight, scale),
     ]
 
 
@@ -129,7 +121,7 @@ def _near_radius(flight: Flight, middles: Array, whole: tuple[Array, Array]) -> 
     """
     rotors = [flight.points.index(name) for name in flight.rotor_points]
     distances = np.linalg.norm(flight.positions - middles[:, np.newaxis], axis=2)
-    room = rotor_radius(flight) * (1.0 + LONGEST)
+    room = snapshots.rotor_radius(flight) * (1.0 + snapshots.LONGEST)
     farthest = [np.nanmax(which, initial=0.0) for which in (distances, distances[:, rotors])]
     # An arm that is long beside the base is cut off.
     radius = float(min(farthest[0] + 0.5 * room, _REACH * (farthest[1] + room)))
@@ -156,7 +148,9 @@ def write_animation(
         # A folder that cannot hold it is found out before the work.
         temporary.touch()
         with style():
-            _film(flight, writer, temporary, _frames(flight, fps), progress)
+            count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
+            frames = snapshots.samples_at(flight, flight.time[0] + np.arange(count) / fps)
+            _film(flight, writer, temporary, frames, progress)
         os.replace(temporary, path)
     except OSError as error:
         raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
@@ -234,8 +228,3 @@ def _film(
                 writer.finish()
         raise
     writer.finish()
-
-
-def _frames(flight: Flight, fps: int) -> list[int]:
-    count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
-    return samples_at(flight, flight.time[0] + np.arange(count) / fps)

@@ -362,8 +362,7 @@ def _lift(flight: Flight) -> Array:
     """What share (N) of each thrust is along the base normal, at the start."""
     directions = flight.thrust_directions
     first = directions if directions.ndim == 2 else directions[0]
-    share: Array = np.abs(first[:, 2])
-    return share
+    return np.abs(first[:, 2])
 
 
 def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:

@@ -18,18 +18,7 @@ from matplotlib.figure import Figure
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
 from gibbs_codegen.files.staging import check_output_folder, staging_folder
-from gibbs_codegen.flight.figures.curves import (
-    DASHED,
-    SOLID,
-    Curves,
-    add_key,
-    finished,
-    label_axes,
-    plot_line,
-    plot_logarithms,
-    stack,
-    symbol,
-)
+from gibbs_codegen.flight.figures import curves
 from gibbs_codegen.flight.figures.curves import coordinates as coordinates
 from gibbs_codegen.flight.figures.curves import inputs as inputs
 from gibbs_codegen.flight.figures.snapshots import snapshots as snapshots
@@ -52,10 +41,10 @@ _NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
 
 def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
     """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links."""
-    names = [symbol(name) for name in flight.constraint_names]
+    names = [curves.symbol(name) for name in flight.constraint_names]
     with style():
-        panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
-        return finished(stack(flight, [panel], width), flight)
+        panel = curves.Curves("constraint torque (N m)", names, flight.constraint_torques)
+        return curves.finished(curves.stack(flight, [panel], width), flight)
 
 
 def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
@@ -79,9 +68,9 @@ def tracking_error(flight: Flight, width: float = COLUMN) -> Figure:
     with style():
         figure = Figure(figsize=(width, 3.6), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
-        plot_logarithms(above, flight, "error (m)", distances)
-        plot_logarithms(below, flight, "error (rad)", angles)
-        return finished(figure, flight)
+        curves.plot_logarithms(above, flight, "error (m)", distances)
+        curves.plot_logarithms(below, flight, "error (rad)", angles)
+        return curves.finished(figure, flight)
 
 
 def energy(flight: Flight, width: float = COLUMN) -> Figure:
@@ -95,13 +84,13 @@ def energy(flight: Flight, width: float = COLUMN) -> Figure:
         figure = Figure(figsize=(width, 3.6), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for (name, change), colour in zip(changes.items(), COLOURS, strict=False):
-            plot_line(above, flight, change, label=name, color=colour, **SOLID)
-        plot_line(above, flight, flight.work, label="work $W$", **DASHED)
-        label_axes(above, "change of energy (J)")
-        add_key(above)
+            curves.plot_line(above, flight, change, label=name, color=colour, **curves.SOLID)
+        curves.plot_line(above, flight, flight.work, label="work $W$", **curves.DASHED)
+        curves.label_axes(above, "change of energy (J)")
+        curves.add_key(above)
         error = {"": np.abs(flight.energy_error)}
-        plot_logarithms(below, flight, r"error $|\Delta E - W|$ (J)", error)
-        return finished(figure, flight)
+        curves.plot_logarithms(below, flight, r"error $|\Delta E - W|$ (J)", error)
+        return curves.finished(figure, flight)
 
 
 FIGURES: tuple[Callable[[Flight], Figure], ...] = (
@@ -197,21 +186,17 @@ def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
         raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
     if animation == "mp4" and shutil.which("ffmpeg") is None:
         raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
-    _refuse_foreign(Path(folder))
-    with _staged(Path(folder)):
-        pass
-
-
-def _refuse_foreign(folder: Path) -> None:
-    """Raise `UsageError` for files of the names of results that no earlier flight has left."""
-    present = [folder / name for name in sorted(_NAMES) if os.path.lexists(folder / name)]
+    place = Path(folder)
+    present = [place / name for name in sorted(_NAMES) if os.path.lexists(place / name)]
     odd = [path for path in present if path.is_symlink() or not path.is_file()]
-    if odd or (present and not is_flight(folder / "flight.npz")):
+    if odd or (present and not is_flight(place / "flight.npz")):
         names = ", ".join(path.name for path in (odd or present)[:5])
         raise UsageError(
-            f"{printable(folder)}: holds files that no simulation has written: {names}; "
+            f"{printable(place)}: holds files that no simulation has written: {names}; "
             "move them elsewhere, or choose another --out"
         )
+    with _staged(place):
+        pass
 
 
 @contextmanager

@@ -58,7 +58,7 @@ _PATH_POINTS = 200
 _LABEL_DISTANCES = (24.0, 32.0, 42.0, 54.0, 68.0, 84.0, 102.0, 122.0)
 # Above robots.
 _LEVEL = 50
-# Of all thrusts, the share that arrows are not too short for: peaks would make the others dots.
+# Of all thrusts or efforts, the share that is shown whole: peaks would make the others dots.
 _USUAL = 0.95
 # The longest arrow, in radii of a rotor; length and half the width of a head, in its length.
 LONGEST, _ARROW_HEAD = 4.0, np.array([0.15, 0.06])
@@ -128,7 +128,7 @@ class PathDrawing:
     def show(self, sample: int) -> None:
         """Draw the actual paths from the start to a sample."""
         for line, path in self._actual:
-            _move(line, path[: sample + 1])
+            line.set_data_3d(*path[: sample + 1].T)
 
 
 def arm_lines(flight: Flight) -> list[list[int]]:
@@ -154,6 +154,12 @@ def thrust_directions(flight: Flight, sample: int) -> Array:
     """Unit vectors (N, 3) of the thrusts in the base's frame."""
     directions = flight.thrust_directions
     return directions if directions.ndim == 2 else directions[sample]
+
+
+def usual_size(values: Array) -> float:
+    """What most of the absolute values do not exceed."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(known, _USUAL)) if len(known) else 0.0
 
 
 def samples_at(flight: Flight, times: Array) -> list[int]:
@@ -189,10 +195,6 @@ def rotor_radius(flight: Flight) -> float:
     return disc_radius(motors, normals, np.linalg.norm(motors - carriers, axis=1))
 
 
-def _move(line: Any, points: Array) -> None:
-    line.set_data_3d(*points.T)
-
-
 def snapshots(flight: Flight) -> Figure:
     """Draw the paper's Fig. 11: the robot at twelve instants along the paths of centre and tip, m.
 
@@ -211,7 +213,8 @@ def snapshots(flight: Flight) -> Figure:
         set_scene(axes, box, view)
         _draw_walls(axes, flight, box)
         PathDrawing(axes, flight).show(instants[-1])
-        colours = _colours(samples)
+        # From dark to as light as still reads on white.
+        colours = _SHADES(np.linspace(0.0, 0.75, len(samples)))
         outlines = []
         for rank, place in enumerate(np.argsort(centres @ seen_from(view)[2])):
             robot = RobotDrawing(axes, flight, rank, colours[place], scale=0.9)
@@ -238,7 +241,10 @@ def snapshots_panels(flight: Flight) -> Figure:
         size = figure.get_size_inches()
         panels = [_panel(figure, flight, (box, view), sample) for sample in samples]
         add_legend(panels[0], flight)
-        on_left = _has_height_on_left(panels[0])
+        # Whether the numbers of the z axis are on the left of a scene.
+        figure.draw_without_rendering()
+        heights, lengths = (x.get_tightbbox() for x in (panels[0].zaxis, panels[0].xaxis))
+        on_left = bool(heights.x1 < lengths.x1)
         numbered = panels[columns * (rows - 1) if on_left else -1]
         others = [axes for axes in panels if axes is not numbered]
         for axes in others:
@@ -269,13 +275,6 @@ def _division(panels: int, scene: Array) -> tuple[int, Array]:
         scale = float(np.min((room - (_GAP, _TIME)) / scene))
         rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
     return rooms[max(rooms)]
-
-
-def _has_height_on_left(axes: Any) -> bool:
-    """Whether the numbers of the z axis are on the left of a scene."""
-    axes.figure.draw_without_rendering()
-    heights, lengths = axes.zaxis.get_tightbbox(), axes.xaxis.get_tightbbox()
-    return bool(heights.x1 < lengths.x1)
 
 
 def _panel(
@@ -313,21 +312,15 @@ def _instants(flight: Flight, count: int) -> list[int]:
 
 def _labels(flight: Flight, samples: list[int]) -> dict[int, str]:
     """Labels of the samples that are drawn: one for those in the same place, at the first."""
-    together: dict[int, list[str]] = {}
+    times_at: dict[int, list[str]] = {}
     for sample in samples:
         apart = np.abs(flight.positions[samples] - flight.positions[sample]).max(axis=(1, 2))
         first = samples[int(np.argmax(apart < _SAME_PLACE))]
-        together.setdefault(first, []).append(f"{flight.time[sample]:.1f}")
+        times_at.setdefault(first, []).append(f"{flight.time[sample]:.1f}")
     return {
         first: (", ".join(times) if len(times) < 3 else f"{times[0]} … {times[-1]}") + " s"
-        for first, times in together.items()
+        for first, times in times_at.items()
     }
-
-
-def _colours(samples: list[int]) -> Array:
-    """Colours (s, 4) from dark to as light as still reads on white."""
-    colours: Array = _SHADES(np.linspace(0.0, 0.75, len(samples)))
-    return colours
 
 
 def _clearest_view(centres: Array, box: tuple[Array, Array]) -> tuple[float, float]:
@@ -360,12 +353,11 @@ def _write_times(
 
     def on_paper(points: Array) -> Array:
         """Where points (…, 3) of the world are on the figure (…, 2), in points."""
-        places: Array = axes.transData.transform(project(axes, points)) * 72.0 / axes.figure.dpi
-        return places
+        return axes.transData.transform(project(axes, points)) * 72.0 / axes.figure.dpi
 
     # Places the axes where they will be drawn.
     axes.apply_aspect()
-    taken = on_paper(outline)
+    covered = on_paper(outline)
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     offsets = np.concatenate([distance * circle for distance in _LABEL_DISTANCES])
@@ -388,7 +380,7 @@ def _write_times(
         size = np.array(Text.get_window_extent(name).size) * 72.0 / axes.figure.dpi
         half = size / 2.0 + _MARGIN
         places = on_paper(centre) + offsets
-        crowd = _cover(places, taken, half) + _DISTANCE * np.hypot(*offsets.T)
+        crowd = _cover(places, covered, half) + _DISTANCE * np.hypot(*offsets.T)
         # Off the paper, or over another label.
         crowd[np.any((places - half < low) | (places + half > high), axis=1)] += 1e3
         crowd[_cover(places, written, half + halves) > 0.0] += 1e3
@@ -403,8 +395,7 @@ def _cover(places: Array, points: Array, reach: Array) -> Array:
     `points` (p, 2) might be covered by a label within `reach`, (2) or (p, 2).
     """
     near = (np.abs(places[:, np.newaxis] - points) / reach).max(axis=2)
-    cover: Array = np.maximum(0.0, 1.0 - near).sum(axis=1)
-    return cover
+    return np.maximum(0.0, 1.0 - near).sum(axis=1)
 
 
 class ThrustArrows:
@@ -416,10 +407,8 @@ class ThrustArrows:
     def __init__(self, axes: Any, flight: Flight, scale: float = 1.0) -> None:
         self._flight = flight
         thrusts = flight.applied[:, : flight.rotors]
-        known = np.abs(thrusts[np.isfinite(thrusts)])
-        usual = float(np.quantile(known, _USUAL)) if len(known) else 0.0
         self.reach = LONGEST * rotor_radius(flight)
-        self._lengths = self.reach * np.clip(thrusts / (usual or 1.0), -1.0, 1.0)
+        self._lengths = self.reach * np.clip(thrusts / (usual_size(thrusts) or 1.0), -1.0, 1.0)
         self._rotors = [flight.points.index(name) for name in flight.rotor_points]
         (self._line,) = axes.plot(
             [], [], [], color=COLOURS[3], linewidth=1.3 * scale, zorder=_LEVEL, label="thrust"

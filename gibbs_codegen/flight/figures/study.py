@@ -173,7 +173,10 @@ def _draw_sensitivity(axes: Axes, measure: str, found: Sequence[Sensitivity]) ->
         axes.barh(rows, shares, 0.34, color=COLOURS[colour], label=name)
         ends = [np.minimum(errors, shares), np.minimum(errors, 1.0 - shares)]
         axes.errorbar(shares, rows, xerr=ends, fmt="none", ecolor=DARK, elinewidth=0.7)
-    axes.set_yticks(range(len(found)), [_short(each.key) for each in found], parse_math=False)
+    # Of a long key its end is shown.
+    whole = (each.key for each in found)
+    keys = [key if len(key) <= _LONGEST_KEY else f"…{key[1 - _LONGEST_KEY :]}" for key in whole]
+    axes.set_yticks(range(len(found)), keys, parse_math=False)
     for row, each in enumerate(found):
         text = "–" if np.isnan(each.correlation) else f"{each.correlation:+.2f}".replace("-", "−")
         place = axes.get_yaxis_transform()
@@ -199,10 +202,10 @@ def _panels(study: Study, height: float) -> tuple[Figure, list[Axes]]:
     table, failed = study.table, len(study.failures)
     early = len(study.stopped)
     names = [_listed(np.unique(table[column]).tolist()) for column in ("robot", "scenario")]
-    told = [f"{len(table) - failed} flights"]
-    told += [f"{early} ended early"] if early else []
-    told += [f"{failed} cases failed"] if failed else []
-    heading = f"{', '.join(names)}: {', '.join(told)}"
+    counts = [f"{len(table) - failed} flights"]
+    counts += [f"{early} ended early"] if early else []
+    counts += [f"{failed} cases failed"] if failed else []
+    heading = f"{', '.join(names)}: {', '.join(counts)}"
     figure.suptitle(heading, color="0.35", parse_math=False)
     return figure, panels[:count]
 
@@ -235,11 +238,6 @@ def _edges(values: NDArray[np.float64], logarithmic: bool) -> NDArray[np.float64
     if len(edges) > _MOST_BINS + 1:
         edges = np.linspace(edges[0], edges[-1], _MOST_BINS + 1)
     return 10.0**edges if logarithmic else edges
-
-
-def _short(key: str) -> str:
-    """A key, of a long one its end."""
-    return key if len(key) <= _LONGEST_KEY else f"…{key[1 - _LONGEST_KEY :]}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,29 +17,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import compiled_steps
-from gibbs_codegen.flight.integration.envelope import Envelope
-from gibbs_codegen.flight.integration.fixed_step import StepGrid
-from gibbs_codegen.flight.integration.integrate import whole_history
-from gibbs_codegen.flight.integration.loop_parts import (
-    LAWS,
+from gibbs_codegen.flight.integration.compiled_loop import (
+    FUNCTIONS,
     NUMBERS,
     Loop,
     addresses,
+    compiled_law,
+    compiled_steps,
     layout_text,
     values_of,
 )
+from gibbs_codegen.flight.integration.envelope import Envelope
+from gibbs_codegen.flight.integration.integrators import StepGrid, whole_history
 from gibbs_codegen.flight.integration.state_history import (
-    Acting,
     InputRanges,
+    Loads,
     SmoothInterval,
     StateHistory,
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
-from gibbs_codegen.flight.scenario.scenario import Settings
+from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.interface import LANES
-from gibbs_codegen.runtime.c_backend import EachLibrary
-from gibbs_codegen.runtime.c_library import Compiler, CompilerError, find_compiler
+from gibbs_codegen.runtime.c_library import (
+    Compiler,
+    CompilerError,
+    ModuleLibrary,
+    chosen_compiler,
+)
 from gibbs_codegen.runtime.cache import CacheError
 
 _log = logging.getLogger("gibbs_codegen")
@@ -82,7 +85,7 @@ class BlockLoop:
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int
+        cls, closed: ClosedLoop, bounds: Array | float, loads: Loads, count: int
     ) -> BlockLoop | None:
         """The compiled loops of `count` flights; None where module, law or loop is not compiled.
 
@@ -90,18 +93,13 @@ class BlockLoop:
         damping, wrenches and centre of the rotors, lag, limits, gains, and what the geometric law
         knows. `bounds` of errors, then their rates, are (2 nv), (count, 2 nv) or one number.
         """
-        vehicle = closed.vehicle
-        law = closed.controller.law if acting.held is None else "held"
-        library_file = Path(vehicle.module.__file__ or "")
-        if library_file.suffix != ".so" or law not in LAWS:
-            return None
-        if law == "geometric" and not vehicle.layout.is_quaternion:
+        if compiled_law(closed, loads) is None:
             return None
         try:
-            compiler = find_compiler(os.environ.get("CC") or None)
+            compiler = chosen_compiler()
             flags = f"-DLANES={LANES}", f"-DLAYOUT={layout_text(closed)}"
             steps = compiled_steps(compiler, *flags)
-            words, owned = _structures(closed, bounds, acting, count, compiler)
+            words, owned = _structures(closed, bounds, loads, count, compiler)
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)
             return None
@@ -127,11 +125,11 @@ class BlockLoop:
         blocks, kept = len(self.loops), (number + steps) // every - number // every
         state = _in_blocks(states)
         samples = _aligned((blocks, kept, self.size, LANES))
-        flown = np.ones(self.count, dtype=bool) if going is None else going
+        going = np.ones(self.count, dtype=bool) if going is None else going
         # What C calls Progress: flights that go on, all bits ones; those refused; steps.
         progress = _aligned((blocks, 3, LANES), np.int64)
         progress[...] = 0
-        progress[:, :1] = _in_blocks(-flown[:, np.newaxis].astype(np.int64), fill=False)
+        progress[:, :1] = _in_blocks(-going[:, np.newaxis].astype(np.int64), fill=False)
         loops = self.loops.copy()
 
         def fly(some: NDArray[np.int64]) -> None:
@@ -178,7 +176,7 @@ class _Pointers:
 
 
 def _structures(
-    closed: ClosedLoop, bounds: Array | float, acting: Acting, count: int, compiler: Compiler
+    closed: ClosedLoop, bounds: Array | float, loads: Loads, count: int, compiler: Compiler
 ) -> tuple[NDArray[np.uint64], list[Any]]:
     """A `Loop` for each block, as words (blocks, words), and what must live as long.
 
@@ -187,7 +185,7 @@ def _structures(
     """
     loop, pointers, blocks = Loop(), _Pointers(), -(-count // LANES)
     _bind(loop, pointers, closed, count, compiler)
-    for part, name, value in values_of(closed, bounds, acting):
+    for part, name, value in values_of(closed, bounds, loads):
         holder = getattr(loop, part) if part else loop
         at = (getattr(Loop, part).offset if part else 0) + getattr(type(holder), name).offset
         if (part, name) in NUMBERS:
@@ -210,12 +208,13 @@ def _bind(
     vehicle, model = closed.vehicle, closed.controller.vehicle
     constants = {"plant": vehicle.constants, "model": model.constants}
     if any(isinstance(values, np.ndarray) for values in constants.values()):
-        library = EachLibrary(Path(vehicle.module.__path__[0]), vehicle.name, compiler).library
+        folder = Path(vehicle.module.__path__[0])
+        library = ModuleLibrary(folder, vehicle.name, FUNCTIONS, compiler, each=True)
         ending = "_batch_each"
     else:
-        library, ending = ctypes.CDLL(str(vehicle.module.__file__)), "_batch"
+        library, ending = vehicle.module.compiled, "_batch"
     pointers.owned.append(library)
-    loop.functions = type(loop.functions)(*addresses(library, vehicle.name, ending))
+    loop.functions = type(loop.functions)(*addresses(library, ending))
     for name, values in constants.items():
         values = vehicle.module.prepare({}) if values is None else values
         if ending == "_batch_each":
@@ -264,7 +263,7 @@ def _out_of_blocks(blocks: NDArray[Any], count: int) -> NDArray[Any]:
 
 
 @dataclass(frozen=True)
-class SideBySide:
+class BlockIntegration:
     """Many flights that differ in parameters of the plant, in lag and in where they start.
 
     `loop` is the closed loop of all, whose arrays have an axis of the flights where these differ.
@@ -285,20 +284,20 @@ class SideBySide:
         None for a flight to be integrated by itself: its law refuses a state, or there are no
         compiled blocks. `progress` is told the time reached, s.
         """
-        flown = _Flown(self, starts)
+        states = _BlockStates(self, starts)
         for interval in self.loop.smooth_intervals(0.0, self.duration):
-            flown.through(interval, progress)
-        return flown.histories()
+            states.advance(interval, progress)
+        return states.histories()
 
     def envelope(self, loop: ClosedLoop) -> Envelope:
         """Where control counts as lost, of all flights or of one."""
         return Envelope(loop, self.settings.divergence, self.duration)
 
 
-class _Flown:
+class _BlockStates:
     """How far flights have come, and their samples."""
 
-    def __init__(self, plan: SideBySide, starts: Array) -> None:
+    def __init__(self, plan: BlockIntegration, starts: Array) -> None:
         self._plan, self._grid = plan, StepGrid(plan.settings)
         self._bounds = plan.envelope(plan.loop).bounds
         count = len(starts)
@@ -311,10 +310,10 @@ class _Flown:
         for i in np.flatnonzero(~self._goes_on()).tolist():
             self._end(i)
 
-    def through(self, interval: SmoothInterval, progress: Callable[[float], None]) -> None:
+    def advance(self, interval: SmoothInterval, progress: Callable[[float], None]) -> None:
         """Integrate over an interval, which begins where the last one ended."""
         plan, count = self._plan, len(self._last)
-        block = BlockLoop.of(plan.loop, self._bounds, interval.acting, count)
+        block = BlockLoop.of(plan.loop, self._bounds, interval.loads, count)
         if block is None:
             self._alone[:] = True
             return

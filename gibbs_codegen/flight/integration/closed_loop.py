@@ -9,19 +9,20 @@ takes a state apart gets it of length 1.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.flight.control.laws import ControlLaw, kept_from_winding, wanted_rates
-from gibbs_codegen.flight.control.sampled import HeldInputs
-from gibbs_codegen.flight.integration.state_history import NOTHING, Acting, SmoothInterval
+from gibbs_codegen.flight.control.laws import ControlLaw, anti_windup, setpoint_rates
+from gibbs_codegen.flight.control.sampled_control import ZeroOrderHold
+from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.scenario.scenario import Scenario
 
 
 class Parts(NamedTuple):
@@ -52,15 +53,31 @@ class ClosedLoop:
     environment: Environment | None = None
     compensated: bool = False
 
+    def with_plant(
+        self, parameters: Mapping[str, Any], lag: Array, scenario: Scenario, table: str = "plant"
+    ) -> ClosedLoop:
+        """The same law over another plant, in the surroundings of a scenario.
+
+        `parameters` are those in which it differs from what the scenario says of the robot, the
+        plant stays as it is where there are none; messages call them `table`. `lag` (…, N) of its
+        motors is in s.
+        """
+        plant = self.vehicle
+        if parameters:
+            plant = Vehicle(plant.module, {**scenario.parameters, **parameters}, table)
+        environment = Environment.of(plant, scenario, self.actuators.spins)
+        actuators = replace(self.actuators, lag=lag)
+        return replace(self, vehicle=plant, actuators=actuators, environment=environment)
+
     @cached_property
     def limited(self) -> bool:
         """Whether a thrust, torque or force has a limit."""
         return bool(np.any(np.isfinite(self.actuators.inputs)))
 
     @property
-    def held(self) -> HeldInputs | None:
+    def hold(self) -> ZeroOrderHold | None:
         """The law that holds its inputs from one command to the next, if it is one."""
-        return self.controller if isinstance(self.controller, HeldInputs) else None
+        return self.controller if isinstance(self.controller, ZeroOrderHold) else None
 
     @cached_property
     def lags(self) -> bool:
@@ -70,7 +87,7 @@ class ClosedLoop:
     @property
     def compensates(self) -> bool:
         """Whether motors lag, and that is compensated: by a law that commands at all times."""
-        commands = self.held is None and self.controller.law != "off"
+        commands = self.hold is None and self.controller.law != "off"
         return self.compensated and self.lags and commands
 
     @property
@@ -90,8 +107,8 @@ class ClosedLoop:
 
     def start(self, q: Array, v: Array) -> Array:
         """The state (size) at time 0, with motors settled at the thrusts that the law wants."""
-        if self.held is not None:
-            self.held.start(q, v)
+        if self.hold is not None:
+            self.hold.start(q, v)
         memory = np.zeros(self.controller.memory)
         setpoints = self._setpoints(self.controller(0.0, q, v, memory))
         thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
@@ -113,8 +130,8 @@ class ClosedLoop:
         q, v, _, thrusts, memory = parts
         wanted = self.controller(time, q, v, memory)
         if self.compensates:
-            acting = self.applied(wanted, thrusts)
-            rates = wanted_rates(self.controller, time, (q, v, memory), wanted, acting)
+            applied = self.applied(wanted, thrusts)
+            rates = setpoint_rates(self.controller, time, (q, v, memory), wanted, applied)
             wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
         return wanted
 
@@ -142,7 +159,7 @@ class ClosedLoop:
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
     def wrenches(
-        self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
+        self, time: float | Array, q: Array, v: Array, inputs: Array, loads: Loads
     ) -> Array:
         """Wrenches (…, f, 6) on the frames by all that acts but the inputs.
 
@@ -150,7 +167,7 @@ class ClosedLoop:
         """
         if self.environment is None:
             return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
-        return self.environment.wrenches(time, q, v, inputs, acting.push, acting.payloads)
+        return self.environment.wrenches(time, q, v, inputs, loads.push, loads.payloads)
 
     def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
         """Accelerations (…, nv) of states, inputs and wrenches (…, f, 6), by forward dynamics."""
@@ -158,13 +175,13 @@ class ClosedLoop:
             return self.vehicle.forward_dynamics(q, v, inputs)
         return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
-    def acting(self, time: float | Array) -> Acting:
+    def loads(self, time: float | Array) -> Loads:
         """What acts at times (…), s."""
         if self.environment is None:
             return NOTHING
-        return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))
+        return Loads(self.environment.push_acts(time), self.environment.payloads.carried(time))
 
-    def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
+    def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
 
         What acts is given, since an integrator may ask for the end of an interval without a push,
@@ -174,11 +191,11 @@ class ClosedLoop:
             return np.full_like(state, np.nan)
         parts = self.parts(state)
         q, v, _, thrusts, memory = parts
-        held = acting.held
-        commanded = self.commanded(time, parts) if held is None else np.array(held)
+        known = loads.inputs
+        commanded = self.commanded(time, parts) if known is None else np.array(known)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        wrenches = self.wrenches(time, q, v, inputs, acting)
+        wrenches = self.wrenches(time, q, v, inputs, loads)
         if self.environment is not None:
             power += self.vehicle.wrench_forces(q, wrenches) @ v
         moving = self.vehicle.kinematics.rates(state[: len(q)], v)
@@ -189,7 +206,7 @@ class ClosedLoop:
             growth = np.zeros_like(thrusts)
             rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
         growth = self.controller.growth(time, q, v, memory)
-        rates.append(kept_from_winding(growth, memory, np.any(self.actuators.reached(commanded))))
+        rates.append(anti_windup(growth, memory, np.any(self.actuators.reached(commanded))))
         return np.concatenate(rates)
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
@@ -197,12 +214,12 @@ class ClosedLoop:
 
         That is why the flight cannot go on, "" if it can. `state` is that at its begin.
         """
-        if self.held is None:
+        if self.hold is None:
             return interval, ""
         q, v, *_ = self.parts(state)
-        stopped = self.held.begin(interval.begin, q, v)
-        acting = replace(interval.acting, held=tuple(self.held.held.tolist()))
-        return replace(interval, acting=acting), stopped
+        stopped = self.hold.begin(interval.begin, q, v)
+        loads = replace(interval.loads, inputs=tuple(self.hold.inputs.tolist()))
+        return replace(interval, loads=loads), stopped
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
         """The intervals of a flight between which the push or held inputs may change.
@@ -211,14 +228,11 @@ class ClosedLoop:
         """
         jumps = self.environment.jumps if self.environment else ()
         times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
-        if self.held is not None:
-            instants = self.held.instants(begin, end)
-            near = np.abs(instants[:, np.newaxis] - times) <= self.held.same
+        if self.hold is not None:
+            instants = self.hold.instants(begin, end)
+            near = np.abs(instants[:, np.newaxis] - times) <= self.hold.same
             times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
         for first, last in itertools.pairwise(times.tolist()):
-            yield SmoothInterval(first, last, self._acting_from(first))
-
-    def _acting_from(self, begin: float) -> Acting:
-        """What acts all through the interval that begins at a time, s."""
-        acting = self.acting(begin)
-        return Acting(bool(acting.push), tuple(np.atleast_1d(acting.payloads).tolist()))
+            loads = self.loads(first)
+            payloads = tuple(np.atleast_1d(loads.payloads).tolist())
+            yield SmoothInterval(first, last, Loads(bool(loads.push), payloads))

@@ -56,9 +56,9 @@ class Envelope:
 
     def holds(self, time: Array, states: Array) -> Flags:
         """Which states (s, size) at times (s) are finite and within the bounds (s)."""
-        held = self._finite(states)
-        held[held] = np.all(self._errors(time[held], states[held]) <= self.bounds, axis=-1)
-        return held
+        inside = self._finite(states)
+        inside[inside] = np.all(self._errors(time[inside], states[inside]) <= self.bounds, axis=-1)
+        return inside
 
     def _finite(self, states: Array) -> Flags:
         """Whether states (…, size) are finite, with attitudes: 0 is left of what overflows."""
@@ -78,8 +78,7 @@ class Envelope:
         if layout.is_quaternion:
             return np.zeros(states.shape[:-1], dtype=bool)
         # The angle is not wrapped, so this also finds a step across the singularity.
-        singular: Flags = np.abs(states[..., layout.middle_angle]) > LARGEST_THETA_0
-        return singular
+        return np.abs(states[..., layout.middle_angle]) > LARGEST_THETA_0
 
     def reason(self, time: float, state: Array) -> str:
         """Why a flight cannot go on from a state, with the time and a remedy; "" if it can."""
@@ -105,8 +104,7 @@ class Envelope:
         q, v = self.loop.parts(states)[:2]
         q_desired, v_desired, _ = self.loop.controller.reference(time)
         found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
-        errors: Array = np.abs(np.concatenate(found, axis=-1))
-        return errors
+        return np.abs(np.concatenate(found, axis=-1))
 
     def _in_words(self, place: int, excess: float) -> str:
         vehicle = self.loop.vehicle
@@ -127,7 +125,7 @@ class Envelope:
         loop = self.loop
         if too_weak := self._too_weak():
             return too_weak
-        law, held = loop.controller.law, loop.held is not None
+        law, sampled = loop.controller.law, loop.hold is not None
         lagging = loop.lags and not loop.compensates
         thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
         at_limits = {name in thrusts for name in saturated}
@@ -135,11 +133,11 @@ class Envelope:
         remedies = [
             *(["wider motors.limits"] if True in at_limits else []),
             *(["a greater arm.effort"] if False in at_limits else []),
-            *(gains if held and lagging and law in CORRECTING else []),
-            *(["motors.compensation"] if lagging and not held and not loop.compensated else []),
+            *(gains if sampled and lagging and law in CORRECTING else []),
+            *(["motors.compensation"] if lagging and not sampled and not loop.compensated else []),
             *(["a shorter motors.time_constant"] if lagging else []),
             *(loop.environment.remedies if loop.environment else []),
-            *(["a higher rate of control"] if held else []),
+            *(["a higher rate of control"] if sampled else []),
             _OTHER_CONTROL.get(law, "a lower control.frequency"),
         ]
         limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
@@ -168,8 +166,7 @@ def _peak_response(gains: Gains) -> Array:
     critical = root == 0.0
     # The time of the peak, times the frequency; its limit at critical damping is 1.
     peak = np.where(critical, 1.0, np.arccosh(ratio) / np.where(critical, 1.0, root))
-    response: Array = np.exp(-(ratio * peak).real) / frequency
-    return response
+    return np.exp(-(ratio * peak).real) / frequency
 
 
 @dataclass(frozen=True, order=True)
@@ -200,7 +197,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
     # Held inputs do not follow the errors within a step.
     felt = [] if loop.compensates else lags
-    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, felt)
+    polynomials = [] if loop.hold is not None else error_polynomials(loop.controller, felt)
     found += [
         Mode(abs(root), "the gains of control", "lower gains", complex(root))
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))

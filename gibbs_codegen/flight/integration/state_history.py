@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Flags = NDArray[np.bool_]
-Array = NDArray[np.float64]
+from gibbs_codegen.flight.plant.vehicle import Array, Flags
+
 # Times are the same, and steps whole, to this share of a step.
 SAME_TIME = 1e-6
 
@@ -53,19 +52,19 @@ class InputRanges:
 
 
 @dataclass(frozen=True)
-class Acting:
+class Loads:
     """What acts: pushes, payloads, and inputs u (nu) that are held, if any.
 
     `push` says whether the push does (…), `payloads` which of them do (…, p), or one flag for all.
-    Without `held` inputs the law of control commands them at every instant.
+    Without `inputs` the law of control commands them at every instant.
     """
 
     push: bool | Flags = False
     payloads: bool | tuple[bool, ...] | Flags = False
-    held: tuple[float, ...] | None = None
+    inputs: tuple[float, ...] | None = None
 
 
-NOTHING = Acting()
+NOTHING = Loads()
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class SmoothInterval:
 
     begin: float
     end: float
-    acting: Acting
+    loads: Loads
 
     def sample_times(self, rate: float) -> Array:
         """Multiples of 1 / rate (s) after the start of the interval, up to its end."""

@@ -26,7 +26,7 @@ static void moved_wrenches(const Loop *f, const Attitude *a, const number *matri
         for (ptrdiff_t i = 0; i < at->velocities; ++i) {
             generalised[i] = matrix[i * inputs_of(f) + k];
         }
-        wrench_of(at, a, f->known.centre, generalised, columns + k * BASE);
+        wrench_of(at, a, f->model_rotors.centre, generalised, columns + k * BASE);
     }
 }
 
@@ -173,12 +173,12 @@ static flags allocate(const Loop *f, const Moment *now, const number *q, const A
 {
     const Layout *const at = layout_of(f);
     const ptrdiff_t n = at->rotors, width = inputs_of(f);
-    const number *columns = f->known.wrenches;
-    number *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
+    const number *columns = f->model_rotors.wrenches;
+    number *const matrix = take(&room, f->model_rotors.move ? at->velocities * width : 0);
     number wrench[BASE];
     flags refused = {0};
-    wrench_of(at, a, f->known.centre, generalised, wrench);
-    if (f->known.move) {
+    wrench_of(at, a, f->model_rotors.centre, generalised, wrench);
+    if (f->model_rotors.move) {
         number *const moved = take(&room, n * BASE);
         f->functions.input_matrix(OF(f->model), q, matrix);
         moved_wrenches(f, a, matrix, moved, room);
@@ -196,7 +196,7 @@ static flags allocate(const Loop *f, const Moment *now, const number *q, const A
         refused |= keep_within(f, now->going & opposite(refused), columns, wrench, inputs, room);
     }
     memcpy(inputs + n, generalised + at->joints, (size_t)(width - n) * sizeof *inputs);
-    for (ptrdiff_t j = n; j < width && f->known.move; ++j) {
+    for (ptrdiff_t j = n; j < width && f->model_rotors.move; ++j) {
         inputs[j] -= dot(n, matrix + (at->joints + j - n) * width, inputs);
     }
     return refused;
@@ -206,8 +206,8 @@ static flags allocate(const Loop *f, const Moment *now, const number *q, const A
 static ptrdiff_t room_of_allocation(const Loop *f)
 {
     const ptrdiff_t n = layout_of(f)->rotors, m = layout_of(f)->velocities;
-    const ptrdiff_t moving = f->known.move ? m * inputs_of(f) + n * BASE : 0;
-    const ptrdiff_t smallest_thrusts = f->known.move ? n * (2 * BASE + 1) : 0;
+    const ptrdiff_t moving = f->model_rotors.move ? m * inputs_of(f) + n * BASE : 0;
+    const ptrdiff_t smallest_thrusts = f->model_rotors.move ? n * (2 * BASE + 1) : 0;
     const ptrdiff_t nearest_thrusts = f->sharing.limited ? n * (2 * BASE + 5 + n) + BASE : 0;
     const ptrdiff_t columns = m > smallest_thrusts ? m : smallest_thrusts;
     return moving + (columns > nearest_thrusts ? columns : nearest_thrusts);

@@ -30,17 +30,17 @@ static void axis_of(const Loop *f, const number *q, number *axis, Room room)
 {
     const Layout *const at = layout_of(f);
     const ptrdiff_t width = inputs_of(f);
-    number *const matrix = take(&room, f->known.move ? at->velocities * width : 0);
+    number *const matrix = take(&room, f->model_rotors.move ? at->velocities * width : 0);
     number sum[3] = {0}, most = {0.0};
     memset(axis, 0, 3 * sizeof *axis);
-    if (f->known.move) {
+    if (f->model_rotors.move) {
         f->functions.input_matrix(OF(f->model), q, matrix);
     }
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         number force[3];
         for (int i = 0; i < 3; ++i) {
-            force[i] = f->known.move ? matrix[(at->position + i) * width + k]
-                                     : f->known.wrenches[k * BASE + i];
+            force[i] = f->model_rotors.move ? matrix[(at->position + i) * width + k]
+                                     : f->model_rotors.wrenches[k * BASE + i];
             sum[i] += force[i];
         }
         const number square = dot(3, force, force);
@@ -56,7 +56,7 @@ static void axis_of(const Loop *f, const number *q, number *axis, Room room)
 }
 
 /* What integral action adds to an error, by the place of its rate in the velocities. */
-static INLINE number learned(const Loop *f, const Moment *now, ptrdiff_t place)
+static INLINE number error_correction(const Loop *f, const Moment *now, ptrdiff_t place)
 {
     if (!layout_of(f)->memory) {
         return same(0.0);
@@ -80,7 +80,7 @@ static Need need_of(const Loop *f, const Moment *now, const number *jacobian, co
         desired[i] = mass * path[6 + i] + f->centre.weight[i];
         drift[i] = path[3 + i] - dot(m, jacobian + i * m, now->v);
         off[i] = path[i] - place[i];
-        wish[i] = mass * (k * (off[i] + learned(f, now, position + i)) + d * drift[i]);
+        wish[i] = mass * (k * (off[i] + error_correction(f, now, position + i)) + d * drift[i]);
     }
     const number most = AUTHORITY * AUTHORITY * dot(3, desired, desired);
     const number share = 1.0 / root(1.0 + dot(3, wish, wish) / most);
@@ -223,7 +223,7 @@ static flags geometric(const Loop *f, const Moment *now, number *inputs, Room ro
     for (ptrdiff_t i = at->joints; i < at->joints + m - BASE; ++i) {
         a[i] = now->wanted[n + m + i] +
                f->gains.stiffness[i] *
-                   (now->wanted[i + 1] - now->q[i + 1] + learned(f, now, i)) +
+                   (now->wanted[i + 1] - now->q[i + 1] + error_correction(f, now, i)) +
                f->gains.damping[i] * (now->wanted[n + i] - now->v[i]);
     }
     f->functions.inverse_dynamics(OF(f->model), now->q, now->v, a, generalised);

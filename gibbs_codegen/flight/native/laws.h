@@ -19,7 +19,7 @@ static void corrected(const Loop *f, const Moment *now, number *restrict out, Ro
     number *const off = take(&room, 2 * m);
     errors_of(at, wanted, now->q, now->v, off);
     for (ptrdiff_t i = 0; i < m; ++i) {
-        off[i] += learned(f, now, i);
+        off[i] += error_correction(f, now, i);
         off[i] = f->gains.stiffness[i] * off[i] + f->gains.damping[i] * off[m + i];
         out[i] = wanted[n + m + i] + off[i];
     }

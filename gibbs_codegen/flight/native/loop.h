@@ -1,4 +1,4 @@
-/* What a closed loop consists of, as Python fills it in: `integration/loop_parts.py`. */
+/* What a closed loop consists of, as Python fills it in: `integration/compiled_loop.py`. */
 
 #ifndef GIBBS_CODEGEN_LOOP_H
 #define GIBBS_CODEGEN_LOOP_H
@@ -131,8 +131,8 @@ typedef struct {
     Desired desired;
     Centre centre;
     Gains gains;
-    Rotors flown;
-    Rotors known;
+    Rotors plant_rotors;
+    Rotors model_rotors;
     Sharing sharing;
     Actuators actuators;
     Environment environment;

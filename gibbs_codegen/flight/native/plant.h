@@ -14,7 +14,7 @@ static number power(const Loop *f, const Moment *now, const number *inputs, Room
     const Layout *const at = layout_of(f);
     const ptrdiff_t joints = at->velocities - BASE, width = inputs_of(f);
     number sum = {0.0}, twist[BASE];
-    if (f->flown.move) {
+    if (f->plant_rotors.move) {
         number *const matrix = take(&room, at->velocities * width);
         f->functions.input_matrix(OF(f->plant), now->q, matrix);
         for (ptrdiff_t i = 0; i < at->velocities; ++i) {
@@ -22,9 +22,9 @@ static number power(const Loop *f, const Moment *now, const number *inputs, Room
         }
         return sum;
     }
-    twist_of(at, &now->attitude, f->flown.centre, now->v, twist);
+    twist_of(at, &now->attitude, f->plant_rotors.centre, now->v, twist);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
-        sum += inputs[k] * dot(BASE, f->flown.wrenches + k * BASE, twist);
+        sum += inputs[k] * dot(BASE, f->plant_rotors.wrenches + k * BASE, twist);
     }
     return sum + dot(joints, now->v + at->joints, inputs + at->rotors);
 }
@@ -82,7 +82,7 @@ static number move(const Loop *f, const Moment *now, const number *inputs, numbe
 static ptrdiff_t room_of_plant(const Loop *f)
 {
     const ptrdiff_t m = layout_of(f)->velocities;
-    const ptrdiff_t power = f->flown.move ? m * inputs_of(f) : 0;
+    const ptrdiff_t power = f->plant_rotors.move ? m * inputs_of(f) : 0;
     const ptrdiff_t around = f->environment.frames ? m + room_of_environment(f) : 0;
     return power > around ? power : around;
 }

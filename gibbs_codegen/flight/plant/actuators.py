@@ -1,21 +1,16 @@
 """Limits and lag of motors and joints: those of a scenario, and else those of the robot file.
 
-They enter no function of a module, which therefore does not have them; but its folder keeps the
-robot file that it was generated from.
+They enter no function of a module, which has them as constants.
 """
 
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
@@ -66,17 +61,16 @@ class Actuators:
         least, most = self.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
-        reached: Flags = (commanded <= least + margin) | (commanded >= most - margin)
-        return reached
+        return (commanded <= least + margin) | (commanded >= most - margin)
 
 
 def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
     """Limits and lag in a flight; what the scenario does not say is that of the robot file.
 
-    Raises `UsageError` for a joint that the robot does not have, or if the robot file is not the
-    module's.
+    Raises `UsageError` for a joint that the robot does not have, or for a module of an earlier
+    version.
     """
-    found = robot_file_actuators(vehicle)
+    found = module_actuators(vehicle)
     motors, arm = scenario.motors, scenario.arm
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         found.thrusts[:] = np.transpose([_NO_LIMITS])
@@ -104,39 +98,26 @@ def joint_place(vehicle: Vehicle, name: str, table: str = "") -> int:
     return vehicle.joint_names.index(name)
 
 
-def robot_file_actuators(vehicle: Vehicle) -> Actuators:
-    """Limits and lag that a module's robot file says; none without such a file.
+def module_actuators(vehicle: Vehicle) -> Actuators:
+    """Limits and lag that the robot file says, as its module does.
 
-    Raises `UsageError` if it is not the module's.
+    Raises `UsageError` for a module of an earlier version, which does not say.
     """
-    found = Actuators.unlimited(vehicle)
-    for folder in getattr(vehicle.module, "__path__", ()):
-        path = Path(folder) / "robot.toml"
-        try:
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
-            _fill(found, document.get("rotor", []), document.get("link", []))
-        except FileNotFoundError:
-            continue
-        except (OSError, TypeError, ValueError, AttributeError, IndexError) as error:
-            raise UsageError(
-                f"{printable(path)}: is not the robot file that the module was generated from "
-                f"({printable(error)}); generate the module again"
-            ) from None
+    found, joints = Actuators.unlimited(vehicle), vehicle.joint_names
+    for k, name in enumerate(vehicle.inputs):
+        low, high = _ends(vehicle.description("INPUT_LIMITS").get(name))
+        if k < vehicle.rotors:
+            found.thrusts[:, k] = low, high
+            found.lag[k] = vehicle.description("TIME_CONSTANTS").get(name, 0.0)
+            found.spins[k] = vehicle.description("SPINS").get(name, 0.0)
+        else:
+            found.efforts[k - vehicle.rotors] = high
+    for k, name in enumerate(joints):
+        found.joints[:, k] = _ends(vehicle.description("COORDINATE_LIMITS").get(name))
+        found.velocities[k] = _ends(vehicle.description("VELOCITY_LIMITS").get(name))[1]
     return found
 
 
-def _fill(
-    found: Actuators, rotors: list[Mapping[str, Any]], links: list[Mapping[str, Any]]
-) -> None:
-    """Put what [[rotor]], one for each or none, and [[link]] say in place of no limits or lag."""
-    for k, rotor in enumerate(rotors):
-        found.thrusts[:, k] = rotor.get("limits", _NO_LIMITS)
-        found.lag[k] = rotor.get("time_constant", 0.0)
-        # A rotor spins against the torque that its drag does to the robot.
-        spin = rotor.get("spin_inertia", 0.0) * rotor.get("speed_per_sqrt_thrust", 0.0)
-        found.spins[k] = -math.copysign(spin, rotor.get("drag", 0.0))
-    moving = (link for link in links if link.get("joint") != "fixed")
-    for k, link in enumerate(moving):
-        found.joints[:, k] = link.get("limits", np.radians(link.get("limits_deg", _NO_LIMITS)))
-        found.efforts[k] = link.get("effort", math.inf)
-        found.velocities[k] = link.get("velocity", math.inf)
+def _ends(limits: tuple[float | None, float | None] | None) -> tuple[float, float]:
+    low, high = limits or (None, None)
+    return -math.inf if low is None else low, math.inf if high is None else high

@@ -17,9 +17,8 @@ from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.wrenches import directions
-
-Array = NDArray[np.float64]
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
 RANK = 1e-9
@@ -28,6 +27,9 @@ EXACT = 1e-9
 # Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
 # of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
 _PREFERENCE = 1e-5
+# Iterations of bounded least squares at most, for each rotor. SciPy ends after one for each by
+# default, which may be before the nearest wrench: each takes a thrust to a limit or off it.
+_ITERATIONS = 100
 # Of the wrenches that such rotors command: the force along the axis, and three moments.
 _DIRECTIONS = 4
 # Why such a base cannot fly without thrust.
@@ -93,7 +95,13 @@ class Allocation:
         for index in np.argwhere(beyond):
             place = tuple(index)
             desired = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
-            nearest = lsq_linear(self._weighted, desired, bounds=self.limits, method="bvls")
+            nearest = lsq_linear(
+                self._weighted,
+                desired,
+                bounds=self.limits,
+                method="bvls",
+                max_iter=_ITERATIONS * found.shape[-1],
+            )
             found[place] = np.clip(nearest.x, least, most)
         return found
 
@@ -129,8 +137,7 @@ def ranks(matrices: Array) -> NDArray[np.int64]:
     """
     values = np.linalg.svd(matrices, compute_uv=False)
     largest = values.max(axis=-1, initial=0.0, keepdims=True)
-    found: NDArray[np.int64] = np.sum(values > RANK * largest, axis=-1)
-    return found
+    return np.sum(values > RANK * largest, axis=-1)
 
 
 def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
@@ -142,8 +149,7 @@ def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> A
     left = np.eye(6) - wrenches_of_thrusts @ inverse
     norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
     exact = EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
-    residual: Array = np.where(norm > exact, norm, 0.0)
-    return residual
+    return np.where(norm > exact, norm, 0.0)
 
 
 def listed(names: Sequence[str]) -> str:
@@ -225,5 +231,4 @@ def force_axis(wrenches: Array) -> Array:
     force = np.take_along_axis(forces, largest, axis=-1)
     # Rotors may push either way; where as many push up as down, the greatest one decides.
     along = np.sum(forces * force, axis=(-2, -1), keepdims=True)
-    axis: Array = (force / np.copysign(np.max(sizes, axis=-1, keepdims=True), along))[..., 0]
-    return axis
+    return (force / np.copysign(np.max(sizes, axis=-1, keepdims=True), along))[..., 0]

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
-from gibbs_codegen.flight.scenario.environment import Payload, Wall, Wind
-from gibbs_codegen.flight.scenario.scenario import Push, Scenario
+from gibbs_codegen.flight.scenario.parts import Payload, Push, Wall, Wind
+from gibbs_codegen.flight.scenario.scenario import Scenario
 
 
 class Payloads:
@@ -54,8 +54,7 @@ class Payloads:
     def carried(self, time: float | Array) -> Flags:
         """Which payloads are there (…, p) at times (…), s."""
         times = np.asarray(time)[..., np.newaxis]
-        there: Flags = (times >= self.begins) & (times < self.ends)
-        return there
+        return (times >= self.begins) & (times < self.ends)
 
     def add(self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: ArrayLike) -> None:
         """Add the forces of the payloads to the wrenches (…, f, 6) of all else.
@@ -105,8 +104,7 @@ class WindDrag:
         """Velocity (…, 3) of the wind, m/s, world axes, at times (…), s."""
         share = (np.asarray(time)[..., np.newaxis] - self.gusts[:, 0]) / self.gusts[:, 1]
         rise = 1.0 - np.cos(2.0 * np.pi * np.clip(share, 0.0, 1.0))
-        found: Array = self.velocity + rise @ self.gusts[:, 2:]
-        return found
+        return self.velocity + rise @ self.gusts[:, 2:]
 
     def wrenches(self, time: float | Array, velocities: Array) -> Array:
         """Wrenches (…, f, 6) of the drag on the frames: force, N, and torque, N m, world axes.
@@ -155,8 +153,7 @@ class Walls:
         jacobians = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
         across = np.einsum("wi,...wij->...wj", self.normals, jacobians)
         yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
-        masses: Array = 1.0 / np.einsum("...wj,...jw->...w", across, yielding)
-        return masses
+        return 1.0 / np.einsum("...wj,...jw->...w", across, yielding)
 
 
 class RotorSpin:
@@ -165,7 +162,7 @@ class RotorSpin:
     `places` (g) are numbers of the frames, `axes` (g, 3) the directions of the thrusts in their
     axes. `spins` (N) are as of `Actuators`, negative for a rotor that spins clockwise seen from the
     tip of its thrust, 0 for one without inertia. Raises `UsageError` for a rotor on a link that has
-    no frame, and for a module that does not say what carries its rotors.
+    no frame.
     """
 
     def __init__(self, vehicle: Vehicle, spins: Array) -> None:
@@ -176,11 +173,6 @@ class RotorSpin:
         others = carriers[len(vehicle.points) - len(vehicle.frames) + 1 :]
         moves_with = carriers[centre + 1 + self.rotors, np.newaxis] == [centre, *others]
         for rotor, frames in zip(self.rotors, moves_with, strict=True):
-            if carriers[centre + 1 + rotor] < 0:
-                raise UsageError(
-                    f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, and the module, which "
-                    "an earlier version generated, does not say what carries it; generate it again"
-                )
             if not np.any(frames):
                 raise UsageError(
                     f"{vehicle.name}: rotor {rotor + 1} has a spin_inertia, but no frame moves "

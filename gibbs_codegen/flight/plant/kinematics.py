@@ -12,10 +12,9 @@ length means the same attitude.
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.flight.reference import Motion, Reference
@@ -26,9 +25,16 @@ from gibbs_codegen.flight.scenario.orientation import (
     rate_matrix,
     rotation_matrix,
 )
+from gibbs_codegen.flight.vectors import (
+    Array,
+    conjugate,
+    pure,
+    quaternion_product,
+    rotation_vector,
+    times,
+    transposed,
+)
 from gibbs_codegen.robot.layout import Layout
-
-Array = NDArray[np.float64]
 
 # What coordinates must be for `unit_quaternions`.
 UNIT = "with a quaternion whose length is between 1e-154 and 1e154"
@@ -46,11 +52,11 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
 
 
 class QuaternionKinematics:
-    """What `Kinematics` says, for a quaternion.
+    """A base with a quaternion: `AngleKinematics` has the same methods for angles.
 
-    Errors of the position are in world axes. Those of the attitude are the rotation vector from the
-    actual to the desired attitude in the base's frame, and the difference of angular velocities
-    there.
+    `error_names` has a name for each entry of v. Errors of the position are in world axes. Those of
+    the attitude are the rotation vector from the actual to the desired attitude in the base's
+    frame, and the difference of angular velocities there.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -61,30 +67,29 @@ class QuaternionKinematics:
         self.error_names = tuple(names)
 
     def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, of a quaternion of unit length."""
+        """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
         # A copy, since SciPy refuses an empty array that is read-only.
         quaternion = np.array(q[..., self.layout.q.attitude])
         flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
-        matrix: Array = flat.reshape(*quaternion.shape[:-1], 3, 3)
-        return matrix
+        return flat.reshape(*quaternion.shape[:-1], 3, 3)
 
     def normalised(self, q: Array) -> Array:
-        """Coordinates (…, nq) with quaternions of unit length."""
+        """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
         unit, attitude = np.array(q), self.layout.q.attitude
         unit[..., attitude] /= np.linalg.norm(q[..., attitude], axis=-1, keepdims=True)
         return unit
 
     def rates(self, q: Array, v: Array) -> Array:
-        """Rates (…, nq) of coordinates, by which a quaternion keeps the length that it has."""
+        """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
         places, rates = self.layout, np.empty_like(q)
         rates[..., places.q.joints] = v[..., places.v.joints]
         rates[..., places.q.position] = times(self.rotation(q), v[..., places.v.position])
-        turn = 0.5 * _pure(v[..., places.v.attitude])
-        rates[..., places.q.attitude] = _product(q[..., places.q.attitude], turn)
+        turn = 0.5 * pure(v[..., places.v.attitude])
+        rates[..., places.q.attitude] = quaternion_product(q[..., places.q.attitude], turn)
         return rates
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Quaternions (s, 4), angular velocity and acceleration (s, 3) in the base's frame."""
+        """Entries of the attitude in q (s, 4), v and a (s, 3), without jumps in time."""
         quaternion = np.asarray(Rotation.from_matrix(turning.rotation).as_quat())
         # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
         turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
@@ -95,34 +100,39 @@ class QuaternionKinematics:
 
     def continued(self, last: Array, attitude: Array) -> Array:
         """Quaternions (s, 4), or their opposites if the first of those is nearer to the last."""
-        signed: Array = np.copysign(1.0, attitude[0] @ last) * attitude
-        return signed
+        return np.copysign(1.0, attitude[0] @ last) * attitude
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Linear velocity and its rate (…, 3) in the frame of a base that moves in the world."""
+        """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
         inverse = transposed(turning.rotation)
         linear = times(inverse, velocity)
         carried = np.cross(times(inverse, turning.velocity), linear)
         return linear, times(inverse, acceleration) - carried
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) that are the same in the world, by the `turn` (3, 3) between frames."""
+        """Velocities (nv) of a base that is turned but moves on.
+
+        `turn` (3, 3) leads from its frame before to that after.
+        """
         after = v.copy()
         for part in (self.layout.v.position, self.layout.v.attitude):
             after[part] = turn @ v[part]
         return after
 
     def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3), which are entries of v and a."""
+        """Angular velocity and acceleration (…, 3) in the base's frame: entries of v and a."""
         attitude = self.layout.v.attitude
         return v[..., attitude], a[..., attitude]
 
     def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """The angular acceleration (…, 3) itself."""
+        """Entries (…, 3) of the attitude in a: the angular acceleration (…, 3) itself."""
         return turning
 
     def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """Force and torque (…, 3) in world axes: entries of a generalised force, turned."""
+        """Force, N, and torque, N m, (…, 3) on the base for a generalised force (…, nv).
+
+        They are about the point whose position is x, y, z, in world axes.
+        """
         places, rotation = self.layout.v, self.rotation(q)
         force, torque = (
             times(rotation, generalised_force[..., part])
@@ -139,8 +149,8 @@ class QuaternionKinematics:
         off, off_rate = v_desired - v, v_desired - v
         rotation, desired = self.rotation(q), self.rotation(q_desired)
         off[..., linear] = q_desired[..., position] - q[..., position]
-        between = _product(_conjugate(q[..., attitude]), q_desired[..., attitude])
-        off[..., spin] = _rotation_vector(between)
+        between = quaternion_product(conjugate(q[..., attitude]), q_desired[..., attitude])
+        off[..., spin] = rotation_vector(between)
         off[..., rates] = q_desired[..., joints] - q[..., joints]
         carried = times(desired, v_desired[..., linear])
         off_rate[..., linear] = carried - times(rotation, v[..., linear])
@@ -150,7 +160,10 @@ class QuaternionKinematics:
     def corrected(
         self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
     ) -> Array:
-        """Accelerations (…, nv) of a base that moves in the world as desired, but for the gains."""
+        """Accelerations (…, nv) with which errors e obey ë + d ė + k e = 0.
+
+        `desired` are q, v and a, `gains` k, 1/s², and d, 1/s, (nv).
+        """
         q_desired, v_desired, a_desired = desired
         off, off_rate = self.errors(q, v, q_desired, v_desired)
         pull = gains[0] * off + gains[1] * off_rate
@@ -192,7 +205,7 @@ class PoseReference(Reference):
         carried = np.cross(spin, linear)
         growth[:, layout.q.position] += times(kinematics.rotation(motion.q), carried)
         turning = rates[:, layout.q.attitude]
-        growth[:, layout.q.attitude] += 0.5 * _product(turning, _pure(spin))
+        growth[:, layout.q.attitude] += 0.5 * quaternion_product(turning, pure(spin))
         super().__init__(Motion(motion.time, motion.q, rates, growth))
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
@@ -209,139 +222,17 @@ class PoseReference(Reference):
         # With c = r p, where p is of unit length, c̄ ċ = r ṙ + r² ω / 2.
         square = np.sum(quaternion**2, axis=-1, keepdims=True)
         stretching = np.sum(quaternion * turning, axis=-1, keepdims=True) / square
-        back = _conjugate(quaternion) * (2.0 / square)
-        spin = _product(back, turning)[..., :3]
+        back = conjugate(quaternion) * (2.0 / square)
+        spin = quaternion_product(back, turning)[..., :3]
         linear = times(inverse, rates[..., layout.q.position])
         v[..., layout.v.attitude], v[..., layout.v.position] = spin, linear
-        a[..., layout.v.attitude] = _product(back, bending)[..., :3] - 2.0 * stretching * spin
+        a[..., layout.v.attitude] = (
+            quaternion_product(back, bending)[..., :3] - 2.0 * stretching * spin
+        )
         a[..., layout.v.position] = times(inverse, growth[..., layout.q.position]) - np.cross(
             spin, linear
         )
         return q, v, a
-
-
-def _product(first: Array, second: Array) -> Array:
-    """Products (…, 4) of quaternions."""
-    one, two = first[..., :3], second[..., :3]
-    scalars = first[..., 3:], second[..., 3:]
-    vector = scalars[0] * two + scalars[1] * one + np.cross(one, two)
-    scalar = scalars[0] * scalars[1] - np.sum(one * two, axis=-1, keepdims=True)
-    product: Array = np.concatenate([vector, scalar], axis=-1)
-    return product
-
-
-def _conjugate(quaternion: Array) -> Array:
-    conjugate: Array = quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
-    return conjugate
-
-
-def _pure(vector: Array) -> Array:
-    """Quaternions (…, 4) of vectors (…, 3)."""
-    return np.concatenate([vector, np.zeros_like(vector[..., :1])], axis=-1)
-
-
-def _rotation_vector(quaternion: Array) -> Array:
-    """Rotation vectors (…, 3), rad, of quaternions; no longer than half a turn."""
-    sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
-    cosine = quaternion[..., 3:]
-    half = np.arctan2(sine, np.abs(cosine))
-    safe = np.where(sine > 0.0, sine, 1.0)
-    # Near none, the angle is twice the sine's share, and so is the factor's limit.
-    factor = np.where(sine > 0.0, half / safe, 1.0 / np.maximum(np.abs(cosine), 1e-300))
-    vector: Array = 2.0 * np.copysign(factor, cosine) * quaternion[..., :3]
-    return vector
-
-
-def transposed(matrix: Array) -> Array:
-    """Matrices (…, n, m) of matrices (…, m, n)."""
-    return np.swapaxes(matrix, -1, -2)
-
-
-def times(matrix: Array, vector: Array) -> Array:
-    """Products (…, m) of matrices (…, m, n) and vectors (…, n)."""
-    product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
-    return product
-
-
-class Kinematics(Protocol):
-    """The base's part in coordinates, velocities and errors, whose names are `error_names` (nv)."""
-
-    error_names: tuple[str, ...]
-
-    def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq)."""
-        ...
-
-    def normalised(self, q: Array) -> Array:
-        """Coordinates (…, nq) of the same configuration, of which modules may be asked."""
-        ...
-
-    def rates(self, q: Array, v: Array) -> Array:
-        """Rates (…, nq) of coordinates by v (…, nv).
-
-        By them a quaternion, of any length, keeps that length.
-        """
-        ...
-
-    def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Entries (s, k) of the attitude in q, v and a, without jumps in time.
-
-        Raises `SingularAttitudeError` where there are none.
-        """
-        ...
-
-    def continued(self, last: Array, attitude: Array) -> Array:
-        """Attitudes (s, k) in q as entries that go on from the `last` (k) without a jump.
-
-        The first of the attitudes is the same as the last.
-        """
-        ...
-
-    def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Entries (…, 3) of the position in v and a.
-
-        Its velocity and acceleration (…, 3) are in world axes.
-        """
-        ...
-
-    def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) of a base that is turned but moves on.
-
-        `turn` (3, 3) leads from its frame before to that after.
-        """
-        ...
-
-    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3) of the base, in its frame."""
-        ...
-
-    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """Entries (…, 3) of the attitude in a, for angular acceleration (…, 3), base's frame."""
-        ...
-
-    def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """Force, N, and torque, N m, (…, 3) on the base for a generalised force (…, nv).
-
-        They are about the point whose position is x, y, z, in world axes.
-        """
-        ...
-
-    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Errors and their rates (…, nv): how far the desired state is from the actual one."""
-        ...
-
-    def corrected(
-        self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
-    ) -> Array:
-        """Accelerations (…, nv) with which errors e obey ë + d ė + k e = 0.
-
-        `desired` are q, v and a, `gains` k, 1/s², and d, 1/s, (nv).
-        """
-        ...
-
-    def reference(self, motion: Motion) -> Reference:
-        """The motion as a function of time, from that at knots."""
-        ...
 
 
 class AngleKinematics:
@@ -365,7 +256,10 @@ class AngleKinematics:
         return v
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Angles, rates and accelerations (s, 3) of a rotation with s instants."""
+        """Angles, rates and accelerations (s, 3) of a rotation with s instants.
+
+        Raises `SingularAttitudeError` where there are none.
+        """
         angles, rates, accelerations = attitude_angles(self.sequence, turning)
         return np.unwrap(angles, axis=0), rates, accelerations
 
@@ -417,12 +311,14 @@ class AngleKinematics:
     ) -> Array:
         """Desired accelerations (…, nq), corrected by the errors."""
         stiffness, damping = gains
-        corrected: Array = desired[2] + damping * (desired[1] - v) + stiffness * (desired[0] - q)
-        return corrected
+        return desired[2] + damping * (desired[1] - v) + stiffness * (desired[0] - q)
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of all coordinates."""
         return Reference(motion)
+
+
+Kinematics = AngleKinematics | QuaternionKinematics
 
 
 def kinematics_of(layout: Layout) -> Kinematics:

@@ -15,12 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
+from gibbs_codegen.flight.vectors import Array as Array
+from gibbs_codegen.flight.vectors import Flags as Flags
 from gibbs_codegen.interface import DATA, FUNCTIONS
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.load import BACKENDS
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Angles, rad, that count as the same.
 _SAME_ANGLE = 1e-9
@@ -86,9 +85,9 @@ class Vehicle:
         self.integrate = self.function("integrate")
         self.frame_poses = self.function("frame_poses")
         if self.has_tip:
-            self.tip_pose = self.function("tip_pose")
-            self.tip_jacobian = self.function("tip_jacobian")
-            self.tip_bias_acceleration = self.function("tip_bias_acceleration")
+            self.tip_pose = self._of_tip("frame_poses")
+            self.tip_jacobian = self._of_tip("frame_jacobians")
+            self.tip_bias_acceleration = self._of_tip("frame_bias_accelerations", axes=1)
         self.kinetic_energy = self.function("kinetic_energy")
         self.potential_energy = self.function("potential_energy")
 
@@ -96,6 +95,15 @@ class Vehicle:
         """A function of the module, by name, with the constants of the parameters."""
         function: Callable[..., Array] = getattr(self.module, name)
         return function if self.constants is None else partial(function, constants=self.constants)
+
+    def _of_tip(self, name: str, axes: int = 2) -> Callable[..., Array]:
+        """The tip's entries, of so many axes, of a function that has all frames."""
+        of_frames, place = self.function(name), self.module.FRAMES.index("tip")
+
+        def of_tip(*arguments: ArrayLike) -> Array:
+            return of_frames(*arguments)[(..., place, *[slice(None)] * axes)]
+
+        return of_tip
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -166,24 +174,26 @@ class Vehicle:
         forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
         return 0.5 * (forward - backward)
 
+    def description(self, constant: str) -> Any:
+        """What the module says of its robot in a constant, one of `interface.DESCRIPTION`.
+
+        Raises `UsageError` for a module of an earlier version, which has none.
+        """
+        if not hasattr(self.module, constant):
+            raise UsageError(
+                f"{self.name}: has no {constant}, since an earlier version made it; generate it "
+                "again, with this version"
+            )
+        return getattr(self.module, constant)
+
     @cached_property
     def carriers(self) -> NDArray[np.intp]:
-        """By point (k) the place of the point that carries it: that of a joint, or the base centre.
-
-        −1 where a module of an earlier version does not say, which has no CARRIERS.
-        """
-        centre = self.points.index(self.centre)
-        if names := getattr(self.module, "CARRIERS", ()):
-            return np.array([self.points.index(name) for name in names])
-        found = np.full(len(self.points), centre)
-        # Rods are of the base, with their rotors.
-        told = centre + 1 + (self.rotors if self.centre == "O2" else 0)
-        found[told:] = -1 if self.joints else centre
-        return found
+        """By point (k) the place of the joint's point that carries it, or of the base centre."""
+        return np.array([self.points.index(name) for name in self.description("CARRIERS")])
 
     @cached_property
     def rotors_move(self) -> bool:
-        """Whether joints move rotors, or may do so for all that the module says."""
+        """Whether joints move rotors."""
         centre = self.points.index(self.centre)
         return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
 

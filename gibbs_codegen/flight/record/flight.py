@@ -49,6 +49,7 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "walls": np.zeros((0, 6)),
         "gusts": np.zeros((0, 2)),
         "frames": np.array([], dtype=str),
+        "joint_limits": np.zeros((2, 0)),
         "wall_forces": np.full((len(stored["time"]), len(stored.get("walls", ()))), np.nan),
         "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }
@@ -82,7 +83,7 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
 
 _OF_NO_TIME |= {"binding_times", "walls", "gusts"}
 # Fields that a flight made by hand may lack.
-_OF_NO_TIME |= {"wall_forces"}
+_OF_NO_TIME |= {"wall_forces", "joint_limits"}
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.flight.desired.timed_motion import TimedMotion
+from gibbs_codegen.flight.desired.trajectory import TimedMotion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
 from gibbs_codegen.flight.integration.state_history import InputRanges, StateHistory
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -62,7 +62,7 @@ class Recording:
             (("positions",), self._positions),
             (("parents", "thrust_directions"), self._connections),
             (("centre_desired", "tip_desired"), self._paths),
-            (("weight", "walls", "gusts"), self._surroundings),
+            (("weight", "walls", "gusts", "joint_limits"), self._surroundings),
             (("wall_forces",), self._wall_forces),
             (("kinetic_energy", "potential_energy"), self._energies),
         )
@@ -92,7 +92,7 @@ class Recording:
             "robot": vehicle.name,
             "scenario": self.scenario.name,
             "law": loop.controller.law,
-            "control_rate": loop.held.rate if loop.held else 0.0,
+            "control_rate": loop.hold.rate if loop.hold else 0.0,
             "attitude": vehicle.attitude,
             "coordinates": vehicle.coordinates,
             "coordinate_units": vehicle.layout.q.units,
@@ -128,7 +128,7 @@ class Recording:
         """Accelerations (s, nv), wrenches on frames (s, f, 6), constraint torques (s, c)."""
         loop, time, (q, v, *_) = self.loop, self._time, self._parts
         applied = self._acting_inputs[1]
-        loads = loop.wrenches(time, q, v, applied, loop.acting(time))
+        loads = loop.wrenches(time, q, v, applied, loop.loads(time))
         a = loop.acceleration(q, v, applied, loads)
         torques = loop.vehicle.constraint_torques(q, v, a, applied)
         return {"a": a, "frame_wrenches": loads, "constraint_torques": torques}
@@ -164,7 +164,8 @@ class Recording:
         return {"centre_desired": self.scenario.base(time)[:, 0], "tip_desired": tip}
 
     def _surroundings(self) -> dict[str, Any]:
-        return _surroundings(self.loop.vehicle, self.scenario)
+        found = _surroundings(self.loop.vehicle, self.scenario)
+        return {**found, "joint_limits": self.loop.actuators.joints}
 
     def _wall_forces(self) -> dict[str, Any]:
         """Force (s, w) of each wall, N."""
@@ -201,7 +202,7 @@ def weight_of(vehicle: Vehicle) -> float:
     return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
 
 
-def told_timing(flight: Flight, motion: TimedMotion) -> Flight:
+def timing_note(flight: Flight, motion: TimedMotion) -> Flight:
     """The flight with what is to be said of its timing."""
     return replace(flight, **timing_fields(motion))
 
@@ -223,8 +224,7 @@ def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
     """
     wrenches = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
     forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
-    directions: Array = forces / np.linalg.norm(forces, axis=-1, keepdims=True)
-    return directions
+    return forces / np.linalg.norm(forces, axis=-1, keepdims=True)
 
 
 def _tangent_arm(vehicle: Vehicle, scenario: Scenario) -> int:
@@ -273,7 +273,7 @@ def _measured_arm_angles(vehicle: Vehicle, q: Array) -> Array:
     return np.concatenate(angles).T
 
 
-class LateFlight(Flight):
+class DeferredFlight(Flight):
     """A flight that computes each group of its fields when one of them is first asked for.
 
     Those `known` are known already.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.robot.layout import Layout
-
-Array = NDArray[np.float64]
 
 # Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.
 RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_greatest")
@@ -29,7 +27,6 @@ _INPUTS = {
     "_commanded_least": "commanded_least",
     "_commanded_greatest": "commanded_greatest",
 }
-_log = logging.getLogger("gibbs_codegen")
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,8 @@ class Series:
     pushes with along that, N, NaN in files of before flights said so; `gusts` (g, 2) are from when
     to when each gust of the wind blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
-    inputs that motors and joints give, infinite without limits.
+    inputs that motors and joints give, infinite without limits. `joint_limits` (2, n) are those of
+    the joints, rad or m, (2, 0) in files of before flights had them.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
@@ -124,6 +122,7 @@ class Series:
     walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -202,21 +201,18 @@ class Series:
     @property
     def centre_error(self) -> Array:
         """Distance (s) of the base centre from where it should be, m."""
-        distance: Array = np.linalg.norm(self.point(self.centre) - self.centre_desired, axis=1)
-        return distance
+        return np.linalg.norm(self.point(self.centre) - self.centre_desired, axis=1)
 
     @property
     def tip_error(self) -> Array:
         """Distance (s) of the tip from where it should be, m."""
-        distance: Array = np.linalg.norm(self.point("tip") - self.tip_desired, axis=1)
-        return distance
+        return np.linalg.norm(self.point("tip") - self.tip_desired, axis=1)
 
     @property
     def energy_error(self) -> Array:
         """Change of energy since the start less the work done (s), J: 0 if energy balances."""
         energy = self.kinetic_energy + self.potential_energy
-        change: Array = energy - energy[0] - self.work
-        return change
+        return energy - energy[0] - self.work
 
 
 def columns_of(flight: Series) -> Iterator[Column]:
@@ -237,7 +233,10 @@ def columns_of(flight: Series) -> Iterator[Column]:
     ):
         for name, unit, values in zip(names, units, series.T, strict=True):
             yield f"{name}{suffix}", unit, values
-    yield from _inputs(flight)
+    names, units = flight.input_names, flight.input_units
+    for suffix, field_name in _INPUTS.items():
+        for name, unit, values in zip(names, units, getattr(flight, field_name).T, strict=True):
+            yield f"{name}{suffix}", unit, values
     for name, values in zip(flight.constraint_names, flight.constraint_torques.T, strict=True):
         yield name, "N m", values
     for k, values in enumerate(flight.base_arm_angles.T, start=2):
@@ -245,7 +244,11 @@ def columns_of(flight: Series) -> Iterator[Column]:
     for j, point in enumerate(flight.points):
         for i, axis in enumerate("xyz"):
             yield f"{point}_{axis}", "m", flight.positions[:, j, i]
-    yield from _wrenches(flight)
+    # Wrenches on those frames on which one acts at some time.
+    for frame, series in zip(flight.frames, np.moveaxis(flight.frame_wrenches, 1, 0), strict=True):
+        for k, axis in enumerate("xyz" if np.any(series) else ""):
+            yield f"{frame}_force_{axis}", "N", series[:, k]
+            yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
     for k, values in enumerate(flight.wall_forces.T, start=1):
         yield f"wall_{k}_force", "N", values
     for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
@@ -261,22 +264,6 @@ def columns_of(flight: Series) -> Iterator[Column]:
     yield "energy_error", "J", flight.energy_error
 
 
-def _inputs(flight: Series) -> Iterator[Column]:
-    names, units = flight.input_names, flight.input_units
-    for suffix, series in _INPUTS.items():
-        for name, unit, values in zip(names, units, getattr(flight, series).T, strict=True):
-            yield f"{name}{suffix}", unit, values
-
-
-def _wrenches(flight: Series) -> Iterator[Column]:
-    """Wrenches on those frames on which one acts at some time."""
-    for frame, series in zip(flight.frames, np.moveaxis(flight.frame_wrenches, 1, 0), strict=True):
-        if np.any(series):
-            for k, axis in enumerate("xyz"):
-                yield f"{frame}_force_{axis}", "N", series[:, k]
-                yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
-
-
 def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
     """Numbers (k) of the points that points are joined to, for drawings, −1 for none.
 
@@ -286,13 +273,6 @@ def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:
     centre, parents = vehicle.points.index(vehicle.centre), vehicle.carriers.copy()
     joint = centre + 1 + vehicle.rotors
     frame = joint + vehicle.joints
-    if np.any(parents < 0):
-        _log.warning(
-            "%s: its links are not drawn, since the module, which an earlier version generated, "
-            "does not say what carries what; generate it again",
-            vehicle.name,
-        )
-        parents[centre + 1 : joint] = centre
     parents[: centre + 1] = -1
     on_the_way = np.isin(parents, parents[joint:frame])
     on_the_way[parents == centre] = True

@@ -30,7 +30,7 @@ def numpy_array(name: str, value: Any) -> Array:
         raise UsageError(str(error)) from None
 
 
-class Given:
+class RolloutArguments:
     """Reads arguments of one call, and finds out how many states it is about.
 
     What an argument must not be raises `UsageError`.
@@ -54,8 +54,8 @@ class Given:
         """
         many = {name: count for name, count in self._counts.items() if count != 1}
         if len({*many.values()}) > 1:
-            told = ", ".join(f"{count} in {name}" for name, count in many.items())
-            raise UsageError(f"the number of states differs: {told}; give equally many, or one")
+            counts = ", ".join(f"{count} in {name}" for name, count in many.items())
+            raise UsageError(f"the number of states differs: {counts}; give equally many, or one")
         return next(iter(many.values()), 1)
 
     def states(self, name: str, value: Any, *shape: int) -> Any:
@@ -125,7 +125,7 @@ class Given:
         inputs = self.in_time("control.u", u, self.inputs)
         return inputs, Feedback(gain, self.normalised("control.q", q), v)
 
-    def asked(self, inputs: Any) -> Any:
+    def commands(self, inputs: Any) -> Any:
         """What a controller gave, (nu) or (n, nu), as (1 or n, 1, nu)."""
         name = "what the controller returned"
         rows = self.states(name, inputs, self.inputs)

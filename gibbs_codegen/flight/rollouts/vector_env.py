@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.plant.actuators import robot_file_actuators
-from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.rollouts.arguments import Given, numpy_array, seconds, whole
-from gibbs_codegen.flight.rollouts.rollout import check_settings, known_inputs
+from gibbs_codegen.flight.plant.actuators import module_actuators
+from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
+from gibbs_codegen.flight.rollouts.arguments import RolloutArguments, numpy_array, seconds, whole
+from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings
 from gibbs_codegen.runtime.load import load, require
 from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, Motors, Precision, Problem
 
@@ -30,8 +30,6 @@ from gymnasium.spaces import Box  # noqa: E402
 from gymnasium.utils import seeding  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
-
-Flags = NDArray[np.bool_]
 
 # How far from where it is to hover a machine may get, m, and its base may turn, rad.
 _FARTHEST, _STEEPEST = 3.0, 1.4
@@ -73,16 +71,14 @@ Ending = Callable[[Moment], Flags]
 def nearness(now: Moment) -> Array:
     """Reward (n) of hovering: 1 at rest where the machine is wanted, less elsewhere, above 0."""
     squares = (now.away**2).sum(axis=1) + _RATES * (now.v**2).sum(axis=1)
-    reward: Array = 1.0 / (1.0 + squares)
-    return reward
+    return 1.0 / (1.0 + squares)
 
 
-def gone(now: Moment) -> Flags:
+def is_lost(now: Moment) -> Flags:
     """Whether a base is 3 m away from where it is wanted, or has turned by 1.4 rad (n)."""
     far = np.linalg.norm(now.away[:, now.base_position], axis=1) > _FARTHEST
     turned = np.linalg.norm(now.away[:, now.base_rotation], axis=1) > _STEEPEST
-    failed: Flags = far | turned
-    return failed
+    return far | turned
 
 
 def away_and_rates(now: Moment) -> Array:
@@ -90,7 +86,7 @@ def away_and_rates(now: Moment) -> Array:
     return np.concatenate([now.away, now.v], axis=1)
 
 
-class Fleet:
+class MachineBatch:
     """n machines: where they are, and what they are told.
 
     Until an episode begins, all are at rest where they are wanted, at `hover` (nq) or zero, and
@@ -115,25 +111,35 @@ class Fleet:
         threads: int,
     ) -> None:
         nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
-        given = Given(vehicle.module, whole("steps", steps))
+        arguments = RolloutArguments(vehicle.module, whole("steps", steps))
         check_settings(steps, steps, dt, method, precision)
         self.vehicle, self._threads = vehicle, whole("threads", threads)
-        hovers = given.states("hover", vehicle.neutral if hover is None else hover, nq)
-        self.motors = motors = _motors(given, vehicle, limits, time_constants)
-        if given.count() != 1:
+        hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
+        actuators = module_actuators(vehicle)
+        ends = actuators.inputs if limits is None else limits
+        least, most = arguments.range("limits", ends, arguments.inputs)
+        lag = arguments.lag(actuators.lag if time_constants is None else time_constants)
+        self.motors = motors = Motors(least, most, lag, np.zeros_like(lag))
+        if arguments.count() != 1:
             raise UsageError("hover, time_constants: they are the same for all environments")
-        [self._hover] = given.normalised("hover", hovers)
-        self._begin = np.clip(_holding_inputs(vehicle, self._hover), motors.least, motors.most)
-        flown: Any = {"steps": given.steps, "dt": dt, "method": method, "precision": precision}
+        [self._hover] = arguments.normalised("hover", hovers)
+        # Inputs that hold a machine at rest there, or come nearest to it.
+        still = np.zeros(nv)
+        force = vehicle.inverse_dynamics(self._hover, still, still)
+        inputs = np.linalg.lstsq(vehicle.input_matrix(self._hover), force, rcond=None)[0]
+        self._begin = np.clip(inputs, motors.least, motors.most)
         self._problem = Problem(
             vehicle.module,
             vehicle.constants,
             np.tile(self._hover, (count, 1)),
             np.zeros((count, nv)),
             np.tile(self._begin, (count, 1, 1)),
+            steps=arguments.steps,
+            dt=dt,
+            method=method,
             every=steps,
-            bounds=None if bounds is None else given.range("bounds", bounds, nq + nv),
-            **flown,
+            bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
+            precision=precision,
         )
         self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
         self.decisions = np.zeros(count, dtype=np.int64)
@@ -172,20 +178,20 @@ class Fleet:
 
     def advance(self, inputs: Array) -> NDArray[np.int8]:
         """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
-        told = np.clip(inputs, self.motors.least, self.motors.most)
+        commanded = np.clip(inputs, self.motors.least, self.motors.most)
         motors = replace(self.motors, thrusts=self._thrusts)
-        decision = replace(self._problem, inputs=told[:, np.newaxis], motors=motors)
-        flown = known_inputs(decision, self._threads)
-        last = flown.thrusts if flown.thrusts is None else flown.thrusts[:, -1]
-        self._thrusts = (told[:, : self.vehicle.rotors] if last is None else last).copy()
+        decision = replace(self._problem, inputs=commanded[:, np.newaxis], motors=motors)
+        rollout = array_rollout(decision, self._threads)
+        last = rollout.thrusts if rollout.thrusts is None else rollout.thrusts[:, -1]
+        self._thrusts = (commanded[:, : self.vehicle.rotors] if last is None else last).copy()
         self._problem = replace(
             self._problem,
-            q=flown.q[:, -1].copy(),
-            v=flown.v[:, -1].copy(),
-            inputs=told[:, np.newaxis],
+            q=rollout.q[:, -1].copy(),
+            v=rollout.v[:, -1].copy(),
+            inputs=commanded[:, np.newaxis],
         )
         self.decisions += 1
-        return flown.ended
+        return rollout.ended
 
     def moment(self) -> Moment:
         """Where the machines are, in arrays of its own."""
@@ -202,26 +208,7 @@ class Fleet:
         )
 
 
-def _holding_inputs(vehicle: Vehicle, q: Array) -> Array:
-    """Inputs (nu) that hold a machine at rest at q (nq), or come nearest to it."""
-    still = np.zeros(len(vehicle.layout.v.names))
-    force = vehicle.inverse_dynamics(q, still, still)
-    return np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0])
-
-
-def _motors(given: Given, vehicle: Vehicle, limits: Any, time_constants: Any) -> Motors:
-    """Limits and lag of a fleet's machines, as of `Fleet`, with thrusts of zero.
-
-    Raises `UsageError` if a least input is above the greatest, or lag is less than none.
-    """
-    actuators = robot_file_actuators(vehicle)
-    ends = actuators.inputs if limits is None else limits
-    least, most = given.range("limits", ends, given.inputs)
-    lag = given.lag(actuators.lag if time_constants is None else time_constants)
-    return Motors(least, most, lag, np.zeros_like(lag))
-
-
-class Draws:
+class EpisodeDistributions:
     """What the values of some names are: numbers, or distributions that they are drawn from.
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
@@ -236,7 +223,7 @@ class Draws:
         for name, value in values.items():
             if name not in known:
                 raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
-            if not hasattr(value, "ppf") and not _is_number(value):
+            if not hasattr(value, "ppf") and not (isinstance(value, Real) and math.isfinite(value)):
                 raise UsageError(
                     f"{what}: {name}: a finite number or a distribution, such as "
                     f"uniform(0.8, 1.2), not {printable(value)}"
@@ -267,26 +254,6 @@ class Draws:
             if not np.all(np.isfinite(found[name])):
                 raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
         return found
-
-
-def episode_draws(
-    module: ModuleType,
-    offsets: Mapping[str, Any],
-    rates: Mapping[str, Any],
-    parameters: Mapping[str, Any],
-) -> tuple[Draws, Draws, Draws]:
-    """Offsets, rates and parameters that episodes draw, given as of `VectorEnv`."""
-    zero = dict.fromkeys(module.VELOCITIES, 0.0)
-    return (
-        Draws(offsets, zero, "offsets"),
-        Draws(rates, zero, "rates"),
-        Draws(parameters, module.PARAMETERS, "parameters"),
-    )
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value is one finite real number."""
-    return isinstance(value, Real) and math.isfinite(value)
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
@@ -340,7 +307,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         duration: float | None = 10.0,
         bounds: ArrayLike | None = None,
         reward: Measure = nearness,
-        terminated: Ending = gone,
+        terminated: Ending = is_lost,
         observe: Measure = away_and_rates,
         normalised: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -349,12 +316,30 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     ) -> None:
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self.num_envs = whole("num_envs", num_envs)
-        given: dict[str, Any] = {"limits": limits, "time_constants": time_constants, "dt": dt}
-        given |= {"steps": steps, "method": method, "precision": precision, "threads": threads}
-        self._fleet = Fleet(Vehicle(module), self.num_envs, hover=hover, bounds=bounds, **given)
-        self._draws = episode_draws(module, offsets or {}, rates or {}, parameters or {})
+        self._machines = MachineBatch(
+            Vehicle(module),
+            self.num_envs,
+            hover=hover,
+            limits=limits,
+            time_constants=time_constants,
+            dt=dt,
+            steps=steps,
+            method=method,
+            bounds=bounds,
+            precision=precision,
+            threads=threads,
+        )
+        zero = dict.fromkeys(module.VELOCITIES, 0.0)
+        self._distributions = (
+            EpisodeDistributions(offsets or {}, zero, "offsets"),
+            EpisodeDistributions(rates or {}, zero, "rates"),
+            EpisodeDistributions(parameters or {}, module.PARAMETERS, "parameters"),
+        )
         self._reward, self._terminated, self._observe = reward, terminated, observe
-        self._most = _decisions(duration, self._fleet.duration)
+        # Decisions after which an episode is truncated, less what rounding may have added.
+        self._most = math.inf
+        if duration is not None:
+            self._most = seconds("duration", duration) / self._machines.duration - 1e-6
         self._mode = _mode(autoreset_mode)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -368,17 +353,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             if not callable(getattr(self, f"_{name}")):
                 raise UsageError(f"{name}: must be a function of a Moment")
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
-        motors = self._fleet.motors
+        motors = self._machines.motors
         unlimited = ~(np.isfinite(motors.least) & np.isfinite(motors.most))
         if normalised and unlimited.any():
-            names = ", ".join(np.array(self._fleet.vehicle.inputs)[unlimited])
+            names = ", ".join(np.array(self._machines.vehicle.inputs)[unlimited])
             raise UsageError(
                 f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
                 "give limits=(least, most), or normalised=False"
             )
         least, most = (-1.0, 1.0) if normalised else (motors.least, motors.most)
         ones = np.ones(len(motors.least))
-        observed = np.shape(self._observe(self._fleet.moment()))
+        observed = np.shape(self._observe(self._machines.moment()))
         if len(observed) != 2 or observed[0] != self.num_envs:
             raise UsageError(f"observe: an array ({self.num_envs}, m), not of shape {observed}")
         self.single_action_space = Box(np.float32(least * ones), np.float32(most * ones))
@@ -389,7 +374,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     @property
     def parameters(self) -> dict[str, Array]:
         """Parameters (n) of the episodes that are under way, by name."""
-        return {name: values.copy() for name, values in self._fleet.parameters.items()}
+        return {name: values.copy() for name, values in self._machines.parameters.items()}
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -431,7 +416,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError("reset_mask: the first reset must begin episodes everywhere")
         self._seed(seed, rows)
         self._begin(rows)
-        return self._observed(self._fleet.moment()), {}
+        return self._observed(self._machines.moment()), {}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
         """Take a decision in every environment.
@@ -456,17 +441,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise ResetNeeded(
                 f"call reset() first; environments whose episode is over: {np.flatnonzero(waiting)}"
             )
-        ended = self._fleet.advance(self._inputs(actions))
-        now = self._fleet.moment()
-        rewards = self._told("reward", self._reward, now).astype(np.float64)
-        terminations = self._told("terminated", self._terminated, now).astype(np.bool_)
+        ended = self._machines.advance(self._inputs(actions))
+        now = self._machines.moment()
+        rewards = self._values_of("reward", self._reward, now).astype(np.float64)
+        terminations = self._values_of("terminated", self._terminated, now).astype(np.bool_)
         terminations |= ended != RUNNING
-        truncations = self._fleet.decisions >= self._most
+        truncations = self._machines.decisions >= self._most
         if waiting.any():  # These begin in this step; what they were told does not count.
             self._begin(waiting)
             rewards[waiting] = 0.0
             terminations[waiting] = truncations[waiting] = False
-            now = self._fleet.moment()
+            now = self._machines.moment()
         infos = _information(ended, ~waiting)
         observations = self._observed(now)
         self._over = over = terminations | truncations
@@ -475,7 +460,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             infos |= {"final_info": _information(ended, over), "_final_info": over.copy()}
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
-            observations = self._observed(self._fleet.moment())
+            observations = self._observed(self._machines.moment())
         return observations, rewards, terminations, truncations, infos
 
     def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
@@ -502,43 +487,42 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _begin(self, rows: Flags) -> None:
         """Begin episodes in some of the environments (n)."""
         chosen = [self._generators[i] for i in np.flatnonzero(rows)]
-        counts = [len(draws.drawn) for draws in self._draws]
+        counts = [len(distribution.drawn) for distribution in self._distributions]
         shares = np.array([each.random(sum(counts)) for each in chosen])
         columns = np.split(shares, np.cumsum(counts)[:-1], axis=1)
         offsets, rates, parameters = (
-            draws(own) for draws, own in zip(self._draws, columns, strict=True)
+            distribution(own)
+            for distribution, own in zip(self._distributions, columns, strict=True)
         )
-        away, v = (self._by_place(each, len(chosen)) for each in (offsets, rates))
-        self._fleet.restart(rows, away, v, parameters)
+        zero, names = np.zeros(len(chosen)), self._machines.vehicle.module.VELOCITIES
+        away, v = (
+            np.stack([values.get(name, zero) for name in names], axis=1)
+            for values in (offsets, rates)
+        )
+        self._machines.restart(rows, away, v, parameters)
         self._over = self._over & ~rows
-
-    def _by_place(self, values: dict[str, Array], count: int) -> Array:
-        """Values (count) by name of a velocity, as an array (count, nv)."""
-        zero, names = np.zeros(count), self._fleet.vehicle.module.VELOCITIES
-        return np.stack([values.get(name, zero) for name in names], axis=1)
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
-        given = numpy_array("actions", actions)
-        if given.shape != self.action_space.shape or not np.isfinite(given).all():
+        actions = numpy_array("actions", actions)
+        if actions.shape != self.action_space.shape or not np.isfinite(actions).all():
             wanted = self.action_space.shape
-            raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(given)}")
+            raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(actions)}")
         if not self._normalised:
-            return given
-        least, most = self._fleet.motors.least, self._fleet.motors.most
-        inputs: Array = least + 0.5 * (np.clip(given, -1.0, 1.0) + 1.0) * (most - least)
-        return inputs
+            return actions
+        least, most = self._machines.motors.least, self._machines.motors.most
+        return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
 
-    def _told(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
+    def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
         """What a function of the user's, given as argument `name`, says of each environment (n).
 
         Raises `UsageError` if that is not one value for each.
         """
         with np.errstate(all="ignore"):  # A machine that has gone has gone far.
-            told = np.array(function(now))
-        if told.shape != (self.num_envs,):
-            raise UsageError(f"{name}: an array ({self.num_envs},), not of shape {told.shape}")
-        return told
+            values = np.array(function(now))
+        if values.shape != (self.num_envs,):
+            raise UsageError(f"{name}: an array ({self.num_envs},), not of shape {values.shape}")
+        return values
 
     def _observed(self, now: Moment) -> Observations:
         """Observations (n, m) of where the environments are."""
@@ -547,10 +531,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return np.clip(observed, -_GREATEST_SINGLE, _GREATEST_SINGLE).astype(np.float32)
 
 
-def _information(ended: NDArray[np.int8], told: Flags) -> Infos:
-    """Information on the environments that are told of (n): why flights could not go on."""
-    infos = {"ended": np.where(told, ended, np.int8(RUNNING)), "_ended": told}
-    return infos if told.any() else {}
+def _information(ended: NDArray[np.int8], rows: Flags) -> Infos:
+    """Information on the environments `rows` (n): why flights could not go on."""
+    infos = {"ended": np.where(rows, ended, np.int8(RUNNING)), "_ended": rows}
+    return infos if rows.any() else {}
 
 
 def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
@@ -561,18 +545,10 @@ def _rows(values: NDArray[Any], rows: Flags) -> NDArray[np.object_]:
     return found
 
 
-def _decisions(duration: float | None, decision: float) -> float:
-    """After how many decisions of so many seconds an episode is truncated.
-
-    The number, less what rounding may have added. Raises `UsageError` if `duration` is no time.
-    """
-    return math.inf if duration is None else seconds("duration", duration) / decision - 1e-6
-
-
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """When an environment begins its next episode; raises `UsageError` for an unknown word."""
     try:
-        return AutoresetMode(given)
+        return AutoresetMode(mode)
     except ValueError:
-        known = ", ".join(mode.value for mode in AutoresetMode)
-        raise UsageError(f"autoreset_mode: one of {known}, not {printable(given)}") from None
+        known = ", ".join(each.value for each in AutoresetMode)
+        raise UsageError(f"autoreset_mode: one of {known}, not {printable(mode)}") from None

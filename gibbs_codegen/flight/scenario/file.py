@@ -1,60 +1,45 @@
 """Scenario files: TOML text in, a checked `Scenario` out, or every fault of the file at once.
 
-A key is one field with its description. Those of pushes, the base, the start and the integration
-are here, with the top table; those of the arm and of timing in `arm_table`, of control and motors
-in `control`, of sensors in `sensors`, of payloads, wind and walls in `environment`, of paths in
-`path_tables`. Lengths are in m, times in s, angles in degrees where a key ends in `_deg`.
+The tables of a file are the parts of a scenario themselves, in `parts`, `paths` and `orientation`,
+with a field for each key. Here are those tables that a file has in another form: that of the base,
+which has the path and the attitude, that of the arm, which gives travels and angles apart, and the
+top table. Lengths are in m, times in s, angles in degrees where a key ends in `_deg`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from dataclasses import field
+from typing import Annotated, Any, ClassVar
 
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    Field,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, ValidationInfo, field_validator
 
 from gibbs_codegen.errors import Fault, ScenarioFileError
-from gibbs_codegen.files.changes import nested
 from gibbs_codegen.files.shipped import shipped_names, text_of
-from gibbs_codegen.files.table import Bounds, Place, Table, Tables, by_kind, needed, refusal
-from gibbs_codegen.files.toml import checked
-from gibbs_codegen.files.toml_text import TOO_DEEP
-from gibbs_codegen.flight.scenario.arm_table import ArmTable, TimingTable
-from gibbs_codegen.flight.scenario.control import ControlTable, MotorsTable
-from gibbs_codegen.flight.scenario.environment import (
-    MOST_PAYLOADS,
-    MOST_WALLS,
-    PayloadTable,
-    WallTable,
-    WindTable,
+from gibbs_codegen.files.table import (
+    Bounds,
+    Place,
+    Table,
+    Tables,
+    fault,
+    file_table,
+    key,
+    needed,
+    refusal,
 )
-from gibbs_codegen.flight.scenario.numbers import NotNegative, Number, Positive, Vector
-from gibbs_codegen.flight.scenario.orientation import Level, Tangent, Turn
-from gibbs_codegen.flight.scenario.path_tables import DIRECTION, PathTable
-from gibbs_codegen.flight.scenario.scenario import (
-    MAX_DURATION,
-    Method,
-    Push,
-    Scenario,
-    Settings,
-    StartOffset,
-)
-from gibbs_codegen.flight.scenario.sensors import SensorsTable
-from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.files.toml import TOO_DEEP, checked, nested
+from gibbs_codegen.flight.scenario import parts
+from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
+from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
+from gibbs_codegen.flight.scenario.paths import AnyPath, Path, Sum
+from gibbs_codegen.flight.scenario.scenario import ArmTask, Limits, Scenario, order_faults
 
 _FOLDER = "scenarios"
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
 _LONGEST_NAME = 200
-_KIND = "the kind of attitude"
+_FILE = "default: as the robot file has them"
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -94,40 +79,144 @@ def parse_scenario(
         raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 
 
-class TipForceTable(Table):
-    """A force on the tip for a time: what `push` was before it had a frame and a torque."""
-
-    force: Vector = Field(description="[x, y, z] in N, world axes")
-    begin: NotNegative = Field(default=0.0, description="when it begins, s")
-    end: Number = Field(default=Push.end, description="when it ends, s")
-
-    @model_validator(mode="after")
-    def _ends_after_begin(self) -> Self:
-        if self.end <= self.begin:
-            raise refusal([(("end",), f"must be after begin, {self.begin:g} s")])
-        return self
-
-    def push(self) -> Push:
-        """The push that the table describes."""
-        return Push(**dict(self))
+def _one_after_the_other(moves: list[parts.Move]) -> list[parts.Move]:
+    if not moves:
+        raise fault("has no moves; give one, or leave the joint out")
+    if found := list(order_faults(moves)):
+        raise refusal(found)
+    return moves
 
 
-class PushTable(TipForceTable):
-    """A force and a torque at a frame for a time."""
+_Moves = Annotated[
+    list[parts.Move],
+    Tables("arm.moves", 1000, "moves", "a list of moves, [{ to = …, duration = … }]"),
+    AfterValidator(_one_after_the_other),
+]
 
-    frame: str = Field(
-        default=Push.frame,
-        description="the frame at whose origin they act: a name in the module's FRAMES, such as "
-        "base, tip, or that of a [[frame]] of the robot file",
-    )
-    force: Vector = Field(default=Push.force, description="[x, y, z] in N, world axes")
-    torque: Vector = Field(default=Push.torque, description="[x, y, z] in N m, world axes")
+
+@file_table
+class ArmTable(Table):
+    """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
+
+    Names of joints are those of their coordinates, such as theta_7 and d_8.
+    """
+
+    tip: Annotated[AnyPath | None, key("desired path of the tip in the world")] = None
+    tip_beside_base: Annotated[
+        AnyPath | None, key("desired path of the tip from the base centre, world axes")
+    ] = None
+    posture: Annotated[
+        dict[JointName, Number] | None,
+        key("travel that prismatic joints hold without a tip path, m; default 0"),
+    ] = None
+    posture_deg: Annotated[
+        dict[JointName, Number] | None,
+        key("angle that revolute joints hold without a tip path, degrees; default 0"),
+    ] = None
+    guess: Annotated[
+        dict[JointName, Number] | None,
+        key("travel of prismatic joints where the search for a tip path begins, m"),
+    ] = None
+    guess_deg: Annotated[
+        dict[JointName, Number] | None,
+        key("angle of revolute joints where the search for a tip path begins, degrees"),
+    ] = None
+    limits: Annotated[
+        dict[JointName, Limits], key(f"least and greatest travel of prismatic joints, m; {_FILE}")
+    ] = field(default_factory=dict)
+    limits_deg: Annotated[
+        dict[JointName, Limits],
+        key(f"least and greatest angle of revolute joints, degrees; {_FILE}"),
+    ] = field(default_factory=dict)
+    effort: Annotated[
+        dict[JointName, Positive], key(f"greatest torque or force of joints, N m or N; {_FILE}")
+    ] = field(default_factory=dict)
+    velocity: Annotated[
+        dict[JointName, Positive], key(f"greatest desired rate of joints, rad/s or m/s; {_FILE}")
+    ] = field(default_factory=dict)
+    moves: Annotated[
+        dict[JointName, _Moves], key("moves of prismatic joints from the posture on, in m")
+    ] = field(default_factory=dict)
+    moves_deg: Annotated[
+        dict[JointName, _Moves], key("moves of revolute joints from the posture on, in degrees")
+    ] = field(default_factory=dict)
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of a push that pushes nothing."""
-        if "force" not in values and "torque" not in values:
-            yield "force", "missing: give a force, a torque, or both"
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
+        tips = [each for each in ("tip", "tip_beside_base") if each in values]
+        postures = ("posture", "posture_deg", "moves", "moves_deg")
+        others = [*tips[1:], *(each for each in postures if each in values)]
+        if tips and others:
+            yield others[0], f"{tips[0]} already says what the arm does; give one of them"
+        for each in ("guess", "guess_deg"):
+            if each in values and not tips:
+                yield each, "is where the search for a tip path begins; give a tip"
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of postures and moves beyond the limits."""
+        for end, limits in (("", self.limits), ("_deg", self.limits_deg)):
+            postures, moves = (getattr(self, f"{each}{end}") for each in ("posture", "moves"))
+            wanted: list[tuple[Place, float]] = [
+                ((f"posture{end}", joint), value) for joint, value in (postures or {}).items()
+            ]
+            wanted += [
+                ((f"moves{end}", joint, number, "to"), move.to)
+                for joint, each in moves.items()
+                for number, move in enumerate(each)
+            ]
+            for place, value in wanted:
+                low, high = limits.get(str(place[1]), (-math.inf, math.inf))
+                if not low <= value <= high:
+                    yield place, f"must be within its limits, {low:g} to {high:g}, not {value:g}"
+
+    def task(self, base: Path) -> ArmTask:
+        """The task that the table describes, its angles in rad; `base` is the base's path."""
+        tip = self.tip
+        if self.tip_beside_base:
+            tip = Sum((base, self.tip_beside_base))
+        tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
+        named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
+        angles = {
+            joint: [parts.Move(math.radians(move.to), move.duration, move.begin) for move in moves]
+            for joint, moves in self.moves_deg.items()
+        }
+        limits = {
+            joint: (math.radians(low), math.radians(high))
+            for joint, (low, high) in self.limits_deg.items()
+        }
+        return ArmTask(
+            tip=tip,
+            posture=_in_radians(self.posture, self.posture_deg),
+            guess=_in_radians(self.guess, self.guess_deg),
+            limits=self.limits | limits,
+            effort=self.effort,
+            velocity=self.velocity,
+            named=frozenset(named),
+            moves=self.moves | angles,
+        )
+
+
+# Tables of travels in m, which with _deg have angles in degrees.
+_BOTH_UNITS = ("posture", "guess", "limits", "moves")
+
+
+def _in_radians(
+    travels: Mapping[str, float] | None, angles_deg: Mapping[str, float] | None
+) -> dict[str, float] | None:
+    """Values of joints in m and rad; None where there is neither table."""
+    if travels is None and angles_deg is None:
+        return None
+    angles = {joint: math.radians(angle) for joint, angle in (angles_deg or {}).items()}
+    return {**(travels or {}), **angles}
+
+
+@file_table
+class BaseTable(Table):
+    """What the base is to do."""
+
+    path: Annotated[AnyPath, key("desired path of the base centre")]
+    attitude: Annotated[AnyAttitude, key("desired attitude; default: level")] = Level()
 
 
 def _line_of_text(least: int) -> AfterValidator:
@@ -137,213 +226,118 @@ def _line_of_text(least: int) -> AfterValidator:
     )
 
 
-class LevelTable(Table):
-    """The base level, with a heading that turns at a constant rate."""
-
-    kind: Literal["level"] = Field(default="level", description=_KIND)
-    heading_deg: Number = Field(default=0.0, description="heading at the start, degrees")
-    rate_deg: Number = Field(default=0.0, description="rate of the heading, degrees per second")
-
-    def attitude(self) -> Level:
-        """The attitude that the table describes."""
-        return Level(math.radians(self.heading_deg), math.radians(self.rate_deg))
-
-
-class TurnTable(Table):
-    """The base level at first, then turned about an axis, from rest to rest with minimum jerk."""
-
-    kind: Literal["turn"] = Field(description=_KIND)
-    axis: Annotated[Vector, DIRECTION] = Field(
-        description="the axis that the base is turned about, in world axes"
-    )
-    angle_deg: Number = Field(description="how far it is turned, degrees; more than 360 is allowed")
-    begin: NotNegative = Field(default=0.0, description="when the turn begins, s")
-    duration: Positive = Field(description="how long the turn takes, s")
-    heading_deg: Number = Field(default=0.0, description="heading before the turn, degrees")
-
-    def attitude(self) -> Turn:
-        """The attitude that the table describes."""
-        angle, heading = math.radians(self.angle_deg), math.radians(self.heading_deg)
-        return Turn(self.axis, angle, self.duration, self.begin, heading)
-
-
-class TangentTable(Table):
-    """A base arm along the path."""
-
-    kind: Literal["tangent"] = Field(description=_KIND)
-    arm: Annotated[int, Bounds(1, MAX_ROTORS)] = Field(
-        default=Tangent.arm, description="number of the base arm that is tangent to the path"
-    )
-
-    def attitude(self) -> Tangent:
-        """The attitude that the table describes."""
-        return Tangent(self.arm)
-
-
-class BaseTable(Table):
-    """What the base is to do."""
-
-    path: PathTable = Field(description="desired path of the base centre")
-    attitude: Annotated[
-        LevelTable | TurnTable | TangentTable,
-        by_kind(LevelTable, TurnTable, TangentTable, default="level"),
-    ] = Field(default_factory=LevelTable, description="desired attitude; default: level")
-
-
-class StartTable(Table):
-    """What is off at the start: deviation from the desired motion."""
-
-    offset: Vector = Field(
-        default=(0.0, 0.0, 0.0), description="deviation of the base centre, world axes, m"
-    )
-    turn_deg: Vector = Field(
-        default=(0.0, 0.0, 0.0),
-        description="deviation of the attitude: rotation vector, world axes, degrees",
-    )
-
-    def start(self) -> StartOffset:
-        """The deviation that the table describes."""
-        x, y, z = map(math.radians, self.turn_deg)
-        return StartOffset(self.offset, (x, y, z))
-
-
-class IntegrationTable(Table):
-    """How the motion is integrated, and how much of it is kept."""
-
-    method: Method = Field(
-        default=Settings.method, description="steps that adapt, or of one length"
-    )
-    step: Annotated[Number, Bounds(1e-6)] = Field(
-        default=Settings.step, description="greatest step of rk4, s"
-    )
-    # SciPy raises smaller ones to about this.
-    relative_tolerance: Annotated[Number, Bounds(3e-14), Bounds(most=0.1)] = Field(
-        default=Settings.relative_tolerance, description="relative tolerance of adaptive steps"
-    )
-    absolute_tolerance: Annotated[Number, Bounds(1e-16), Bounds(most=0.1)] = Field(
-        default=Settings.absolute_tolerance,
-        description="absolute tolerance of adaptive steps; m, rad, m/s and rad/s",
-    )
-    rate: Annotated[Number, Bounds(0.1)] = Field(
-        default=Settings.rate, description="samples that are kept per second"
-    )
-    divergence: Positive = Field(
-        default=Settings.divergence,
-        description="deviation from the desired motion at which control counts as lost, m or rad",
-    )
-
-
+@file_table
 class ScenarioTable(Table):
     """A flight: desired paths, state at the start, control law and integration.
 
     Lengths in m, times in s, world axes. Angles are in degrees, in keys that end in `_deg`.
     """
 
-    model_config = ConfigDict(title="Scenario file of gibbs_codegen")
+    title: ClassVar[str] = "Scenario file of gibbs_codegen"
 
-    name: Annotated[str, _line_of_text(1)] = Field(description="name of the flight, on one line")
-    description: Annotated[str, _line_of_text(0)] = Field(
-        default="", description="what it is, on one line"
+    name: Annotated[str, _line_of_text(1), key("name of the flight, on one line")]
+    description: Annotated[str, _line_of_text(0), key("what it is, on one line")] = ""
+    duration: Annotated[
+        Number, Bounds(_MIN_DURATION, parts.MAX_DURATION, " s"), key("the time to fly, in s")
+    ]
+    base: Annotated[BaseTable, key("the base's desired path and attitude, [base]")]
+    arm: Annotated[ArmTable, key("what the arm does; default: it hangs at rest")] = ArmTable()
+    start: Annotated[parts.StartOffset, key("deviation from the desired motion at the start")] = (
+        parts.StartOffset()
     )
-    duration: Annotated[Number, Bounds(_MIN_DURATION, MAX_DURATION, " s")] = Field(
-        description="the time to fly, in s"
-    )
-    base: BaseTable = Field(description="the base's desired path and attitude, [base]")
-    arm: ArmTable = Field(
-        default_factory=ArmTable, description="what the arm does; default: it hangs at rest"
-    )
-    start: StartTable = Field(
-        default_factory=StartTable, description="deviation from the desired motion at the start"
-    )
-    control: ControlTable = Field(default_factory=ControlTable, description="the control law")
-    motors: MotorsTable = Field(default_factory=MotorsTable, description="limits and lag of motors")
-    sensors: SensorsTable | None = Field(
-        default=None,
-        description="noise and delay of what a sampled law observes; default: the state as it is",
-    )
-    push: PushTable | None = Field(
-        default=None, description="a force and a torque at a frame; default: none"
-    )
-    tip_force: TipForceTable | None = Field(
-        default=None, description="a force on the tip, as a push of the frame tip; default: none"
-    )
-    payload: Annotated[list[PayloadTable], Tables("payload", MOST_PAYLOADS, "payloads")] = Field(
-        default_factory=list, description="point masses at frames, for a time; default: none"
-    )
-    wind: WindTable | None = Field(
-        default=None, description="wind, and the drag of frames; default: none"
-    )
-    wall: Annotated[list[WallTable], Tables("wall", MOST_WALLS, "walls")] = Field(
-        default_factory=list, description="planes that frames may lean on; default: none"
-    )
-    timing: TimingTable = Field(
-        default_factory=TimingTable, description="how fast the paths are flown"
-    )
-    integration: IntegrationTable = Field(
-        default_factory=IntegrationTable, description="method, tolerances and samples"
-    )
-    parameters: dict[str, Number] = Field(
-        default_factory=dict, description="parameters of the module that are changed, SI units"
-    )
-    plant: dict[str, Number] = Field(
-        default_factory=dict,
-        description="parameters of the robot that flies where they differ from those of "
-        "[parameters], which the controller knows, SI units",
-    )
+    control: Annotated[parts.Control, key("the control law")] = parts.Control()
+    motors: Annotated[parts.Motors, key("limits and lag of motors")] = parts.Motors()
+    sensors: Annotated[
+        parts.Sensors | None,
+        key("noise and delay of what a sampled law observes; default: the state as it is"),
+    ] = None
+    push: Annotated[parts.Push | None, key("a force and a torque at a frame; default: none")] = None
+    tip_force: Annotated[
+        parts.TipForce | None, key("a force on the tip, as a push of the frame tip; default: none")
+    ] = None
+    payload: Annotated[
+        tuple[parts.Payload, ...],
+        Tables("payload", 20, "payloads"),
+        key("point masses at frames, for a time; default: none"),
+    ] = ()
+    wind: Annotated[parts.Wind | None, key("wind, and the drag of frames; default: none")] = None
+    wall: Annotated[
+        tuple[parts.Wall, ...],
+        Tables("wall", 20, "walls"),
+        key("planes that frames may lean on; default: none"),
+    ] = ()
+    timing: Annotated[parts.Timing, key("how fast the paths are flown")] = parts.Timing()
+    integration: Annotated[parts.Settings, key("method, tolerances and samples")] = parts.Settings()
+    parameters: Annotated[
+        dict[str, Number], key("parameters of the module that are changed, SI units")
+    ] = field(default_factory=dict)
+    plant: Annotated[
+        dict[str, Number],
+        key(
+            "parameters of the robot that flies where they differ from those of [parameters], "
+            "which the controller knows, SI units"
+        ),
+    ] = field(default_factory=dict)
 
-    @classmethod
-    def mistaken(cls) -> tuple[str, frozenset[str]]:
-        """Robot files, by keys of theirs."""
-        return "a robot file", frozenset({"gravity", "link", "rotor", "frame"})
+    mistaken: ClassVar[tuple[str, frozenset[str]]] = (
+        "a robot file",
+        frozenset({"gravity", "link", "rotor", "frame"}),
+    )
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """The fault of two pushes."""
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of a push that pushes nothing, and of two pushes."""
+        push = values.get("push")
+        if isinstance(push, dict) and not push.keys() & {"force", "torque"}:
+            yield ("push", "force"), "missing: give a force, a torque, or both"
         if "push" in values and "tip_force" in values:
             yield "tip_force", "must be left out, since push says what pushes the robot"
 
     @field_validator("arm")
     @classmethod
-    def _moves_in_time(cls, table: ArmTable, info: ValidationInfo) -> ArmTable:
-        if faults := table.late_moves(info.data.get("duration", math.inf)):
-            raise refusal(faults)
-        return table
+    def _moves_in_time(cls, arm: ArmTable, info: ValidationInfo) -> ArmTable:
+        duration = info.data.get("duration", math.inf)
+        late: list[tuple[Place, str]] = [
+            (
+                (each, joint, number, "begin"),
+                f"must be before {duration:g}, when the flight ends, not {move.begin:g}",
+            )
+            for each in ("moves", "moves_deg")
+            for joint, moves in getattr(arm, each).items()
+            for number, move in enumerate(moves)
+            if move.begin >= duration
+        ]
+        if late:
+            raise refusal(late)
+        return arm
 
     @field_validator("integration")
     @classmethod
-    def _is_not_endless(cls, table: IntegrationTable, info: ValidationInfo) -> IntegrationTable:
+    def _is_not_endless(cls, settings: parts.Settings, info: ValidationInfo) -> parts.Settings:
         duration = info.data.get("duration", 0.0)
         faults = []
-        if table.rate * duration > _MAX_SAMPLES:
+        if settings.rate * duration > _MAX_SAMPLES:
             words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
             faults.append((("rate",), words))
-        if table.method == "rk4" and duration / table.step > _MAX_STEPS:
+        if settings.method == "rk4" and duration / settings.step > _MAX_STEPS:
             words = f"more than {_MAX_STEPS} steps in {duration:g} s; take longer ones"
             faults.append((("step",), words))
         if faults:
             raise refusal(faults)
-        return table
+        return settings
 
     def scenario(self) -> Scenario:
-        """The scenario that the file describes."""
-        base, push = self.base.path.path(), self.push or self.tip_force
+        """The scenario that the file describes: keys are fields but for those that are named."""
+        values = dict(vars(self))
+        base, arm, push, tip_force, payloads, walls = map(
+            values.pop, ("base", "arm", "push", "tip_force", "payload", "wall")
+        )
         return Scenario(
-            name=self.name,
-            duration=self.duration,
-            base=base,
-            attitude=self.base.attitude.attitude(),
-            arm=self.arm.task(base),
-            start=self.start.start(),
-            control=self.control.control(),
-            motors=self.motors.motors(),
-            sensors=self.sensors.sensors() if self.sensors else None,
-            push=push.push() if push else None,
-            payloads=tuple(table.payload() for table in self.payload),
-            wind=self.wind.wind() if self.wind else None,
-            walls=tuple(table.wall() for table in self.wall),
-            timing=self.timing.timing(),
-            integration=Settings(**dict(self.integration)),
-            parameters=self.parameters,
-            plant=self.plant,
-            description=self.description,
+            base=base.path,
+            attitude=base.attitude,
+            arm=arm.task(base.path),
+            push=push or (parts.Push(**vars(tip_force)) if tip_force else None),
+            payloads=payloads,
+            walls=walls,
+            **values,
         )

@@ -8,24 +8,28 @@ columns of E are the axes that the three angles turn about. All functions take a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.scenario.numbers import require
-from gibbs_codegen.flight.scenario.paths import Line, Path, Vector
-
-Array = NDArray[np.float64]
+from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, key, table
+from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
+from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
+from gibbs_codegen.flight.vectors import Array, rotation_about, times
+from gibbs_codegen.robot.model import MAX_ROTORS
 
 # |cos θ₀| below which angles count as singular: within a quarter of a degree.
 SINGULAR_COSINE = 0.005
 # The same for angles that began between −90° and 90°, rad; a cosine would not tell of whole turns.
 LARGEST_THETA_0 = math.acos(SINGULAR_COSINE)
 _VERTICAL = np.array([0.0, 0.0, 1.0])
+# A scalar, vector or matrix at s instants, and its first two derivatives in time.
+Derivatives = tuple[Array, Array, Array]
 # Speed under which a path has no direction to follow, m/s.
 _STANDSTILL = 1e-6
 # Sine of the angle to the vertical under which the base normal has no side to lean to.
@@ -59,16 +63,15 @@ def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
     """
     angles = np.asarray(angles, dtype=np.float64)
     flat = Rotation.from_euler(sequence.upper(), angles.reshape(-1, 3)).as_matrix()
-    matrix: Array = flat.reshape(*angles.shape[:-1], 3, 3)
-    return matrix
+    return flat.reshape(*angles.shape[:-1], 3, 3)
 
 
 def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
     """E (…, 3, 3), with ω = E θ̇ in world axes, of angles θ₋₁, θ₀, θ₁ (…, 3), rad."""
     angles = np.asarray(angles, dtype=np.float64)
     first, second, third = (np.eye(3)["xyz".index(letter)] for letter in sequence)
-    outer = _about(first, angles[..., 0])
-    both = outer @ _about(second, angles[..., 1])
+    outer = rotation_about(first, angles[..., 0])
+    both = outer @ rotation_about(second, angles[..., 1])
     columns = [np.broadcast_to(first, (*angles.shape[:-1], 3)), outer @ second, both @ third]
     return np.stack(columns, axis=-1)
 
@@ -107,23 +110,9 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler(sequence.upper())
     angles = flat.reshape(*rotation.shape[:-2], 3)
     inverse = np.asarray(np.linalg.inv(rate_matrix(sequence, angles)), dtype=np.float64)
-    rates = _times(inverse, turning.velocity)
+    rates = times(inverse, turning.velocity)
     bias = bias_acceleration(sequence, angles, rates)
-    return angles, rates, _times(inverse, turning.acceleration - bias)
-
-
-def _about(axis: Array, angles: Array) -> Array:
-    """Rotations (…, 3, 3) by angles (…) about a coordinate axis (3): Rodrigues' formula."""
-    cross = np.cross(np.eye(3), axis)
-    along = np.outer(axis, axis)
-    cosine, sine = (part[..., np.newaxis, np.newaxis] for part in (np.cos(angles), np.sin(angles)))
-    matrix: Array = along + cosine * (np.eye(3) - along) + sine * cross
-    return matrix
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    product: Array = (matrices @ vectors[..., np.newaxis])[..., 0]
-    return product
+    return angles, rates, times(inverse, turning.acceleration - bias)
 
 
 class Orientation(Protocol):
@@ -137,67 +126,58 @@ class Orientation(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Level:
-    """Base normal vertical, arm 1 turned from the world's X by a heading that grows steadily.
+@table
+class Level(Table):
+    """The base level, with a heading of its x axis that turns at a constant rate."""
 
-    rad and rad/s.
-    """
-
-    heading: float = 0.0
-    rate: float = 0.0
+    kind: ClassVar[str] = "level"
+    heading: Annotated[Angle, key("heading at the start, degrees", "heading_deg")] = 0.0
+    rate: Annotated[Angle, key("rate of the heading, degrees per second", "rate_deg")] = 0.0
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s)."""
         heading = self.heading + self.rate * np.asarray(time, dtype=np.float64)
-        rotation = np.zeros((*heading.shape, 3, 3))
-        rotation[..., 0, 0] = rotation[..., 1, 1] = np.cos(heading)
-        rotation[..., 1, 0] = np.sin(heading)
-        rotation[..., 0, 1] = -rotation[..., 1, 0]
-        rotation[..., 2, 2] = 1.0
         velocity = np.zeros((*heading.shape, 3))
         velocity[..., 2] = self.rate
-        return Turning(rotation, velocity, np.zeros_like(velocity))
+        return Turning(rotation_about(_VERTICAL, heading), velocity, np.zeros_like(velocity))
 
 
-@dataclass(frozen=True)
-class Turn:
-    """From level, with a heading, about an axis of the world: from rest to rest, minimum jerk.
+@table
+class Turn(Table):
+    """The base level at first, then turned about an axis, from rest to rest with minimum jerk."""
 
-    rad and s; `angle` may be any number of turns.
-    """
-
-    axis: Vector
-    angle: float
-    duration: float
-    begin: float = 0.0
-    heading: float = 0.0
-
-    def __post_init__(self) -> None:
-        is_axis = len(self.axis) == 3 and 0.0 < math.hypot(*self.axis) < math.inf
-        require(is_axis, "attitude: the axis of a turn must be a direction, not zero")
-        require(0.0 < self.duration < math.inf, "attitude: a turn takes more than 0 s")
+    kind: ClassVar[str] = "turn"
+    axis: Annotated[Direction, key("the axis that the base is turned about, in world axes")]
+    angle: Annotated[
+        Angle, key("how far it is turned, degrees; more than 360 is allowed", "angle_deg")
+    ]
+    duration: Annotated[Positive, key("how long the turn takes, s")]
+    begin: Annotated[NotNegative, key("when the turn begins, s")] = 0.0
+    heading: Annotated[Angle, key("heading before the turn, degrees", "heading_deg")] = 0.0
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s)."""
-        time = np.asarray(time, dtype=np.float64)
         axis = np.array(self.axis) / math.hypot(*self.axis)
-        # Angle, rate and acceleration, as of a point on a line.
-        way = Line((0.0, 0.0, 0.0), (self.angle, 0.0, 0.0), self.duration, self.begin)(time)
-        angle, rate, growth = (way[..., order, :1] * axis for order in range(3))
-        start = Level(self.heading)(path, time, arm_angles).rotation
-        turned = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix().reshape(start.shape)
-        return Turning(turned @ start, rate, growth)
+        share = self.angle * minimum_jerk(time, self.duration, self.begin)
+        angle, rate, growth = (share[..., order, np.newaxis] * axis for order in range(3))
+        turned = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix()
+        start = rotation_about(_VERTICAL, np.array(self.heading))
+        return Turning(turned.reshape(*angle.shape, 3) @ start, rate, growth)
 
 
-@dataclass(frozen=True)
-class Tangent:
-    """The paper's attitude (section 4): one base arm along the path, the normal nearest to Z.
+@table
+class Tangent(Table):
+    """A base arm along the path, the base normal nearest to Z: the paper's attitude (section 4).
 
-    `arm` is the number of that arm, from 1 to N. A base without arms has its x axis along the path.
+    A base without arms has its x axis along the path.
     """
 
-    arm: int = 2
+    kind: ClassVar[str] = "tangent"
+    arm: Annotated[
+        Whole,
+        Bounds(1, MAX_ROTORS),
+        key("number of the base arm that is tangent to the path"),
+    ] = 2
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s).
@@ -214,13 +194,10 @@ class Tangent:
         along = unit_derivatives(*(derivatives[..., order, :] for order in (1, 2, 3)))
         _check_direction(time, derivatives[..., 1, :], along[0])
         # Of the vertical, what is at right angles to the tangent.
-        height, climb, turn = (t[..., 2:] for t in along)
-        up = unit_derivatives(
-            _VERTICAL - height * along[0],
-            -climb * along[0] - height * along[1],
-            -turn * along[0] - 2.0 * climb * along[1] - height * along[2],
-        )
-        side = cross_derivatives(up, along)
+        heights = along[0][..., 2:], along[1][..., 2:], along[2][..., 2:]
+        leaning, rate, growth = product_derivatives(np.multiply, heights, along)
+        up = unit_derivatives(_VERTICAL - leaning, -rate, -growth)
+        side = product_derivatives(np.cross, up, along)
         # Columns: the tangent, what lies left of it, the normal; then the base's x in their place.
         cosine, sine = np.cos(angle), np.sin(angle)
         frames = [
@@ -245,8 +222,7 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
     tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
     # By the chord: the cosine cannot tell angles below 1e-8.
     half = np.linalg.norm(direction - tangent, axis=-1) / 2.0
-    angle: Array = 2.0 * np.arcsin(np.minimum(half, 1.0))
-    return angle
+    return 2.0 * np.arcsin(np.minimum(half, 1.0))
 
 
 def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
@@ -268,7 +244,7 @@ def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
         )
 
 
-def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
+def unit_derivatives(vector: Array, rate: Array, second: Array) -> Derivatives:
     """The unit vector along a vector (…, 3), and its first two derivatives in time."""
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)
@@ -284,25 +260,23 @@ def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, 
     return unit, unit_rate, unit_second
 
 
-def cross_derivatives(
-    a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
-) -> tuple[Array, Array, Array]:
-    """A cross product (…, 3) and its first two derivatives in time, of factors with theirs."""
+def product_derivatives(
+    times: Callable[[Array, Array], Array], a: Derivatives, b: Derivatives
+) -> Derivatives:
+    """A product, linear in both factors, and its first two derivatives in time."""
     return (
-        np.cross(a[0], b[0]),
-        np.cross(a[1], b[0]) + np.cross(a[0], b[1]),
-        np.cross(a[2], b[0]) + 2.0 * np.cross(a[1], b[1]) + np.cross(a[0], b[2]),
+        times(a[0], b[0]),
+        times(a[1], b[0]) + times(a[0], b[1]),
+        times(a[2], b[0]) + 2.0 * times(a[1], b[1]) + times(a[0], b[2]),
     )
 
 
 def _axis(matrix: Array) -> Array:
     """The vector of the skew part of a matrix."""
-    axis: Array = 0.5 * np.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    return axis
+    return 0.5 * (matrix - np.swapaxes(matrix, -1, -2))[..., (2, 0, 1), (1, 2, 0)]
+
+
+# An attitude of a file is one of the kinds.
+AnyAttitude = Annotated[
+    Level | Turn | Tangent, Kinds((Level, Turn, Tangent), "the kind of attitude", "level")
+]

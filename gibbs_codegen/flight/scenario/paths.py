@@ -15,31 +15,60 @@ everywhere.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb, perm
-from typing import Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    PlainValidator,
+    TypeAdapter,
+    WithJsonSchema,
+)
 from scipy.interpolate import BPoly, make_interp_spline
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.scenario.numbers import require
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
+from gibbs_codegen.files.table import (
+    Kinds,
+    Place,
+    Table,
+    Tables,
+    at_most,
+    fault,
+    key,
+    needed,
+    not_one_of,
+    refusal,
+    table,
+    to_python,
+)
+from gibbs_codegen.flight.scenario.numbers import (
+    LEAST,
+    Angle,
+    Direction,
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+)
+from gibbs_codegen.flight.vectors import Array as Array
+from gibbs_codegen.flight.vectors import Flags
 
 ORDERS = 4  # position and three derivatives
-Flags = NDArray[np.bool_]
-Velocity = Sequence[float] | Array | Literal["rest", "free"]
 WORDS = ("rest", "free")  # in place of a velocity
+# A path that rests at both ends needs no more.
+_FEWEST_POINTS, _MOST_POINTS, _MOST_TERMS = 2, 10_000, 100
 _DEGREE = 9
-_GIVEN = 5  # values at each end of a piece: position and four derivatives
+_END_VALUES = 5  # at each end of a piece: position and four derivatives
 # Bernstein coefficients 0 … 4 of a piece of duration 1, from position and derivatives at its
 # beginning: entry (k, j) is the share of derivative j in coefficient k.
 _COEFFICIENTS = np.array(
-    [[comb(k, j) / perm(_DEGREE, j) for j in range(_GIVEN)] for k in range(_GIVEN)]
+    [[comb(k, j) / perm(_DEGREE, j) for j in range(_END_VALUES)] for k in range(_END_VALUES)]
 )
 
 
@@ -51,11 +80,12 @@ class Path(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Fixed:
+@table
+class Fixed(Table):
     """A point that stays where it is."""
 
-    position: Vector
+    kind: ClassVar[str] = "fixed"
+    position: Annotated[Vector, key("the point, [x, y, z] in m")]
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
@@ -64,27 +94,34 @@ class Fixed:
         return out
 
 
-@dataclass(frozen=True)
-class Term:
-    """amplitude · e^(growth·t) · cos(frequency·t + phase); m, 1/s, rad/s, rad."""
+@table
+class Term(Table):
+    """A term amplitude · e^(growth·t) · cos(frequency·t + phase)."""
 
-    amplitude: float
-    growth: float = 0.0
-    frequency: float = 0.0
-    phase: float = 0.0
+    amplitude: Annotated[Number, key("the amplitude, in m")]
+    growth: Annotated[Number, key("rate of growth, 1/s; negative: a decay")] = 0.0
+    frequency: Annotated[Number, key("angular frequency, rad/s")] = 0.0
+    phase: Annotated[Angle, key("phase, degrees", "phase_deg")] = 0.0
 
 
-@dataclass(frozen=True)
-class Harmonic:
-    """A sum of growing or decaying oscillations on each axis.
+@table
+class Harmonic(Table):
+    """On each axis a sum of growing or decaying oscillations.
 
     Both paths of the paper (eqs. 20 and 21) are of this kind. Each term is the real part of
     A e^(iφ) e^(st) with s = growth + i·frequency, and a derivative is a factor s.
     """
 
-    x: tuple[Term, ...] = ()
-    y: tuple[Term, ...] = ()
-    z: tuple[Term, ...] = ()
+    kind: ClassVar[str] = "harmonic"
+    x: Annotated[
+        tuple[Term, ...], Tables("x", _MOST_TERMS, "terms"), key("terms of the first coordinate")
+    ] = ()
+    y: Annotated[
+        tuple[Term, ...], Tables("y", _MOST_TERMS, "terms"), key("terms of the second coordinate")
+    ] = ()
+    z: Annotated[
+        tuple[Term, ...], Tables("z", _MOST_TERMS, "terms"), key("terms of the third coordinate")
+    ] = ()
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
@@ -101,67 +138,74 @@ class Harmonic:
         return out
 
 
-@dataclass(frozen=True)
-class Line:
-    """A straight line with minimum jerk, at rest before and after.
+def minimum_jerk(time: ArrayLike, duration: float, begin: float) -> Array:
+    """Share of a way that is done at times (…), s, from rest to rest, and derivatives (…, 4).
 
-    Between `begin` and `begin` + `duration` the way done is 10s³ − 15s⁴ + 6s⁵ of the whole, s from
-    0 to 1 (Flash and Hogan, 1985).
+    It is 10s³ − 15s⁴ + 6s⁵, s from 0 to 1 in the duration (Flash and Hogan, 1985).
     """
+    t = np.asarray(time, dtype=np.float64)
+    s = np.clip((t - begin) / duration, 0.0, 1.0)
+    moving = (t >= begin) & (t < begin + duration)
+    share = np.stack(
+        [
+            s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
+            30.0 * s**2 * (1.0 - s) ** 2,
+            60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+            np.where(moving, 60.0 * (1.0 + s * (-6.0 + 6.0 * s)), 0.0),
+        ],
+        axis=-1,
+    )
+    return share / duration ** np.arange(ORDERS)
 
-    start: Vector
-    end: Vector
-    duration: float
-    begin: float = 0.0
+
+@table
+class Line(Table):
+    """A straight line with minimum jerk, at rest before and after."""
+
+    kind: ClassVar[str] = "line"
+    start: Annotated[Vector, key("where it begins, [x, y, z] in m")]
+    end: Annotated[Vector, key("where it ends, [x, y, z] in m")]
+    duration: Annotated[Positive, key("the time from start to end, in s")]
+    begin: Annotated[Number, key("when it begins, s")] = 0.0
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
-        t = np.asarray(time, dtype=np.float64)
-        s = np.clip((t - self.begin) / self.duration, 0.0, 1.0)
-        moving = (t >= self.begin) & (t < self.begin + self.duration)
-        share = np.stack(
-            [
-                s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
-                30.0 * s**2 * (1.0 - s) ** 2,
-                60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-                np.where(moving, 60.0 * (1.0 + s * (-6.0 + 6.0 * s)), 0.0),
-            ],
-            axis=-1,
-        )
-        with np.errstate(all="ignore"):
-            share /= np.float64(self.duration) ** np.arange(ORDERS)
-            out: Array = share[..., np.newaxis] * np.subtract(self.end, self.start)
-            out[..., 0, :] += self.start
+        share = minimum_jerk(time, self.duration, self.begin)
+        out: Array = share[..., np.newaxis] * np.subtract(self.end, self.start)
+        out[..., 0, :] += self.start
         return out
 
 
-@dataclass(frozen=True)
-class Circle:
-    """A circle at constant speed, anticlockwise about `normal`.
+@table
+class Circle(Table):
+    """A circle at constant speed, anticlockwise about its normal.
 
-    It begins where the projection of the world's X on its plane points (of Y where `normal` is
-    within 26° of X), turned by `phase`. `period` is negative for the other way round.
+    It begins where the projection of the world's X on its plane points (of Y where the normal is
+    within 26° of X), turned by the phase.
     """
 
-    centre: Vector
-    radius: float
-    period: float
-    normal: Vector = (0.0, 0.0, 1.0)
-    phase: float = 0.0
+    kind: ClassVar[str] = "circle"
+    centre: Annotated[Vector, key("the centre, [x, y, z] in m")]
+    radius: Annotated[NotNegative, key("the radius, in m")]
+    period: Annotated[
+        Number,
+        needed(lambda period: abs(period) >= LEAST, "must not be 0"),
+        key("the time of a turn, in s; negative: the other way round"),
+    ]
+    normal: Annotated[Direction, key("direction of the axis, [x, y, z]")] = (0.0, 0.0, 1.0)
+    phase: Annotated[Angle, key("angle at which it begins, degrees", "phase_deg")] = 0.0
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
         first, second = plane(self.normal)
-        rate = np.float64(2.0 * np.pi) / self.period
-        out = np.empty((*t.shape, ORDERS, 3))
-        with np.errstate(over="ignore", invalid="ignore"):
-            angle = (rate * t + self.phase)[..., np.newaxis]
-            outwards = self.radius * (np.cos(angle) * first + np.sin(angle) * second)
-            ahead = self.radius * (np.cos(angle) * second - np.sin(angle) * first)
-            for order, turned in enumerate((outwards, ahead, -outwards, -ahead)):
-                out[..., order, :] = rate**order * turned
-            out[..., 0, :] += self.centre
+        rate = 2.0 * np.pi / self.period
+        angle = (rate * t + self.phase)[..., np.newaxis]
+        outwards = self.radius * (np.cos(angle) * first + np.sin(angle) * second)
+        ahead = self.radius * (np.cos(angle) * second - np.sin(angle) * first)
+        turned = (outwards, rate * ahead, -(rate**2) * outwards, -(rate**3) * ahead)
+        out = np.stack(turned, axis=-2)
+        out[..., 0, :] += self.centre
         return out
 
 
@@ -173,8 +217,7 @@ class Sum:
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
-        out: Array = np.sum([path(time) for path in self.paths], axis=0)
-        return out
+        return np.sum([path(time) for path in self.paths], axis=0)
 
 
 def check_path(path: Path, duration: float, what: str) -> None:
@@ -197,8 +240,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
     slope = (ahead - behind)[:, :-1] / (2.0 * step)
     off = np.abs(slope - here[:, 1:]).max(axis=(0, 2))
     scale = np.abs(here).max(axis=(0, 2))
-    names = ("velocity", "acceleration", "jerk")
-    for order, name in enumerate(names):
+    for order, name in enumerate(("velocity", "acceleration", "jerk")):
         # At a jump of the jerk a difference straddles it: then most other times still agree.
         typical = np.median(np.abs(slope - here[:, 1:])[:, order].max(axis=-1))
         allowed = 1e-3 * (scale[order + 1] + scale[order] / duration) + 1e-6
@@ -216,112 +258,145 @@ def plane(normal: Vector | Array) -> tuple[Array, Array]:
     return first, np.cross(n, first)
 
 
-class Waypoints:
-    """A path through points at given times; four derivatives are continuous.
+def _not_endless(values: object) -> object:
+    values = to_python(values)
+    return at_most(values, _MOST_POINTS, "entries") if isinstance(values, list) else values
 
-    `velocities` has an entry per point: a velocity (3) in m/s, "rest", or "free" for what makes the
-    path smooth. Without it the first and last point are at rest and the others free. Equal
-    successive points are at rest, and so is the path between them. Before and after its points
-    the path rests, or goes straight on with the velocity of the first and last point. On a piece
-    from rest to rest, or between rest and a free point, no coordinate passes its value at rest.
 
-    Raises `UsageError` for times that do not increase, or that lie so unevenly that no curve can
-    be found, and for velocities that the points do not allow.
+def _increasing(times: tuple[float, ...]) -> tuple[float, ...]:
+    for place, (sooner, later) in enumerate(itertools.pairwise(times), start=1):
+        if later <= sooner:
+            raise refusal([((place,), f"must be after {sooner:g}, not {later:g}")])
+    return times
+
+
+_VECTOR = TypeAdapter(Vector)
+
+
+def _velocity(value: object) -> object:
+    if not isinstance(value, str):
+        return _VECTOR.validate_python(value)
+    if value not in WORDS:
+        raise fault(f"{not_one_of(value, WORDS)}; or a velocity [x, y, z] in m/s")
+    return value
+
+
+# A vector, or one of the words: each has its own faults told, which a union would mix.
+Velocity = Annotated[
+    Vector | Literal["rest", "free"],
+    PlainValidator(_velocity),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"enum": list(WORDS)},
+                {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
+            ]
+        }
+    ),
+]
+
+
+@table
+class Waypoints(Table):
+    """A smooth path through via points at given times, at rest or at a velocity where wanted.
+
+    Four derivatives are continuous. Equal successive points are at rest, and so is the path between
+    them. Before and after its points the path rests, or goes straight on with the velocity of the
+    first and last point. On a piece from rest to rest, or between rest and a free point, no
+    coordinate passes its value at rest.
     """
 
-    def __init__(
-        self,
-        times: Sequence[float],
-        points: Sequence[Sequence[float]],
-        velocities: Sequence[Velocity] | None = None,
-    ) -> None:
-        since, places = _numbers(times, points)
-        if velocities is None:
-            free: Velocity = "free"
-            velocities = ["rest", *[free] * (len(places) - 2), "rest"]
-        for place, words in velocity_faults(places, velocities):
-            raise UsageError(f"waypoints: velocities[{place}]: {words}")
-        self._begin, self._end = float(since[0]), float(since[-1])
-        self._duration = self._end - self._begin
-        try:
-            with np.errstate(all="raise", under="ignore"):
-                # In a time from 0 to 1, so that the unit does not matter to the numbers.
-                since = (since - self._begin) / self._duration
-                if not np.all(np.diff(since) > 0.0):
-                    raise ValueError("the times must increase")
-                nodes = _derivatives(since, places, velocities, self._duration)
-                curve = _curve(since, nodes)
-                derivatives = [curve.derivative(order) for order in range(1, ORDERS)]
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            raise UsageError(f"waypoints: no smooth curve through them: {error}") from None
-        self._derivatives = [curve, *derivatives]
-        self._ends = nodes[[0, -1], 1]
+    kind: ClassVar[str] = "waypoints"
+    times: Annotated[
+        tuple[Number, ...],
+        BeforeValidator(_not_endless),
+        AfterValidator(_increasing),
+        key("a list of increasing times, s"),
+    ]
+    points: Annotated[
+        tuple[Vector, ...],
+        BeforeValidator(_not_endless),
+        key("a list of points, [x, y, z] in m, one for each time"),
+    ]
+    velocities: Annotated[
+        Annotated[tuple[Velocity, ...], BeforeValidator(_not_endless)] | None,
+        key(
+            'for each point a velocity [x, y, z] in m/s, "rest" or "free"; default: at rest at '
+            "both ends, and free between"
+        ),
+    ] = None
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """The fault of times and points of which there are not as many."""
+        times, points = (to_python(values.get(key)) for key in ("times", "points"))
+        if isinstance(times, list) and isinstance(points, list):
+            count = len(times)
+            if len(points) != count or count < _FEWEST_POINTS:
+                words = f"{len(points)} points at {count} times; give as many of both"
+                yield "points", f"{words}, {_FEWEST_POINTS} to {_MOST_POINTS}"
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of velocities that the points do not allow, and of times without a curve."""
+        found = list(self._velocity_faults())
+        yield from found
+        if not found:
+            try:
+                _ = self._curves
+            except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+                yield ("times",), f"no smooth curve through them: {error}"
+
+    def _velocity_faults(self) -> Iterator[tuple[Place, str]]:
+        velocities, count = self.velocities or (), len(self.points)
+        if self.velocities is not None and len(velocities) != count:
+            last = max(min(len(velocities), count) - 1, 0)
+            words = f"{len(velocities)} velocities of {count} points; give as many of both"
+            yield ("velocities", last), words
+            return
+        repeated = _repeated(np.asarray(self.points))
+        for number, velocity in enumerate(velocities):
+            place = ("velocities", number)
+            if not isinstance(velocity, str):
+                if repeated[number] and any(velocity):
+                    yield place, 'this point is repeated, so that the path rests here: give "rest"'
+            elif velocity == "free" and number in (0, count - 1):
+                yield place, 'the path ends here: give a velocity, or "rest"'
+
+    @cached_property
+    def _curves(self) -> list[BPoly]:
+        """Position and three derivatives, m, by the time from 0 at the first point to 1."""
+        places = np.asarray(self.points)
+        free: list[Velocity] = ["free"] * (len(places) - 2)
+        velocities = self.velocities or ("rest", *free, "rest")
+        with np.errstate(all="raise", under="ignore"):
+            # In a time from 0 to 1, so that the unit does not matter to the numbers.
+            since = (np.asarray(self.times) - self.times[0]) / self._duration
+            if not np.all(np.diff(since) > 0.0):
+                raise ValueError("the times must increase")
+            curve = _curve(since, _derivatives(since, places, velocities, self._duration))
+            return [curve, *(curve.derivative(order) for order in range(1, ORDERS))]
+
+    @property
+    def _duration(self) -> float:
+        return float(self.times[-1] - self.times[0])
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
-        s = (t - self._begin) / self._duration
+        s = (t - self.times[0]) / self._duration
         inside = np.clip(s, 0.0, 1.0)
-        out: Array = np.stack([derivative(inside) for derivative in self._derivatives], axis=-2)
+        out: Array = np.stack([curve(inside) for curve in self._curves], axis=-2)
         beyond = (s - inside)[..., np.newaxis]
-        out[..., 0, :] += beyond * np.where(beyond < 0.0, *self._ends)
+        out[..., 0, :] += beyond * np.where(beyond < 0.0, *map(self._curves[1], (0.0, 1.0)))
         with np.errstate(all="ignore"):
             out /= (np.float64(self._duration) ** np.arange(ORDERS))[:, np.newaxis]
         return out
 
 
-def velocity_faults(
-    points: Sequence[Sequence[float]] | Array, velocities: Sequence[Velocity]
-) -> Iterator[tuple[int, str]]:
-    """Number, from 0, and words of each fault of the velocities at points.
-
-    They are (3), m/s, "rest" or "free".
-    """
-    if len(velocities) != len(points):
-        last = max(min(len(velocities), len(points)) - 1, 0)
-        yield last, f"{len(velocities)} velocities of {len(points)} points; give as many of both"
-        return
-    repeated = _repeated(np.asarray(points, dtype=np.float64))
-    for place, velocity in enumerate(velocities):
-        if not _is_velocity(velocity):
-            yield place, 'must be a velocity [x, y, z] in m/s, "rest" or "free"'
-        elif not isinstance(velocity, str):
-            if repeated[place] and np.any(velocity):
-                yield place, 'this point is repeated, so that the path rests here: give "rest"'
-        elif velocity == "free" and place in (0, len(points) - 1):
-            yield place, 'the path ends here: give a velocity, or "rest"'
-
-
-def _is_velocity(value: object) -> bool:
-    """Whether a value is a word, or three finite numbers."""
-    if isinstance(value, str):
-        return value in WORDS
-    try:
-        numbers = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(np.all(np.isfinite(numbers)))
-
-
-def _numbers(times: Sequence[float], points: Sequence[Sequence[float]]) -> tuple[Array, Array]:
-    """Times (s) and points (s, 3) as arrays of finite numbers. Raises `UsageError`."""
-    try:
-        since, places = np.asarray(times, np.float64), np.asarray(points, np.float64)
-    except (TypeError, ValueError):
-        since = places = np.zeros(0)
-    is_right = since.ndim == 1 and len(since) > 1 and places.shape == (len(since), 3)
-    require(
-        is_right and bool(np.all(np.isfinite(since)) and np.all(np.isfinite(places))),
-        "waypoints: give a list of times, s, and a point [x, y, z], m, for each, two or more",
-    )
-    return since, places
-
-
 def _repeated(places: Array) -> Flags:
     """Whether points (s, 3) are equal to the one before or the one after: (s)."""
     same = np.all(places[1:] == places[:-1], axis=1)
-    repeated: Flags = np.append(same, False) | np.insert(same, 0, False)
-    return repeated
+    return np.append(same, False) | np.insert(same, 0, False)
 
 
 def _derivatives(
@@ -331,7 +406,7 @@ def _derivatives(
 
     `since` (s) is such a time; `velocities` are in m/s, "rest" or "free", `duration` in s.
     """
-    nodes = np.zeros((len(places), _GIVEN, 3))
+    nodes = np.zeros((len(places), _END_VALUES, 3))
     nodes[:, 0] = places
     words = [velocity if isinstance(velocity, str) else "" for velocity in velocities]
     free = np.array([word == "free" for word in words]) & ~_repeated(places)
@@ -344,7 +419,7 @@ def _derivatives(
         run, inner = slice(first, last + 1), slice(first + 1, last)
         ends = tuple([(1, nodes[k, 1]), (2, np.zeros(3))] for k in (first, last))
         spline = make_interp_spline(since[run], places[run], k=5, bc_type=ends)
-        for order in range(1, _GIVEN):
+        for order in range(1, _END_VALUES):
             nodes[inner, order] = spline.derivative(order)(since[inner])
     _calm(since, nodes, free)
     return nodes
@@ -364,7 +439,7 @@ def _calm(since: Array, nodes: Array, free: Flags) -> None:
         places = places[resting[places + step]]
         rests = places + step
         away = nodes[places, 0] - nodes[rests, 0]
-        powers = (since[rests] - since[places])[:, np.newaxis] ** np.arange(1, _GIVEN)
+        powers = (since[rests] - since[places])[:, np.newaxis] ** np.arange(1, _END_VALUES)
         change = _COEFFICIENTS[:, 1:] @ (powers[..., np.newaxis] * nodes[places, 1:])
         back = np.max(-np.sign(away)[:, np.newaxis] * change, axis=1)
         allowed = np.divide(np.abs(away), back, out=np.ones_like(away), where=back > 0.0)
@@ -378,9 +453,14 @@ def _curve(since: Array, nodes: Array) -> BPoly:
 
     `nodes` (s, 5, 3) are position and derivatives there.
     """
-    steps = np.diff(since)[:, np.newaxis] ** np.arange(_GIVEN)
+    steps = np.diff(since)[:, np.newaxis] ** np.arange(_END_VALUES)
     ahead = _COEFFICIENTS @ (steps[..., np.newaxis] * nodes[:-1])
-    signs = (-1.0) ** np.arange(_GIVEN)
+    signs = (-1.0) ** np.arange(_END_VALUES)
     behind = _COEFFICIENTS @ ((signs * steps)[..., np.newaxis] * nodes[1:])
     coefficients = np.concatenate([ahead, behind[:, ::-1]], axis=1)
     return BPoly(np.moveaxis(coefficients, 1, 0), since)
+
+
+PathKinds = Kinds((Fixed, Harmonic, Line, Circle, Waypoints), "the kind of path")
+# A path of a file is one of the kinds; in Python it may be any.
+AnyPath = Annotated[Path, PathKinds]

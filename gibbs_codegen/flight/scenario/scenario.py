@@ -4,40 +4,41 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
 
-from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.scenario.control import Control, Motors
-from gibbs_codegen.flight.scenario.environment import Payload, Wall, Wind
-from gibbs_codegen.flight.scenario.numbers import require
-from gibbs_codegen.flight.scenario.orientation import Level, Tangent, Turn
-from gibbs_codegen.flight.scenario.paths import Path, Vector
-from gibbs_codegen.flight.scenario.sensors import Sensors
-from gibbs_codegen.flight.scenario.timing import Timing
+import numpy as np
+from numpy.typing import ArrayLike
 
-Method = Literal["adaptive", "rk4"]
+from gibbs_codegen.files.table import Place, Table, listed, needed, table
+from gibbs_codegen.flight.scenario import parts
+from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
+from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level, Turn
+from gibbs_codegen.flight.scenario.paths import ORDERS, AnyPath, Array, Path
 
-MAX_DURATION = 3600.0  # s
-
-
-@dataclass(frozen=True)
-class Move:
-    """A move of a joint to a value, rad or m, from rest to rest with minimum jerk; times in s."""
-
-    to: float
-    begin: float
-    duration: float
-
-    def __post_init__(self) -> None:
-        require(math.isfinite(self.to), "arm: a move is to a finite value")
-        require(0.0 <= self.begin < math.inf, "arm: a move begins at 0 s or later")
-        require(0.0 < self.duration < math.inf, "arm: a move takes more than 0 s")
+Limits = Annotated[
+    tuple[Number, Number],
+    listed(2),
+    # In radians, too: what is next to nothing may become nothing there.
+    needed(
+        lambda limits: math.radians(limits[0]) < math.radians(limits[1]),
+        "the lower limit must be below the upper",
+    ),
+]
 
 
-@dataclass(frozen=True)
-class ArmTask:
+def order_faults(moves: Sequence[parts.Move]) -> Iterator[tuple[Place, str]]:
+    """The fault of moves of a joint of which one begins before the one before it has ended."""
+    for place, (before, after) in enumerate(itertools.pairwise(moves), start=1):
+        if after.begin < (end := before.begin + before.duration):
+            words = f"must not be before {end:g}, when the move before it ends, not {after.begin:g}"
+            yield (place, "begin"), words
+            return
+
+
+@table
+class ArmTask(Table):
     """What the arm is to do: bring the tip along a path, or keep a posture, or move from it.
 
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
@@ -50,76 +51,33 @@ class ArmTask:
     "posture_deg", so that faults of a robot's joints can be told as the file has them.
     """
 
-    tip: Path | None = None
-    posture: Mapping[str, float] | None = None
-    guess: Mapping[str, float] | None = None
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    effort: Mapping[str, float] = field(default_factory=dict)
-    velocity: Mapping[str, float] = field(default_factory=dict)
+    tip: AnyPath | None = None
+    posture: Mapping[JointName, Number] | None = None
+    guess: Mapping[JointName, Number] | None = None
+    limits: Mapping[JointName, Limits] = field(default_factory=dict)
+    effort: Mapping[JointName, Positive] = field(default_factory=dict)
+    velocity: Mapping[JointName, Positive] = field(default_factory=dict)
     named: frozenset[tuple[str, str]] = frozenset()
-    moves: Mapping[str, Sequence[Move]] = field(default_factory=dict)
+    moves: Mapping[JointName, Sequence[parts.Move]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        if self.tip is not None and self.posture is not None:
-            raise UsageError("arm: a tip path and a posture: give one of them")
-        if self.tip is None and self.guess is not None:
-            raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
-        require(self.tip is None or not self.moves, "arm: a tip path and moves: give one of them")
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
+        for each in ("posture", "moves"):
+            if "tip" in values and each in values:
+                yield each, "tip already says what the arm does; give one of them"
+        if "guess" in values and "tip" not in values:
+            yield "guess", "is where the search for a tip path begins; give a tip"
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of moves that overlap."""
         for joint, moves in self.moves.items():
-            for before, after in itertools.pairwise(moves):
-                require(
-                    after.begin >= before.begin + before.duration,
-                    f"arm: moves of {joint}: one begins before the one before it ends",
-                )
-        for joint, (low, high) in self.limits.items():
-            require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
-        for key in ("effort", "velocity"):
-            for joint, most in getattr(self, key).items():
-                require(most > 0.0, f"arm: {key} of {joint}: must be above 0")
+            for place, words in order_faults(moves):
+                yield ("moves", joint, *place), words
 
 
-@dataclass(frozen=True)
-class StartOffset:
-    """What is off at the start: base centre, m; attitude, a rotation vector, rad; world axes."""
-
-    position: Vector = (0.0, 0.0, 0.0)
-    rotation: Vector = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to integrate: method, tolerances of "adaptive", greatest step of "rk4" (s).
-
-    `rate` samples a second are kept, at whole multiples of 1 / rate, and the last instant.
-    Tolerances are 1e-6 and 1e-7 at least while thrusts are at their limits. A coordinate that is
-    `divergence` (rad or m) off its desired value, or has a rate that would carry it as far off even
-    under control, ends the flight, unless nothing is controlled.
-    """
-
-    method: Method = "adaptive"
-    step: float = 1e-3
-    relative_tolerance: float = 1e-10
-    absolute_tolerance: float = 1e-11
-    rate: float = 100.0
-    divergence: float = 20.0
-
-
-@dataclass(frozen=True)
-class Push:
-    """A force, N, and a torque, N m, at the origin of a frame, from time `begin` to `end`, s.
-
-    Both are in world axes. `frame` is one of the FRAMES of the robot's module.
-    """
-
-    force: Vector = (0.0, 0.0, 0.0)
-    begin: float = 0.0
-    end: float = MAX_DURATION
-    torque: Vector = (0.0, 0.0, 0.0)
-    frame: str = "tip"
-
-
-@dataclass(frozen=True)
-class Scenario:
+@table
+class Scenario(Table):
     """A flight of `duration` s with the base centre on a path; SI units, rad, world axes.
 
     Like its parts it raises `UsageError` for values that mean nothing.
@@ -129,23 +87,89 @@ class Scenario:
     """
 
     name: str
-    duration: float
-    base: Path
-    attitude: Level | Turn | Tangent = field(default_factory=Level)
+    duration: Positive
+    base: AnyPath
+    attitude: AnyAttitude = Level()
     arm: ArmTask = ArmTask()
-    start: StartOffset = StartOffset()
-    control: Control = field(default_factory=Control)
-    motors: Motors = field(default_factory=Motors)
-    sensors: Sensors | None = None
-    push: Push | None = None
-    payloads: tuple[Payload, ...] = ()
-    wind: Wind | None = None
-    walls: tuple[Wall, ...] = ()
-    integration: Settings = field(default_factory=Settings)
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    plant: Mapping[str, float] = field(default_factory=dict)
-    timing: Timing = field(default_factory=Timing)
+    start: parts.StartOffset = parts.StartOffset()
+    control: parts.Control = parts.Control()
+    motors: parts.Motors = parts.Motors()
+    sensors: parts.Sensors | None = None
+    push: parts.Push | None = None
+    payloads: tuple[parts.Payload, ...] = ()
+    wind: parts.Wind | None = None
+    walls: tuple[parts.Wall, ...] = ()
+    integration: parts.Settings = parts.Settings()
+    parameters: Mapping[str, Number] = field(default_factory=dict)
+    plant: Mapping[str, Number] = field(default_factory=dict)
+    timing: parts.Timing = parts.Timing()
     description: str = ""
 
-    def __post_init__(self) -> None:
-        require(0.0 < self.duration < math.inf, f"duration: above 0 s, not {self.duration}")
+
+# The time of a scenario and its first three derivatives (…, 4) at times (…) of the flight, s.
+TimeScaling = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class ScaledPath:
+    """A path that is followed by another clock."""
+
+    path: Path
+    scaling: TimeScaling
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        now, rate, growth, jerk = np.moveaxis(self.scaling(np.asarray(time, float)), -1, 0)
+        place = self.path(now)
+        rate, growth, jerk = (each[..., np.newaxis] for each in (rate, growth, jerk))
+        first, second, third = (place[..., order, :] for order in range(1, ORDERS))
+        out = np.empty_like(place)
+        out[..., 0, :] = place[..., 0, :]
+        out[..., 1, :] = first * rate
+        out[..., 2, :] = second * rate**2 + first * growth
+        out[..., 3, :] = third * rate**3 + 3.0 * second * rate * growth + first * jerk
+        return out
+
+
+@dataclass(frozen=True)
+class ConstantScaling:
+    """A clock that goes slower by a factor."""
+
+    factor: float
+
+    def __call__(self, time: Array) -> Array:
+        """Time of the scenario and derivatives (…, 4) at times (…), s."""
+        out = np.zeros((*np.shape(time), ORDERS))
+        out[..., 0] = np.asarray(time) / self.factor
+        out[..., 1] = 1.0 / self.factor
+        return out
+
+
+def on_clock(scenario: Scenario, duration: float, scaling: TimeScaling) -> Scenario:
+    """A scenario whose paths are followed by another clock.
+
+    Its new paths are not those that its attitude goes by.
+    """
+    tip = scenario.arm.tip and ScaledPath(scenario.arm.tip, scaling)
+    base = ScaledPath(scenario.base, scaling)
+    return replace(scenario, duration=duration, base=base, arm=replace(scenario.arm, tip=tip))
+
+
+def slow_motion(scenario: Scenario, factor: float) -> Scenario:
+    """A scenario all motion of which takes longer by a factor; below 1 it is faster."""
+    attitude = scenario.attitude
+    if isinstance(attitude, Level):
+        attitude = replace(attitude, rate=attitude.rate / factor)
+    elif isinstance(attitude, Turn):
+        attitude = replace(
+            attitude, duration=factor * attitude.duration, begin=factor * attitude.begin
+        )
+    slower = on_clock(scenario, factor * scenario.duration, ConstantScaling(factor))
+    moves = {
+        joint: [
+            replace(move, begin=factor * move.begin, duration=factor * move.duration)
+            for move in each
+        ]
+        for joint, each in scenario.arm.moves.items()
+    }
+    return replace(slower, attitude=attitude, arm=replace(slower.arm, moves=moves))

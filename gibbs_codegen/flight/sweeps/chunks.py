@@ -1,32 +1,38 @@
 """Chunks of a sweep: cases that are flown and kept together, 1 to 10 s of work; and how it is done.
 
+A chunk is kept on the disk in a file of its own, with its first flights or all.
 How a sweep is cut depends on its cases alone, so that the same call finds the same chunks.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import logging
 import math
+import os
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gibbs_codegen.errors import GibbsCodegenError, printable
-from gibbs_codegen.flight.many import can_be_side_by_side, simulate_many
+from gibbs_codegen.errors import GibbsCodegenError, OutputError, cause_of, printable
+from gibbs_codegen.files.staging import staging_folder
+from gibbs_codegen.flight.many import fits_blocks, simulate_many
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.sweeps.cases import Axis, Block, Cases
 from gibbs_codegen.flight.sweeps.fingerprint import fingerprint
 from gibbs_codegen.flight.sweeps.measures import Measure, of_flight, packed, unpacked
-from gibbs_codegen.flight.sweeps.plan import Block, Cases
-from gibbs_codegen.flight.sweeps.sampling import Axis
 from gibbs_codegen.flight.sweeps.sources import ScenarioSource
-from gibbs_codegen.flight.sweeps.store import Rows, rows_of
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.version import __version__
 
@@ -87,69 +93,68 @@ def chunks_of(cases: Cases) -> list[Chunk]:
 
 def only_adaptive(cases: Cases) -> bool:
     """Whether nothing but the adaptive integration keeps all cases from being side by side."""
-    return all(map(_only_adaptive, cases.blocks))
+    for block in cases.blocks:
+        try:
+            scenario = block.scenario.changed(block.chosen(0)[1])
+        except GibbsCodegenError:
+            return False
+        fixed = replace(scenario, integration=replace(scenario.integration, method="rk4"))
+        adaptive = scenario.integration.method == "adaptive"
+        if not (adaptive and fits_blocks(fixed) and _forms_blocks(block)):
+            return False
+    return True
 
 
-def _only_adaptive(block: Block) -> bool:
-    try:
-        scenario = block.scenario.changed(block.chosen(0)[1])
-    except GibbsCodegenError:
-        return False
-    fixed = replace(scenario, integration=replace(scenario.integration, method="rk4"))
-    adaptive = scenario.integration.method == "adaptive"
-    return adaptive and can_be_side_by_side(fixed) and _differ_side_by_side(block)
-
-
-def _differ_side_by_side(block: Block) -> bool:
+def _forms_blocks(block: Block) -> bool:
     """Whether every flight of a block has others from which nothing keeps it in blocks apart.
 
     Axes alone decide, so that the same call flies the same cases alone, however they are cut.
     """
     listed = [axis for axis in block.axes if len(axis.varied.levels) > 1]
     drawn = [axis for axis in block.axes if axis.varied.draw is not None and block.samples > 1]
-    return any(map(_is_side_by_side, listed)) or (bool(drawn) and all(map(_is_side_by_side, drawn)))
+    return any(map(_keeps_blocks, listed)) or (bool(drawn) and all(map(_keeps_blocks, drawn)))
 
 
-def _is_side_by_side(axis: Axis) -> bool:
+def _keeps_blocks(axis: Axis) -> bool:
     """Whether flights that differ in what an axis varies can be side by side."""
     return all(key.startswith(_SIDE_BY_SIDE) for key in axis.targets)
 
 
 def _flights(block: Block) -> int:
     """How many flights of a block make a chunk."""
-    together, entries = _differ_side_by_side(block), dict[str, Any]()
-    fit = _fit(block, entries, together)
+    in_blocks, entries = _forms_blocks(block), dict[str, Any]()
+    fit = _fit(block, entries, in_blocks)
     for axis in block.axes:  # One after the other is set to what takes longest.
         if any(key.startswith(_OF_LENGTH) for key in axis.targets):
             drawn = block.drawn.get(axis.column, np.zeros(1))
             values = axis.varied.levels or (float(drawn.min()), float(drawn.max()))
             tried = [{**entries, **axis.entries(value)} for value in values]
-            fits = [_fit(block, each, together) for each in tried]
+            fits = [_fit(block, each, in_blocks) for each in tried]
             if min(fits) <= _MOST_FLIGHTS:
                 fit = min(fits)
                 entries = tried[fits.index(fit)]
     return min(fit, _MOST_FLIGHTS)
 
 
-def _fit(block: Block, entries: Mapping[str, Any], together: bool) -> int:
+def _fit(block: Block, entries: Mapping[str, Any], in_blocks: bool) -> int:
     """How many flights of a block with some entries fit; if refused, more than may be."""
     try:
         scenario = block.scenario.changed(entries)
     except GibbsCodegenError:
         return _MOST_FLIGHTS + 1
     samples = scenario.duration * scenario.integration.rate
-    most = min(_SECONDS / _seconds(scenario, together), _MOST_SAMPLES / samples, _MOST_FLIGHTS)
+    most = min(_SECONDS / _seconds(scenario, in_blocks), _MOST_SAMPLES / samples, _MOST_FLIGHTS)
     return max(int(most), 1)
 
 
-def _seconds(scenario: Scenario, together: bool) -> float:
+def _seconds(scenario: Scenario, in_blocks: bool) -> float:
     """What a flight will take on one core, s, roughly.
 
-    `together` is whether there are others from which nothing keeps it in blocks apart.
+    `in_blocks` is whether there are others from which nothing keeps it in blocks apart.
     """
     settings, samples = scenario.integration, scenario.duration * scenario.integration.rate
     steps = scenario.duration / settings.step if settings.method == "rk4" else 0.0
-    if together and can_be_side_by_side(scenario):
+    if in_blocks and fits_blocks(scenario):
         return 2e-3 + 3e-7 * steps + 3e-6 * samples
     return 0.05 + 0.03 * scenario.duration + 1e-5 * steps + 2e-5 * samples
 
@@ -193,11 +198,6 @@ def fly(task: Task) -> Rows:
     return rows_of(*zip(*rows, strict=True))
 
 
-def dead_row(measures: int, reason: str) -> Rows:
-    """The row, in an array of one, of a case that leaves no flight, and why."""
-    return rows_of([[math.nan] * measures], [""], [reason], [""])
-
-
 @cache
 def _module(folder: str, digest: str) -> ModuleType:
     """The module of a folder, which is loaded once as long as its digest is the same."""
@@ -216,14 +216,14 @@ def _flights_of_cases(
     module: ModuleType, scenarios: Sequence[Scenario | Exception], blocks: bool
 ) -> list[Flight | Exception]:
     """For each scenario, or reason why there is none, the flight or why there is none."""
-    flown = [each for each in scenarios if not isinstance(each, Exception)]
+    sound = [each for each in scenarios if not isinstance(each, Exception)]
     found: list[Flight | Exception] = []
     try:
-        found += simulate_many(module, flown, blocks=blocks)
+        found += simulate_many(module, sound, blocks=blocks)
     except Exception as error:  # One of them is to blame, which is told by flying it by itself.
         words = printable(f"{type(error).__name__}: {error}")
         _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
-        for scenario in flown:
+        for scenario in sound:
             try:
                 found += simulate_many(module, [scenario], blocks=blocks)
             except Exception as error:
@@ -256,7 +256,7 @@ class Job:
     def task(self, chunk: Chunk) -> Task:
         """What a worker is told: the flights of a chunk."""
         robot, scenario = chunk.block.robot, chunk.block.scenario
-        blocks, changes = _differ_side_by_side(chunk.block), _changes(chunk)
+        blocks, changes = _forms_blocks(chunk.block), _changes(chunk)
         return Task(str(robot.folder), robot.digest, scenario, changes, self._packed, blocks)
 
     def digest(self, chunk: Chunk) -> str:
@@ -265,12 +265,107 @@ class Job:
         if place not in self._digests:
             robot, scenario = chunk.block.robot, chunk.block.scenario
             changes = json.dumps(_changes(chunk), default=fingerprint)
-            blocks, given = _differ_side_by_side(chunk.block), (scenario.text, scenario.given)
-            told = (robot.digest, *given, self._of_measures, changes, blocks)
-            self._digests[place] = fingerprint(__version__, *told)
+            blocks, source = _forms_blocks(chunk.block), (scenario.text, scenario.scenario)
+            parts = (robot.digest, *source, self._of_measures, changes, blocks)
+            self._digests[place] = fingerprint(__version__, *parts)
         return self._digests[place]
 
 
 def _changes(chunk: Chunk) -> list[dict[str, Any]]:
     """What each case of a chunk has of its own."""
     return [chunk.block.chosen(place)[1] for place in range(chunk.begin, chunk.end)]
+
+
+_FOLDER = "chunks"
+_SEAL = hashlib.sha256().digest_size
+REMOVED = "what a sweep wrote has been removed while it went on; call it again"
+# Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
+REASONS = ("stopped", "failed", "unmeasured")
+
+Rows = NDArray[Any]
+
+
+def rows_of(measures: Sequence[Sequence[float]], *reasons: Sequence[str]) -> Rows:
+    """A row for each flight: its measures, and a text for each of `REASONS`."""
+    fields: list[Any] = [("measures", np.float64, (len(measures[0]),))]
+    # Columns of texts are as wide as the longest; there is none of no width.
+    widths = [f"U{max(1, *map(len, texts))}" for texts in reasons]
+    fields += zip(REASONS, widths, strict=True)
+    rows = np.zeros(len(measures), fields)
+    rows["measures"] = measures
+    for name, texts in zip(REASONS, reasons, strict=True):
+        rows[name] = texts
+    return rows
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Rows of several chunks, one after the other; texts are as wide as the longest."""
+    measures: Any = np.concatenate([part["measures"] for part in parts])
+    return rows_of(measures, *([t for part in parts for t in part[n].tolist()] for n in REASONS))
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    """An array as a file of NumPy; what NumPy writes by itself has no words for a full disk."""
+    written = io.BytesIO()
+    np.save(written, array, allow_pickle=False)
+    return written.getvalue()
+
+
+class Store:
+    """The files of chunks in the folder of a study, by their digests."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._chunks = folder, folder / _FOLDER
+
+    def read(self, digest: str) -> Rows | None:
+        """The first rows of the chunk of a digest, as many as are kept; None if there are none.
+
+        `OutputError` is raised if they cannot be read.
+        """
+        path = self._chunks / f"{digest}.npy"
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise OutputError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
+        rows, seal = content[:-_SEAL], content[-_SEAL:]
+        if seal == _seal(digest, rows):
+            return np.load(io.BytesIO(rows), allow_pickle=False)
+        why = "is broken or was changed: its rows and its last bytes, their digest, don't agree"
+        _log.warning("%s: %s; its flights are flown again", printable(path), why)
+        with suppress(OSError):
+            path.unlink()
+        return None
+
+    def add(self, digest: str, kept: int, rows: Rows) -> Rows:
+        """Keep rows after the first `kept` ones, written aside and renamed, and return all.
+
+        `OutputError` is raised if they cannot be written, or the first ones have been removed.
+        """
+        before = self.read(digest)
+        if before is not None and len(before) >= kept + len(rows):
+            return before  # The same call in another program was faster.
+        if kept and (before is None or len(before) < kept):
+            raise OutputError(REMOVED)
+        whole = rows if before is None else joined([before[:kept], rows])
+        content = npy(whole)
+        try:
+            self._chunks.mkdir(parents=True, exist_ok=True)
+            with staging_folder(self._folder) as new:
+                with (new / "rows.npy").open("wb") as file:
+                    file.write(content + _seal(digest, content))
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.replace(new / "rows.npy", self._chunks / f"{digest}.npy")
+        except OSError as error:
+            raise OutputError(
+                f"{printable(self._folder)}: cannot be written: {cause_of(error)}; what was done "
+                "is kept, and the same call goes on from there"
+            ) from None
+        return whole
+
+
+def _seal(digest: str, rows: bytes) -> bytes:
+    """What stands at the end of a file: the SHA-256 of what determines its rows and of the rows."""
+    return hashlib.sha256(digest.encode() + rows).digest()

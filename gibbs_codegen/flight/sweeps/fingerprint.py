@@ -96,10 +96,10 @@ class _Pieces(cloudpickle.Pickler):  # type: ignore[misc]  # It has no types.
         if hasattr(value, "__dict__"):
             self._seen[id(value)] = (len(self._seen), value)
         if isinstance(value, CodeType):
-            told = (value.co_code, value.co_consts, value.co_names, value.co_exceptiontable)
+            body = (value.co_code, value.co_consts, value.co_names, value.co_exceptiontable)
             counts = (value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount)
             names = (value.co_varnames, value.co_cellvars, value.co_freevars)
-            return CodeType, (*told, value.co_flags, *counts, *names)
+            return CodeType, (*body, value.co_flags, *counts, *names)
         if isinstance(value, FunctionType):
             return FunctionType, (), _of_function(value)
         if isinstance(value, type):
@@ -125,9 +125,11 @@ def _of_function(function: FunctionType) -> tuple[Any, ...]:
     found = [(each.opname, each.argval) for code in codes for each in get_instructions(code)]
     imports = {name for operation, name in found if operation == "IMPORT_NAME"}
     looked_up = {name for operation, name in found if operation in _LOOK_UP}
-    held = {n: function.__globals__[n] for n in sorted(looked_up & function.__globals__.keys())}
-    held |= {name: _imported(name) for name in sorted(imports)}
-    used = {name: _reached(each, names, ()) for name, each in held.items()}
+    globals_used = {
+        n: function.__globals__[n] for n in sorted(looked_up & function.__globals__.keys())
+    }
+    globals_used |= {name: _imported(name) for name in sorted(imports)}
+    used = {name: _reached(each, names, ()) for name, each in globals_used.items()}
     cells = [_reached(_contents(cell), names, ()) for cell in function.__closure__ or ()]
     defaults = (function.__defaults__, function.__kwdefaults__)
     return function.__code__, *defaults, cells, used, vars(function)

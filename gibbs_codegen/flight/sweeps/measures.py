@@ -30,7 +30,14 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "last": lambda values: values[-1],
 }
 # Arrays of a flight without a row for each sample.
-_NO_SERIES = {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "walls"}
+_NO_SERIES = {
+    "base_arm_angles_desired",
+    "binding_times",
+    "gusts",
+    "input_limits",
+    "joint_limits",
+    "walls",
+}
 
 
 def default(tip: bool) -> dict[str, Measure]:
@@ -71,18 +78,14 @@ def _check_text(name: str, text: str) -> None:
     if statistic not in STATISTICS:
         known = ", ".join(STATISTICS)
         raise UsageError(f"{words}: after a series and a dot must come one of {known}")
-    known_series = _series()
+    # What a flight has a row of for each sample.
+    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
+    known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
     if series not in known_series:
         near = difflib.get_close_matches(series[:80], known_series, n=1)
         hint = f"; did you mean {near[0]}?" if near else "."
         there = ", ".join(known_series)
         raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
-
-
-def _series() -> list[str]:
-    """Names of what a flight has a row of for each sample."""
-    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
-    return sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
 
 
 def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[float], str]:
@@ -119,8 +122,7 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
     Raises `UsageError` if a function cannot be taken there with what it takes.
     """
     try:
-        found: bytes = cloudpickle.dumps(dict(measures))
-        return found
+        return cloudpickle.dumps(dict(measures))
     except Exception as error:  # Whatever a function may hold.
         raise UsageError(
             f"measure: what a function holds cannot be taken to another process: {printable(error)}"
@@ -129,5 +131,4 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
 
 def unpacked(data: bytes) -> dict[str, Measure]:
     """Measures that `packed` packed."""
-    found: dict[str, Measure] = pickle.loads(data)  # noqa: S301  # Our own.
-    return found
+    return pickle.loads(data)  # noqa: S301  # Our own.

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gibbs_codegen.flight.vectors import Array
 
 # Groups of neighbours, flights in each at least, and flights in all without which nothing is said.
 _MOST_GROUPS, _LEAST_OF_GROUP, _LEAST_FLIGHTS = 10, 5, 20
@@ -65,7 +65,7 @@ def sensitivities(keys: Mapping[str, NDArray[Any]], measure: Array) -> list[Sens
     part = np.arange(len(ranks)) % _PARTS
     known = [values == values for values in keys.values()]  # NaN is unlike itself.
     pairs = list(zip(keys.values(), known, strict=True))
-    alone = [_alone(_groups(values[has]), measure[has], part[has]) for values, has in pairs]
+    alone = [_first_order(_groups(values[has]), measure[has], part[has]) for values, has in pairs]
     joint = _joint([_features(values) for values in keys.values()], ranks, part)
     ways = [_correlation(values[has], measure[has]) for values, has in pairs]
     return [
@@ -88,7 +88,9 @@ def _with_error(share: float, without: Array) -> tuple[float, float]:
     return float(np.clip(share, 0.0, 1.0)), float(error)
 
 
-def _alone(group: NDArray[np.int_], measure: Array, part: NDArray[np.int_]) -> tuple[float, float]:
+def _first_order(
+    group: NDArray[np.int_], measure: Array, part: NDArray[np.int_]
+) -> tuple[float, float]:
     """Share that a key explains alone, and how far off that may be.
 
     `group` (n) has the numbers of the groups by the key, and `part` (n) has the numbers of the
@@ -109,8 +111,7 @@ def _groups(values: NDArray[Any]) -> NDArray[np.int_]:
     if len(distinct) <= max(most, 2) or values.dtype.kind not in "fiub":
         return place
     order = scipy.stats.rankdata(values, method="ordinal") - 1
-    groups: NDArray[np.int_] = order * most // len(values)
-    return groups
+    return order * most // len(values)
 
 
 def _between(group: NDArray[np.int_], ranks: Array) -> float:
@@ -153,7 +154,7 @@ def _joint(
     """Share that each key explains in products with others, and how far off that may be.
 
     `features` are as `_features` gives them, `ranks` (n) of the measure, and `part` (n) as of
-    `_alone`. NaN where there are too few flights for so many keys.
+    `_first_order`. NaN where there are too few flights for so many keys.
     """
     terms = [np.ones((len(ranks), 1)), *(columns for columns, _ in features)]
     owners: list[set[int]] = [set() for columns in terms for _ in range(columns.shape[1])]

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
-from gibbs_codegen.files.changes import merged
 from gibbs_codegen.files.shipped import text_of
-from gibbs_codegen.files.toml import checked
+from gibbs_codegen.files.table import Table, default_at, read_table
+from gibbs_codegen.files.toml import checked, merged
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -51,6 +51,8 @@ def entry(whole: Any, key: str) -> Any:
             found = found[step] if is_list and step < len(found) else None
         elif isinstance(found, Mapping):
             found = found.get(step)
+        elif isinstance(found, Table):
+            found = default_at(found, step)
         else:
             found = getattr(found, step, None)
     return found
@@ -89,7 +91,7 @@ def _plain_entry(value: Any) -> Any:
     return [_plain_entry(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+def tables_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values by keys, without places in lists, as in a scenario file: a table in a table."""
     whole: dict[str, Any] = {}
     for key, value in values.items():
@@ -101,7 +103,7 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
     return whole
 
 
-def replaced(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
+def replacement(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
     """A dataclass, or a mapping, with other values, in tables, of some of its fields.
 
     `key` is where it stands, for messages. Raises `UsageError` if there is no such field.
@@ -119,7 +121,7 @@ def replaced(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
             )
         before = getattr(value, name)
         if isinstance(change, Mapping):
-            new[name] = replaced(before, change, f"{place}.")
+            new[name] = replacement(before, change, f"{place}.")
         else:
             new[name] = tuple(change) if isinstance(before, tuple) else change
     return replace(value, **new)
@@ -145,7 +147,7 @@ class ScenarioSource:
 
     word: str
     text: str = ""
-    given: Scenario | None = None
+    scenario: Scenario | None = None
 
     @cached_property
     def _document(self) -> dict[str, Any]:
@@ -159,16 +161,16 @@ class ScenarioSource:
     @cached_property
     def plain(self) -> Scenario:
         """The scenario without changes."""
-        return self.given or parse_scenario(self.text, self.word)
+        return self.scenario or parse_scenario(self.text, self.word)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # What has been made of the text stays here.
-        return ScenarioSource, (self.word, self.text, self.given)
+        return ScenarioSource, (self.word, self.text, self.scenario)
 
     def says(self, key: str) -> Any:
         """What stands at a key, or what it is by default; None if there is nothing."""
-        if self.given is not None:
-            return entry(self.given, key)
+        if self.scenario is not None:
+            return entry(self.scenario, key)
         found = entry(self._document, key)
         return entry(self._table, key) if found is None else found
 
@@ -177,12 +179,11 @@ class ScenarioSource:
 
         Raises `UsageError` if values mean nothing, and `ScenarioFileError` with every fault.
         """
-        tables = nested(changes)
-        if self.given is not None:
-            scenario: Scenario = replaced(self.given, tables)
-            return scenario
+        tables = tables_of(changes)
+        if self.scenario is not None:
+            return replacement(self.scenario, tables)
         # What is refused is read again from the text, which has the lines of faults.
-        table, _ = ScenarioTable.read(merged(self._document, tables))
+        table, _ = read_table(ScenarioTable, merged(self._document, tables))
         return table.scenario() if table else parse_scenario(self.text, self.word, tables)
 
 
@@ -192,7 +193,7 @@ def scenario_source(scenario: Scenario | StrPath) -> ScenarioSource:
     Raises `UsageError` if there is no such file, and `ScenarioFileError` with every fault of it.
     """
     if isinstance(scenario, Scenario):
-        return ScenarioSource(scenario.name, given=scenario)
+        return ScenarioSource(scenario.name, scenario=scenario)
     word = os.fspath(scenario)
     text, _ = text_of(word, "scenarios", ScenarioFileError)
     parse_scenario(text, word)

@@ -19,15 +19,13 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files.staging import staging_folder
-from gibbs_codegen.flight.sweeps.plan import Case, Cases
+from gibbs_codegen.flight.sweeps.cases import Case, Cases
+from gibbs_codegen.flight.sweeps.chunks import REASONS, Rows, npy
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
-from gibbs_codegen.flight.sweeps.store import REASONS, Rows, npy
 from gibbs_codegen.runtime.load import require
 
 StrPath = str | os.PathLike[str]
 
-# Columns that every table has, around those of keys and measures.
-_FIRST, _LAST = ("case", "robot", "scenario"), ("stopped", "failed", "unmeasured")
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 # What `gibbs_codegen.flight.figures.study` leaves beside them.
 _FIGURES = [
@@ -83,37 +81,41 @@ class Study:
     @property
     def measures(self) -> tuple[str, ...]:
         """Names of the measures."""
-        others = {*_FIRST, *self.keys, *_LAST}
+        others = {*FIXED, *self.keys}
         return tuple(name for name in self.table.dtype.names or () if name not in others)
 
     @property
     def failures(self) -> NDArray[Any]:
         """The rows of cases that gave no flight; `failed` says why."""
-        rows: NDArray[Any] = self.table[self.table["failed"] != ""]
-        return rows
+        return self.table[self.table["failed"] != ""]
 
     @property
     def stopped(self) -> NDArray[Any]:
         """The rows of flights that ended early; `stopped` says why."""
-        rows: NDArray[Any] = self.table[self.table["stopped"] != ""]
-        return rows
+        return self.table[self.table["stopped"] != ""]
 
     @property
     def unmeasured(self) -> NDArray[Any]:
         """The rows of flights of which a measure could not be taken; `unmeasured` says why."""
-        rows: NDArray[Any] = self.table[self.table["unmeasured"] != ""]
-        return rows
+        return self.table[self.table["unmeasured"] != ""]
 
     @cached_property
     def whole(self) -> NDArray[Any]:
         """The rows of flights that went on to their end."""
         flew = (self.table["failed"] == "") & (self.table["stopped"] == "")
-        rows: NDArray[Any] = self.table[flew]
-        return rows
+        return self.table[flew]
 
     def summary(self) -> list[Spread]:
         """How each measure is spread over the flights that went on to their end."""
-        return [self._spread(measure) for measure in self.measures]
+        spreads = []
+        for measure in self.measures:
+            values = self.whole[measure]
+            values = values[np.isfinite(values)]
+            numbers = [math.nan] * 5
+            if len(values):
+                numbers = np.percentile(values, [0.0, 5.0, 50.0, 95.0, 100.0]).tolist()
+            spreads.append(Spread(measure, len(values), *numbers))
+        return spreads
 
     def worst(self, measure: str, count: int = 5, smallest: bool = False) -> list[Worst]:
         """The flights with the greatest values of a measure, those that ended early among them.
@@ -148,9 +150,9 @@ class Study:
         Returns:
             Such as `gibbs-codegen simulate hexarotor_3link --scenario hover --set duration=5`.
         """
-        flown = self.cases[case]
-        words = ["gibbs-codegen", "simulate", flown.robot, "--scenario", flown.scenario]
-        for key, value in flown.changes.items():
+        chosen = self.cases[case]
+        words = ["gibbs-codegen", "simulate", chosen.robot, "--scenario", chosen.scenario]
+        for key, value in chosen.changes.items():
             words += ["--set", f"{key}={_toml(value)}"]
         return shlex.join(words)
 
@@ -194,7 +196,7 @@ class Study:
         try:
             parquet.write_table(pyarrow.table(columns), path)
         except OSError as error:
-            raise _cannot(path, error) from None
+            raise _unwritable(path, error) from None
 
     def save(self) -> None:
         """Write the study into its folder, where `read_study` finds it.
@@ -215,8 +217,8 @@ class Study:
                 cases = [json.dumps(vars(case)) for case in self.cases]
                 lines = ",\n".join(cases)
                 digest = json.dumps(_digest(new / _TABLE))
-                said = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
-                (new / _CASES).write_text(said, encoding="utf-8")
+                contents = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
+                (new / _CASES).write_text(contents, encoding="utf-8")
                 old = self.folder / _TABLE
                 if old.exists() and _digest(old) != _digest(new / _TABLE):
                     for name in _FIGURES:
@@ -224,23 +226,14 @@ class Study:
                 for name in (_CSV, _TABLE, _CASES):
                     os.replace(new / name, self.folder / name)
         except OSError as error:
-            raise _cannot(self.folder, error) from None
+            raise _unwritable(self.folder, error) from None
 
     def _column(self, measure: str) -> NDArray[np.float64]:
         """The values of a measure, which must exist."""
         if measure not in self.measures:
             known = ", ".join(self.measures)
             raise UsageError(f"{printable(measure)}: no such measure; there are {known}")
-        values: NDArray[np.float64] = self.table[measure]
-        return values
-
-    def _spread(self, measure: str) -> Spread:
-        values = self.whole[measure]
-        values = values[np.isfinite(values)]
-        if not len(values):
-            return Spread(measure, 0, *[float("nan")] * 5)
-        numbers = np.percentile(values, [0.0, 5.0, 50.0, 95.0, 100.0]).tolist()
-        return Spread(measure, len(values), *numbers)
+        return self.table[measure]
 
 
 def read_study(folder: StrPath) -> Study:
@@ -259,8 +252,8 @@ def read_study(folder: StrPath) -> Study:
     if not place.is_dir():
         raise UsageError(f"{printable(folder)}: there is no such folder")
     try:
-        said = json.loads((place / _CASES).read_text("utf-8"))
-        digest, cases = said["table"], [Case(**case) for case in said["cases"]]
+        contents = json.loads((place / _CASES).read_text("utf-8"))
+        digest, cases = contents["table"], [Case(**case) for case in contents["cases"]]
         table = np.load(place / _TABLE, allow_pickle=False)
         fits = _digest(place / _TABLE) == digest
     except (OSError, TypeError, ValueError, KeyError) as error:
@@ -294,7 +287,7 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
 
 
-def _cannot(path: StrPath, error: OSError) -> OutputError:
+def _unwritable(path: StrPath, error: OSError) -> OutputError:
     return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")
 
 

@@ -1,10 +1,10 @@
 """Sweeps: many flights that differ in entries of their scenarios, on any executor, into a table.
 
     robot_source, scenario_source   words               → modules, scenarios       (sources)
-    cases_of       parameters, samples                   → Cases                   (plan, sampling)
+    cases_of       parameters, samples                   → Cases                   (cases)
     chunks_of      cases                                 → chunks, 1 to 10 s each  (chunks)
     Job            measures                              → digest, task of a chunk (chunks)
-    Running        chunks not in the store, executor     → store                   (running)
+    Execution        chunks not in the store, executor     → store                   (execution)
       fly          a chunk, in a worker                  → measures of its flights (chunks)
     table_of       rows of all chunks                    → Study                   (study)
 
@@ -29,13 +29,19 @@ from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
-from gibbs_codegen.flight.sweeps.chunks import Job, chunks_of, only_adaptive
+from gibbs_codegen.flight.sweeps.cases import Cases, cases_of, varied
+from gibbs_codegen.flight.sweeps.chunks import (
+    REMOVED,
+    Job,
+    Rows,
+    Store,
+    chunks_of,
+    joined,
+    only_adaptive,
+)
+from gibbs_codegen.flight.sweeps.execution import Execution, own_count
 from gibbs_codegen.flight.sweeps.measures import Measure
-from gibbs_codegen.flight.sweeps.plan import Cases, cases_of
-from gibbs_codegen.flight.sweeps.running import Running, own_count
-from gibbs_codegen.flight.sweeps.sampling import varied
 from gibbs_codegen.flight.sweeps.sources import StrPath, robot_source, scenario_source
-from gibbs_codegen.flight.sweeps.store import REMOVED, Rows, Store, joined
 from gibbs_codegen.flight.sweeps.study import FIXED, Study, table_of
 
 _MOST_SAMPLES = 2**24
@@ -93,11 +99,11 @@ def sweep(
     check_output_folder(out)
     folder = Path(os.path.realpath(out))
     _check_own(folder)
-    found = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
-    flown = [scenario_source(each) for each in _listed(scenarios)]
-    given = {key: varied(value) for key, value in (parameters or {}).items()}
-    cases = cases_of(found, flown, given, samples, seed)
-    chosen = measure or known_measures.default(all(robot.has_tip for robot in found))
+    robot_sources = [robot_source(each, folder / "modules", progress) for each in _listed(robots)]
+    scenario_sources = [scenario_source(each) for each in _listed(scenarios)]
+    varying = {key: varied(value) for key, value in (parameters or {}).items()}
+    cases = cases_of(robot_sources, scenario_sources, varying, samples, seed)
+    chosen = measure or known_measures.default(all(robot.has_tip for robot in robot_sources))
     known_measures.check(chosen, (*FIXED, *cases.columns))
     _refuse_hopeless(cases)
     if samples > 1 and not any(each.drawn or each.seed is not None for each in cases.blocks):
@@ -106,16 +112,16 @@ def sweep(
             "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
         )
     job, count = Job(chosen), workers or own_count()
-    rows = _flown(job, cases, Store(folder), executor, count, progress)
+    rows = _rows(job, cases, Store(folder), executor, count, progress)
     study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
     study.save()
     return study
 
 
-def _listed(given: Any) -> list[Any]:
+def _listed(values: Any) -> list[Any]:
     """One or several, as a list."""
-    one = isinstance(given, str | os.PathLike | Scenario)
-    found = [given] if one else list(given)
+    one = isinstance(values, str | os.PathLike | Scenario)
+    found = [values] if one else list(values)
     if not found:
         raise UsageError("a sweep needs at least one robot and one scenario")
     return found
@@ -157,7 +163,7 @@ def _refuse_hopeless(cases: Cases) -> None:
             raise errors[0]
 
 
-def _flown(
+def _rows(
     job: Job,
     cases: Cases,
     store: Store,
@@ -187,7 +193,7 @@ def _flown(
     if len(missing) > workers and only_adaptive(cases):
         _log.warning(_SLOW)
     if missing:
-        Running(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
+        Execution(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
         found = [store.read(job.digest(each)) for each in chunks]
     rows = [each for each in found if each is not None]
     if sum(map(len, rows)) < everything:

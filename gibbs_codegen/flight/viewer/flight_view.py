@@ -12,32 +12,14 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.style import COLOURS
-from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, thrust_directions
+from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, thrust_directions, usual_size
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.paths import plane
-from gibbs_codegen.flight.viewer.batch import rgb
-from gibbs_codegen.flight.viewer.machine import (
-    MachineScene,
-    Points,
-    Posture,
-    Skeleton,
-    least_loads,
-    set_stage,
-    skeleton,
-)
-from gibbs_codegen.flight.viewer.page import (
-    ViewPage,
-    empty_server,
-    key_list,
-    panel_text,
-    that_fits,
-    view_page,
-)
+from gibbs_codegen.flight.viewer import page
+from gibbs_codegen.flight.viewer.machine import MachineScene, least_loads, rgb, set_stage, skeleton
 
 _CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
 _DASHES = f"repeating-linear-gradient(90deg, {_DESIRED} 0 5px, transparent 5px 9px)"
-# Share of thrusts and of efforts that are not too large to be shown at full length and colour.
-_USUAL = 0.95
 # A robot smaller than this share of the whole flight is followed.
 _SMALL = 0.7
 # Points of a path, and thickness of its line, px.
@@ -52,15 +34,23 @@ class FlightScene:
 
     def __init__(self, server: Any, flight: Flight, frames: int) -> None:
         self.flight, self._scene, self._frames = flight, server.scene, frames
-        drawn = _skeleton(flight)
+        drawn = skeleton(
+            flight.parents.tolist(),
+            flight.points.index(flight.centre),
+            len(flight.layout.q.joint_places),
+            len(flight.base_arm_angles_desired),
+            flight.positions,
+            thrust_directions(flight, 0) @ flight.base_rotation[0].T,
+        )
         self._world = server.scene.add_frame("/flight", show_axes=False)
         pushed = [name for name in flight.frames if np.any(flight.frame_wrench(name))]
         self._forces = [flight.frame_wrench(name)[:, :3] for name in pushed]
-        places = [_place(flight, name) for name in pushed]
+        known = flight.points
+        places = [known.index(name if name in known else flight.centre) for name in pushed]
         self.machine = MachineScene(server.scene, "/flight/robot", drawn, places, frames)
-        self._thrust = _usual(flight.applied[:, : flight.rotors])
+        self._thrust = usual_size(flight.applied[:, : flight.rotors])
         # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
-        self._push = _usual(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
+        self._push = usual_size(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
         self._efforts, self._largest = _efforts(flight, drawn.size)
         self.paths = self._draw_paths()
         self._draw_walls()
@@ -79,14 +69,12 @@ class FlightScene:
         frames[:, :3, :3], frames[:, :3, 3] = rotation, centre
         forces = np.array([force[sample] for force in self._forces]).reshape(-1, 3)
         self.machine.show(
-            Posture(
-                points,
-                thrust_directions(flight, sample) @ rotation.T,
-                flight.applied[sample, : flight.rotors] / (self._thrust or 1.0),
-                self._efforts[sample],
-                forces / (self._push or 1.0),
-                frames,
-            )
+            points,
+            thrust_directions(flight, sample) @ rotation.T,
+            flight.applied[sample, : flight.rotors] / (self._thrust or 1.0),
+            self._efforts[sample],
+            forces / (self._push or 1.0),
+            frames,
         )
         self._world.position = -(centre if self.follows else self._middle)
 
@@ -151,18 +139,6 @@ def known_samples(flight: Flight) -> NDArray[np.int_]:
     return known
 
 
-def _skeleton(flight: Flight) -> Skeleton:
-    points = Points(
-        flight.parents.tolist(),
-        flight.points.index(flight.centre),
-        flight.rotors,
-        len(flight.layout.q.joint_places),
-        len(flight.base_arm_angles_desired),
-    )
-    directions = thrust_directions(flight, 0) @ flight.base_rotation[0].T
-    return skeleton(points, flight.positions, directions)
-
-
 def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
     """Efforts of the joints, then those that hold base arms, of a robot of some size.
 
@@ -175,14 +151,8 @@ def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
     least, most = least_loads(flight.weight, size), {}
     for unit in np.unique(units).tolist():
         of_unit = values[:, units == unit]
-        most[unit] = max(_usual(of_unit), least[unit]) if np.any(of_unit > least[unit]) else 0.0
+        most[unit] = max(usual_size(of_unit), least[unit]) if np.any(of_unit > least[unit]) else 0.0
     return values / np.array([most[unit] or np.inf for unit in units.tolist()]), most
-
-
-def _usual(values: Array) -> float:
-    """What most of the absolute values do not exceed."""
-    known = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(known, _USUAL)) if len(known) else 0.0
 
 
 def _segments(path: Array) -> Array:
@@ -192,11 +162,6 @@ def _segments(path: Array) -> Array:
         return np.zeros((0, 2, 3))
     kept = path[np.unique(np.linspace(0, len(path) - 1, _POINTS).astype(int))]
     return np.stack([kept[:-1], kept[1:]], axis=1)
-
-
-def _place(flight: Flight, frame: str) -> int:
-    """Number of the point at which a frame is."""
-    return flight.points.index(frame if frame in flight.points else flight.centre)
 
 
 class FlightPanel:
@@ -211,7 +176,7 @@ class FlightPanel:
         self._times = flight.time[self._known]
         self._scene = FlightScene(server, flight, frames=1)
         title = html.escape(f"{flight.robot}, {flight.scenario}")
-        gui.add_html(panel_text(f"<b>{title}</b>{key_list(self._scene.key())}"))
+        gui.add_html(page.panel_text(f"<b>{title}</b>{page.key_list(self._scene.key())}"))
         self._plays = gui.add_checkbox("play", True)
         start, end = float(self._times[0]), float(self._times[-1])
         self._time = gui.add_slider("time, s", start, round(max(end, start + 0.01), 3), 0.01, start)
@@ -235,10 +200,7 @@ class FlightPanel:
             later = self._put + float(self._speed.value) * (now - self._clock)
             self._time.value = round(float(later if later <= end else start), 3)
         self._clock, self._put = now, self._time.value
-        for choice, nodes in self._choices:
-            for node in nodes:
-                if node.visible != choice.value:
-                    node.visible = choice.value
+        page.follow_choices(self._choices)
         place = max(int(np.searchsorted(self._times, self._put, side="right")) - 1, 0)
         shown = int(self._known[place]), self._follow.value
         if shown != self._shown:
@@ -256,15 +218,10 @@ def _numbers(flight: Flight, sample: int) -> str:
     thrusts = np.abs(flight.applied[sample, : flight.rotors])
     if len(thrusts):
         rows.append(("largest thrust", float(thrusts.max()), "N"))
-    cells = "".join(
-        f'<tr><td>{name}</td><td style="text-align: right; padding: 0 6px">{value:.3f}</td>'
-        f"<td>{unit}</td></tr>"
-        for name, value, unit in rows
-    )
-    return panel_text(f"<table>{cells}</table>")
+    return page.panel_text(page.number_table((n, f"{value:.3f}", unit) for n, value, unit in rows))
 
 
-def flight_page(flight: Flight) -> ViewPage:
+def flight_page(flight: Flight) -> page.ViewPage:
     """Record a flight, with as many frames as there is room for in less than 2 MB.
 
     Raises `UsageError` if viser is not installed, or the robot is nowhere at any time.
@@ -272,16 +229,16 @@ def flight_page(flight: Flight) -> ViewPage:
     known = known_samples(flight)
     start, end = flight.time[known[[0, -1]]]
 
-    def recorded(frames: int) -> ViewPage:
+    def recorded(frames: int) -> page.ViewPage:
         samples = {*samples_at(flight, np.linspace(start, end, frames))}
         return _recorded(flight, sorted(samples.intersection(known.tolist())))
 
-    return that_fits(recorded, min(int((end - start) * _RATE) + 1, _MOST))
+    return page.that_fits(recorded, min(int((end - start) * _RATE) + 1, _MOST))
 
 
-def _recorded(flight: Flight, samples: list[int]) -> ViewPage:
+def _recorded(flight: Flight, samples: list[int]) -> page.ViewPage:
     """The page that shows some samples."""
-    with empty_server() as server:
+    with page.empty_server() as server:
         scene = FlightScene(server, flight, frames=0)
         scene.show(samples[0])
         recording = server.get_scene_serializer()
@@ -289,4 +246,4 @@ def _recorded(flight: Flight, samples: list[int]) -> ViewPage:
             recording.insert_sleep(float(flight.time[sample] - flight.time[before]))
             scene.show(sample)
         client = recording.as_html()
-    return view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())
+    return page.view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())

@@ -15,10 +15,9 @@ from gibbs_codegen.figures.robot_artists import disc_radius
 from gibbs_codegen.figures.scene import VIEW, seen_from
 from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.flight.analysis.trim import Balancing
-from gibbs_codegen.flight.plant.actuators import robot_file_actuators
+from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, point_parents
-from gibbs_codegen.flight.viewer.batch import Batch, Bytes, rgb, turned_to
 
 Indices = NDArray[np.int_]
 
@@ -28,8 +27,8 @@ _LARGEST_DISC = 0.4
 _STILL, _ZERO = 1e-6, 1e-12
 # Postures from which it is told which entries of the hybrid system are filled.
 _POSTURES = 4
-# How far joints may be bent to begin with, and how far angles without limits go, rad.
-_BENT, _TURN = (-0.7, 0.7, -2.4, 2.4), float(np.pi)
+# How far angles without limits go, rad.
+_TURN = float(np.pi)
 # Colours of rotors, thrusts and other forces; of rods without an effort, and with the largest.
 ROTOR, THRUST, FORCE = COLOURS[4], COLOURS[7], COLOURS[2]
 RELAXED, LOADED = "#8d99a6", "#d00000"
@@ -46,21 +45,15 @@ _GRAIN = 2.0**-12
 _UP = np.array([[0.0, 0.0, 1.0]])
 # Angle of view of the camera, rad; and how near it is, in distances from which all would be seen.
 _FIELD_OF_VIEW, _CLOSE = 0.8, 0.8
-
-
-@dataclass(frozen=True)
-class Points:
-    """The points of a robot by their places in its list: base centre, N rotors, n joints, others.
-
-    `parents` are the points that each is joined to, −1 for none; `arms` is the number of base arms
-    that constraints hold, which lead to the last rotors.
-    """
-
-    parents: Sequence[int]
-    centre: int
-    rotors: int
-    joints: int
-    arms: int
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
+_SIDES = 16
+# Of an arrow of unit length and width: where its head begins, and how thick its shaft is.
+_NECK, _SHAFT = 0.7, 0.4
+# What is smaller nobody sees, and without it a file is half as long: steps of components of
+# quaternions, and of lengths in units of the scene's grain.
+_TURN_GRAIN = 2.0**-12
+_Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -82,30 +75,35 @@ class Skeleton:
     size: float
 
 
-def skeleton(points: Points, positions: Array, directions: Array) -> Skeleton:
+def skeleton(
+    parents: Sequence[int], centre: int, joints: int, arms: int, positions: Array, directions: Array
+) -> Skeleton:
     """Rods from every point of a robot to the one that it is joined to, and what else is drawn.
 
-    `positions` are (…, k, 3) in some postures, m, and `directions` (N, 3) unit vectors of the
-    thrusts in the first of them, in the same axes.
+    Points follow each other: base centre, N rotors, n joints, others. `parents` are those that each
+    is joined to, −1 for none; `arms` is the number of base arms that constraints hold, which lead
+    to the last rotors. `positions` are (…, k, 3) in some postures, m, and `directions` (N, 3) unit
+    vectors of the thrusts in the first of them, in the same axes.
     """
-    first = points.centre + 1
-    rotors = np.arange(first, first + points.rotors)
-    joints = range(first + points.rotors, first + points.rotors + points.joints)
-    rods = [(parent, point) for point, parent in enumerate(points.parents) if parent >= 0]
+    rotors = np.arange(centre + 1, centre + 1 + len(directions))
+    moving = range(centre + 1 + len(rotors), centre + 1 + len(rotors) + joints)
+    rods = [(parent, point) for point, parent in enumerate(parents) if parent >= 0]
     # A link goes on from its joint; base arm k leads to rotor k, and the first one is not held.
-    loads = {joint: number for number, joint in enumerate(joints)}
-    held = {int(rotors[-points.arms + k]): points.joints + k for k in range(points.arms)}
-    around = positions - positions[..., [points.centre], :]
+    loads = {joint: number for number, joint in enumerate(moving)}
+    arm_efforts = {int(rotors[-arms + k]): joints + k for k in range(arms)}
+    around = positions - positions[..., [centre], :]
     reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
     places = positions.reshape(-1, *positions.shape[-2:])[0]
-    spokes = places[rotors] - places[np.asarray(points.parents, dtype=np.int_)[rotors]]
+    spokes = places[rotors] - places[np.asarray(parents, dtype=np.int_)[rotors]]
     found = disc_radius(places[rotors], directions, np.linalg.norm(spokes, axis=1))
     radius = min(found, _LARGEST_DISC * reach)
     return Skeleton(
         np.array(rods, dtype=np.int_).reshape(-1, 2),
-        np.array([points.centre, *joints], dtype=np.int_),
+        np.array([centre, *moving], dtype=np.int_),
         rotors,
-        np.array([held.get(end, loads.get(start, -1)) for start, end in rods], dtype=np.int_),
+        np.array(
+            [arm_efforts.get(end, loads.get(start, -1)) for start, end in rods], dtype=np.int_
+        ),
         radius,
         reach + radius,
     )
@@ -116,8 +114,8 @@ class State:
     """A robot at rest, with all that is computed of it.
 
     - `q` (nq), `u` (nu): coordinates and inputs, `a` (nv): accelerations
-    - `points` (k, 3), `directions` (N, 3), `frames` (f, 4, 4): in the world, as of `Posture`
-    - `held` (c): torques of the constraints, N m
+    - `points` (k, 3), `directions` (N, 3), `frames` (f, 4, 4): in the world, as in `MachineScene`
+    - `constraint_torques` (c), N m
     - `system` (m, m + 1 + nu): I_H, R_H and B_H of the hybrid system
     - `conditions`: those of M and of I_H, infinite where they are singular
     """
@@ -128,7 +126,7 @@ class State:
     points: Array
     directions: Array
     frames: Array
-    held: Array
+    constraint_torques: Array
     system: Array
     conditions: tuple[float, float]
 
@@ -143,20 +141,20 @@ class Machine:
 
     def __init__(self, module: ModuleType) -> None:
         self.module = module
-        self._given: dict[str, float] = {}
+        self._parameters: dict[str, float] = {}
         self.vehicle = Vehicle(module)
-        actuators = robot_file_actuators(self.vehicle)
+        actuators = module_actuators(self.vehicle)
         self.input_limits, self.joint_limits = actuators.inputs, actuators.joints
         self.parents = point_parents(self.vehicle).tolist()
 
-    def give(self, parameters: dict[str, float]) -> None:
+    def set_parameters(self, parameters: dict[str, float]) -> None:
         """Take other parameters of `prepare`; those not given get their defaults.
 
         Raises `UsageError` if `prepare` rejects them; the ones before stay.
         """
-        if parameters != self._given:
+        if parameters != self._parameters:
             self.vehicle = Vehicle(self.module, parameters)
-            self._given = dict(parameters)
+            self._parameters = dict(parameters)
 
     @property
     def arms(self) -> int:
@@ -165,18 +163,8 @@ class Machine:
 
     def start(self) -> Array:
         """Where controls begin: level, with joints bent so that the arms hang down and away."""
-        vehicle = self.vehicle
-        centre = vehicle.points.index(vehicle.centre)
-        controls = np.zeros(6 + vehicle.joints)
-        controls[3:-3] = np.clip(0.0, *self.joint_limits)
-        # What a joint does depends on those after it: twice.
-        for joint in 2 * np.flatnonzero(vehicle.is_angle[vehicle.arm]).tolist():
-            tried = np.repeat(controls[np.newaxis], len(_BENT), axis=0)
-            tried[:, 3 + joint] = np.clip(_BENT, *self.joint_limits[:, joint])
-            points = np.array([vehicle.positions(self.coordinates(each)) for each in tried])
-            around = points - points[:, [centre]]
-            score = np.sum(around[..., 2] - np.linalg.norm(around, axis=-1), axis=-1)
-            controls = tried[int(np.argmin(np.round(score, 9)))]
+        controls = np.zeros(6 + self.vehicle.joints)
+        controls[3:-3] = self.vehicle.description("POSTURE")[self.vehicle.arm]
         return controls
 
     def controls(self, room: float) -> tuple[list[str], Array]:
@@ -265,8 +253,7 @@ class Machine:
         function = self.vehicle.function
         residual = function("hybrid_residual")(q, np.zeros(self.vehicle.layout.v.size))
         matrix, inputs = function("hybrid_mass_matrix")(q), function("hybrid_input_matrix")(q)
-        whole: Array = np.hstack([matrix, residual[:, np.newaxis], inputs])
-        return whole
+        return np.hstack([matrix, residual[:, np.newaxis], inputs])
 
     def pattern(self) -> NDArray[np.bool_]:
         """Whether each entry of the hybrid system at rest is not zero in every posture."""
@@ -281,40 +268,19 @@ class Machine:
         """How the robot is drawn, in sizes taken at coordinates q."""
         vehicle = self.vehicle
         centre = vehicle.points.index(vehicle.centre)
-        points = Points(self.parents, centre, vehicle.rotors, vehicle.joints, self.arms)
-        return skeleton(points, vehicle.positions(q), self._directions(q))
+        positions, directions = vehicle.positions(q), self._directions(q)
+        return skeleton(self.parents, centre, vehicle.joints, self.arms, positions, directions)
 
     def _directions(self, q: Array) -> Array:
         """Unit vectors (N, 3) of the thrusts in the world."""
         forces = self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]
-        directions: Array = (forces / np.linalg.norm(forces, axis=0)).T
-        return directions
+        return (forces / np.linalg.norm(forces, axis=0)).T
 
 
 def changed(new: Array, old: Array) -> NDArray[np.bool_]:
     """Which entries of an array differ from those of another by more than rounding."""
     size = np.nanmax(np.abs(new), initial=1.0)
-    differs: NDArray[np.bool_] = np.abs(new - old) > _ZERO * size
-    return differs
-
-
-@dataclass(frozen=True)
-class Posture:
-    """Where a robot is, and what acts on it.
-
-    - `points` (k, 3): positions in the world, m
-    - `directions` (N, 3): unit vectors of the thrusts in the world
-    - `thrusts` (N), `efforts` (t): shares of what is drawn at full length or colour
-    - `forces` (f, 3): other forces in the world, in what is drawn at full length
-    - `frames` (p, 4, 4): poses in the world of frames that are drawn
-    """
-
-    points: Array
-    directions: Array
-    thrusts: Array
-    efforts: Array
-    forces: Array
-    frames: Array
+    return np.abs(new - old) > _ZERO * size
 
 
 class MachineScene:
@@ -348,27 +314,42 @@ class MachineScene:
             visible=False,
         )
 
-    def show(self, posture: Posture) -> None:
-        """Put everything where the robot is."""
-        skeleton, size, points = self._skeleton, self._skeleton.size, posture.points
+    def show(
+        self,
+        points: Array,
+        directions: Array,
+        thrusts: Array,
+        efforts: Array,
+        forces: Array,
+        frames: Array,
+    ) -> None:
+        """Put everything where the robot is.
+
+        - `points` (k, 3): positions in the world, m
+        - `directions` (N, 3): unit vectors of the thrusts in the world
+        - `thrusts` (N), `efforts` (t): shares of what is drawn at full length or colour
+        - `forces` (f, 3): other forces in the world, in what is drawn at full length
+        - `frames` (p, 4, 4): poses in the world of frames that are drawn
+        """
+        skeleton, size = self._skeleton, self._skeleton.size
         self._rods.span(points[skeleton.rods[:, 0]], points[skeleton.rods[:, 1]], _ROD * size)
-        shares = np.append(np.nan_to_num(posture.efforts), 0.0)[skeleton.loads]
+        shares = np.append(np.nan_to_num(efforts), 0.0)[skeleton.loads]
         self._rods.colour(mixed(np.where(skeleton.loads < 0, 0.0, shares)))
         joints = points[skeleton.joints]
         upright = turned_to(np.repeat(_UP, len(joints), axis=0))
         self._joints.put(joints, upright, np.full_like(joints, _JOINT * size))
-        seats, along = points[skeleton.rotors], posture.directions
+        seats, along = points[skeleton.rotors], directions
         flat = skeleton.radius * np.array([1.0, 1.0, _DISC])
         lower = seats - 0.5 * flat[2] * along
         self._rotors.put(lower, turned_to(along), np.tile(flat, (len(seats), 1)))
-        lengths = np.clip(np.nan_to_num(posture.thrusts), -_LONGEST, _LONGEST)[:, np.newaxis]
+        lengths = np.clip(np.nan_to_num(thrusts), -_LONGEST, _LONGEST)[:, np.newaxis]
         self.thrusts.span(seats, seats + _LENGTH * size * lengths * along, _ARROW * size)
         struck = points[self._pushed]
-        self.forces.span(struck, struck + _LENGTH * size * posture.forces, _ARROW * size)
-        if len(posture.frames):
-            turns = Rotation.from_matrix(posture.frames[:, :3, :3]).as_quat()
+        self.forces.span(struck, struck + _LENGTH * size * forces, _ARROW * size)
+        if len(frames):
+            turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat()
             self.frames.batched_wxyzs = np.roll(turns, 1, axis=1).astype(np.float32)
-            self.frames.batched_positions = posture.frames[:, :3, 3].astype(np.float32)
+            self.frames.batched_positions = frames[:, :3, 3].astype(np.float32)
 
     def key(self, thrust: float, efforts: dict[str, float]) -> list[tuple[str, str]]:
         """Colours of a robot, as CSS has them, and in words what they mean.
@@ -428,5 +409,89 @@ def mixed(shares: Array) -> Bytes:
     """
     ends = np.array([rgb(RELAXED), rgb(LOADED)], dtype=np.float64)
     share = np.clip(shares, 0.0, 1.0)[:, np.newaxis]
-    colours: Bytes = np.round(ends[0] + share * (ends[1] - ends[0])).astype(np.uint8)
-    return colours
+    return np.round(ends[0] + share * (ends[1] - ends[0])).astype(np.uint8)
+
+
+class Batch:
+    """Copies of a shape, as a node of viser's scene.
+
+    `shape` is "rod" or "arrow", which start at the origin and end at 1 on z, or "ball"; with radius
+    1. Lengths are rounded to multiples of `grain`, m; `look` has further options of the node.
+    """
+
+    def __init__(
+        self, scene: Any, name: str, shape: str, count: int, colour: str, grain: float, **look: Any
+    ) -> None:
+        mesh = _mesh(shape)
+        self._grain = grain
+        self.node = scene.add_batched_meshes_simple(
+            name,
+            mesh.vertices,
+            mesh.faces,
+            np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            np.zeros((count, 3)),
+            batched_scales=np.zeros((count, 3)),
+            batched_colors=np.tile(rgb(colour), (count, 1)),
+            lod="off",
+            **look,
+        )
+
+    def span(self, starts: Array, ends: Array, width: float) -> None:
+        """Make each copy, of radius `width`, reach from one place (n, 3) to another, in m.
+
+        No longer than wide, it is thinner too.
+        """
+        along = ends - starts
+        length = np.linalg.norm(along, axis=1)
+        thick = np.minimum(width, length)
+        scales = np.stack([thick, thick, length], axis=1)
+        directions = along / np.maximum(length, 1e-12)[:, np.newaxis]
+        self.put(starts, turned_to(directions), scales)
+
+    def put(self, places: Array, turns: Floats, scales: Array) -> None:
+        """Put the copies' origins at places (n, 3), m, turned and scaled.
+
+        `scales` (n, 3) are factors along the shape's axes, and `turns` quaternions (n, 4), real
+        part first.
+        """
+        self.node.batched_positions = self._rounded(places)
+        self.node.batched_wxyzs = turns
+        self.node.batched_scales = self._rounded(scales)
+
+    def colour(self, colours: Bytes) -> None:
+        """Colour each copy, red, green and blue (n, 3), 0 to 255."""
+        self.node.batched_colors = colours
+
+    def _rounded(self, lengths: Array) -> Floats:
+        return (np.round(lengths / self._grain) * self._grain).astype(np.float32)
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue, 0 to 255, of a colour #rrggbb."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
+def _mesh(shape: str) -> Any:
+    """The shape of that name."""
+    from trimesh import creation, util
+
+    if shape == "ball":
+        return creation.icosphere(subdivisions=2, radius=1.0)
+    length, radius = (1.0, 1.0) if shape == "rod" else (_NECK, _SHAFT)
+    shaft = creation.cylinder(radius, segment=_Z * [[0.0], [length]], sections=_SIDES)
+    if shape == "rod":
+        return shaft
+    head = creation.cone(radius=1.0, height=1.0 - _NECK, sections=_SIDES)
+    head.apply_translation(_NECK * _Z)
+    return util.concatenate([shaft, head])
+
+
+def turned_to(directions: Array) -> Floats:
+    """Quaternions (n, 4), real part first, that turn z to unit vectors (n, 3)."""
+    x, y, z = directions.T
+    turns = np.stack([1.0 + z, -y, x, np.zeros_like(x)], axis=1)
+    # Half a turn, about any axis across.
+    turns[z < -1.0 + 1e-9] = [0.0, 1.0, 0.0, 0.0]
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    return (np.round(turns / _TURN_GRAIN) * _TURN_GRAIN).astype(np.float32)

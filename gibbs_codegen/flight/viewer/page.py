@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -113,18 +113,36 @@ def key_list(key: Sequence[tuple[str, str]]) -> str:
     return f'<ul style="list-style: none; margin: 0; padding: 0">{"".join(entries)}</ul>'
 
 
+def number_table(rows: Iterable[tuple[str, str, str]]) -> str:
+    """A table in HTML of names, numbers and units."""
+    cells = "".join(
+        f'<tr><td>{html.escape(name)}</td><td style="text-align: right; padding: 0 6px">{number}'
+        f"</td><td>{unit}</td></tr>"
+        for name, number, unit in rows
+    )
+    return f"<table>{cells}</table>"
+
+
+def follow_choices(choices: Sequence[tuple[Any, Sequence[Any]]]) -> None:
+    """Show the nodes of every check box that is ticked, and hide those of the others."""
+    for choice, nodes in choices:
+        for node in nodes:
+            if node.visible != choice.value:
+                node.visible = choice.value
+
+
 def panel_text(text: str) -> str:
     """Text in HTML with a margin, as viser's panels have their own."""
     return f'{_QUIET}<div style="margin: 4px 10px; font-size: 13px">{text}</div>'
 
 
 @contextmanager
-def empty_server(port: int = PORT, told: bool = False) -> Iterator[Any]:
+def empty_server(port: int = PORT, announces: bool = False) -> Iterator[Any]:
     """A server with an empty scene, which listens on 127.0.0.1 only; it stops in the end.
 
-    It gets the next free port if another program has `port`; `told` is whether viser may say where
-    it is to be seen. Raises `UsageError` if viser is not installed, or there is no such port, or
-    none is free from it on.
+    It gets the next free port if another program has `port`; `announces` is whether viser may say
+    where it is to be seen. Raises `UsageError` if viser is not installed, or there is no such port,
+    or none is free from it on.
     """
     require("viser", "the viewer", "viewer")
     import viser
@@ -132,7 +150,7 @@ def empty_server(port: int = PORT, told: bool = False) -> Iterator[Any]:
     port = _free_port(port)
 
     # It says so however quiet it is told to be.
-    with nullcontext() if told else _silence():
+    with nullcontext() if announces else _silence():
         server = viser.ViserServer(host=_HOST, port=port, verbose=False)
     # A button that would ask another machine.
     server.gui.configure_theme(show_share_button=False, show_logo=False)

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.record.recording import weight_of
 from gibbs_codegen.flight.record.series import Array
-from gibbs_codegen.flight.viewer.controls import Parameters, Sliders
+from gibbs_codegen.flight.vectors import Flags
+from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import (
     Machine,
     MachineScene,
-    Posture,
     State,
     changed,
     least_loads,
     set_stage,
 )
-from gibbs_codegen.flight.viewer.page import (
-    ViewPage,
-    empty_server,
-    key_list,
-    panel_text,
-    that_fits,
-    view_page,
-)
-from gibbs_codegen.flight.viewer.pattern import pattern_svg, symbol
 
 # In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
 # by how much more between panels.
@@ -55,6 +48,16 @@ _PATTERN = (
     "Orange entries changed with the last move; blank ones are zero in every posture at rest. "
     "Rows are the equations of the unknowns."
 )
+_FILLED, _LIT, _LINE = "#9fb3c8", "#e69f00", "#cccccc"
+_GRID = 'stroke="white" stroke-width="0.08"'
+# In cells: what labels of rows take, the gap between arrays, and what heads take above.
+_LABEL, _GAP, _HEAD = 6.0, 1.0, 1.6
+# Letters of a name that are shown.
+_LONGEST = 9
+_SUBSCRIPTS = str.maketrans("m0123456789", "₋₀₁₂₃₄₅₆₇₈₉")
+# Steps that a slider has at least.
+_STEPS = 200
+_NOTHING = 1e-9
 
 
 class RobotScene:
@@ -98,21 +101,19 @@ class RobotScene:
     def _acting(self, state: State) -> tuple[Array, Array]:
         """Thrusts (N), and sizes of the efforts of joints and of what holds base arms."""
         thrusts, joints = np.split(state.u, [self._rotors])
-        return thrusts, np.abs(np.concatenate([joints, state.held[: self._arms]]))
+        return thrusts, np.abs(np.concatenate([joints, state.constraint_torques[: self._arms]]))
 
     def show(self, state: State) -> None:
         """Put the robot where it is."""
         thrusts, efforts = self._acting(state)
         whole = np.array([self._largest[unit] or 1.0 for unit in self._units.tolist()])
         self.machine.show(
-            Posture(
-                state.points,
-                state.directions,
-                thrusts / (self._thrust or 1.0),
-                efforts / whole,
-                np.zeros((0, 3)),
-                state.frames[: self._frames],
-            )
+            state.points,
+            state.directions,
+            thrusts / (self._thrust or 1.0),
+            efforts / whole,
+            np.zeros((0, 3)),
+            state.frames[: self._frames],
         )
 
     def key(self) -> list[tuple[str, str]]:
@@ -127,20 +128,20 @@ def _usual(values: Sequence[Array], least: float) -> float:
     return most if most > least else 0.0
 
 
-def robot_page(machine: Machine) -> ViewPage:
+def robot_page(machine: Machine) -> page.ViewPage:
     """Record a robot as its attitude and its joints move, held still in each posture.
 
     The page is less than 2 MB. Raises `UsageError` if viser is not installed.
     """
-    return that_fits(
+    return page.that_fits(
         partial(_recorded, machine), min(_FRAMES, _MOST // (3 + machine.vehicle.joints))
     )
 
 
-def _recorded(machine: Machine, frames_each: int) -> ViewPage:
+def _recorded(machine: Machine, frames_each: int) -> page.ViewPage:
     """The page with some frames for each coordinate."""
     start = machine.start()
-    with empty_server() as server:
+    with page.empty_server() as server:
         scene = RobotScene(server, machine, machine.coordinates(start), live=False)
         name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * scene.size))
         frames = swings(machine, start, _ROOM * scene.size, frames_each)
@@ -153,7 +154,7 @@ def _recorded(machine: Machine, frames_each: int) -> ViewPage:
             name.text = label
             scene.show(state)
         client = recording.as_html()
-    return view_page(client, f"{machine.vehicle.name}, one coordinate at a time", scene.key())
+    return page.view_page(client, f"{machine.vehicle.name}, one coordinate at a time", scene.key())
 
 
 def swings(machine: Machine, start: Array, room: float, count: int) -> list[tuple[str, State]]:
@@ -190,7 +191,7 @@ class RobotPanel:
         # Arrows and colours keep their scale, so that postures can be compared.
         usual = swings(machine, start, _SWING_ROOM * self._scene.size, _SWING_FRAMES)
         self._scene.note([state for _, state in usual])
-        self._key.content = panel_text(key_list(self._scene.key()))
+        self._key.content = page.panel_text(page.key_list(self._scene.key()))
         with gui.add_folder("Coordinates"):
             self._start, self._posture = start, Sliders(gui, labels, limits, start)
             self._back = False
@@ -204,8 +205,8 @@ class RobotPanel:
         with gui.add_folder("Show", expand_by_default=False):
             parts = self._scene.machine
             self._choices = [
-                (gui.add_checkbox("thrusts", True), parts.thrusts.node),
-                (gui.add_checkbox("frames", False), parts.frames),
+                (gui.add_checkbox("thrusts", True), [parts.thrusts.node]),
+                (gui.add_checkbox("frames", False), [parts.frames]),
             ]
         panel = gui.add_panel()
         with panel.add_tab("Hybrid system"):
@@ -219,9 +220,7 @@ class RobotPanel:
 
     def step(self) -> None:
         """Follow the controls, if they were moved."""
-        for choice, node in self._choices:
-            if node.visible != choice.value:
-                node.visible = choice.value
+        page.follow_choices(self._choices)
         self._parameters.step()
         if self._back:
             self._back = False
@@ -229,49 +228,49 @@ class RobotPanel:
         if self._inputs.moved and self._hold.value:
             self._hold.value = False
         posture, u = self._posture.values, self._inputs.values
-        seen = (*posture, self._hold.value, *u, *self._parameters.given.items())
+        seen = (*posture, self._hold.value, *u, *self._parameters.changed_values.items())
         if seen != self._seen:
             self._follow(self._machine.coordinates(posture), u)
             values = (*posture, self._hold.value, *self._inputs.values)
-            self._seen = (*values, *self._parameters.given.items())
+            self._seen = (*values, *self._parameters.changed_values.items())
 
     def _follow(self, q: Array, u: Array) -> None:
         """Show the robot in another posture q, or under other inputs u.
 
         These are not asked for where the robot is held.
         """
-        told = []
+        remarks = []
         try:
-            self._machine.give(self._parameters.given)
+            self._machine.set_parameters(self._parameters.changed_values)
         except UsageError as error:
-            told.append(str(error))
+            remarks.append(str(error))
         if self._hold.value:
             u = self._machine.hover(q)
             self._inputs.put(u)
-        told += self._machine.beyond(u)
+        remarks += self._machine.beyond(u)
         state = self._machine.state(q, u)
         self._scene.show(state)
         before = state if self._state is None else self._state
         lit = changed(state.system, before.system)
         names = self._machine.module.HYBRID_COORDINATES
         svg = pattern_svg(names, self._filled | lit, lit)
-        self._pattern.content = panel_text(f"{svg}<p>{_PATTERN}</p>")
-        self._numbers.content = numbers(self._machine, state, self._hold.value, told)
+        self._pattern.content = page.panel_text(f"{svg}<p>{_PATTERN}</p>")
+        self._numbers.content = numbers(self._machine, state, self._hold.value, remarks)
         self._state = state
 
     def _reset(self, _: Any) -> None:
         self._back = True
 
 
-def numbers(machine: Machine, state: State, held: bool, told: Sequence[str]) -> str:
-    """Tables in HTML of what is computed of a robot at rest, `held` by its inputs or not.
+def numbers(machine: Machine, state: State, is_held: bool, remarks: Sequence[str]) -> str:
+    """Tables in HTML of what is computed of a robot at rest, `is_held` by its inputs or not.
 
-    `told` is what there is to say of its parameters and inputs.
+    `remarks` is what there is to say of its parameters and inputs.
     """
     vehicle = machine.vehicle
     if state.is_still:
         head = "The inputs hold the robot still."
-    elif held:
+    elif is_held:
         head = "No inputs hold this posture: with those nearest to it the robot accelerates."
     else:
         head = "With these inputs the robot accelerates."
@@ -282,17 +281,13 @@ def numbers(machine: Machine, state: State, held: bool, told: Sequence[str]) -> 
         # An entry of v has a coordinate's name where it is the rate of that coordinate.
         what = "acceleration" if name in vehicle.layout.q.names else "rate"
         rows.append((f"{what} of {symbol(name)}", value, unit))
-    for name, value in zip(vehicle.constraint_names, state.held, strict=True):
+    for name, value in zip(vehicle.constraint_names, state.constraint_torques, strict=True):
         rows.append((f"constraint torque {symbol(name)}", value, "N m"))
-    cells = "".join(
-        f'<tr><td>{html.escape(name)}</td><td style="text-align: right; padding: 0 6px">'
-        f"{_digits(value)}</td><td>{unit}</td></tr>"
-        for name, value, unit in rows
-    )
+    table = page.number_table((name, _digits(value), unit) for name, value, unit in rows)
     words = f"<p><b>{html.escape(head)}</b></p>" + "".join(
-        f"<p>{html.escape(each)}</p>" for each in told
+        f"<p>{html.escape(each)}</p>" for each in remarks
     )
-    return panel_text(f"{words}<table>{cells}</table>")
+    return page.panel_text(f"{words}{table}")
 
 
 def _digits(value: float) -> str:
@@ -302,3 +297,155 @@ def _digits(value: float) -> str:
     if abs(value) > 1e12:
         return "∞" if value > 0.0 else "-∞"
     return f"{value if abs(value) > 1e-9 else 0.0:.4g}"
+
+
+def pattern_svg(names: Sequence[str], filled: Flags, lit: Flags) -> str:
+    """I_H, R_H and B_H beside each other, a cell for each entry, as SVG as wide as there is room.
+
+    `names` are of the m unknowns, which label the rows; `filled` tells of entries (m, m + 1 + nu)
+    whether they are not zero in every posture; `lit` which are lit.
+    """
+    rows, columns = filled.shape
+    symbols = map(symbol, names)
+    shown = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in symbols]
+    lefts = _LABEL + np.arange(columns) + _GAP * (np.arange(columns) >= rows)
+    lefts += _GAP * (np.arange(columns) > rows)
+    parts = [
+        f'<path d="{_cells(filled & ~lit, lefts)}" fill="{_FILLED}" {_GRID}/>',
+        f'<path class="lit" d="{_cells(lit, lefts)}" fill="{_LIT}" {_GRID}/>',
+    ]
+    for title, first, after in (("I", 0, rows), ("R", rows, rows + 1), ("B", rows + 1, columns)):
+        if first == after:
+            continue
+        left, width = lefts[first], after - first
+        parts.append(
+            f'<rect x="{left}" y="{_HEAD}" width="{width}" height="{rows}" fill="none" '
+            f'stroke="{_LINE}" stroke-width="0.1"/>'
+            f'<text x="{left + width / 2}" y="{_HEAD - 0.5}" text-anchor="middle" '
+            f'font-size="1.2" font-style="italic">{title}'
+            f'<tspan dy="0.25" font-size="0.9">H</tspan></text>'
+        )
+    parts += [
+        f'<text x="{_LABEL - 0.4}" y="{_HEAD + row + 0.8}" text-anchor="end" '
+        f'font-size="1.05">{html.escape(name)}</text>'
+        for row, name in enumerate(shown)
+    ]
+    size = f"0 0 {lefts[-1] + 1.2} {_HEAD + rows + 0.2}"
+    return (
+        f'<svg viewBox="{size}" width="100%" role="img" aria-label="Pattern of the hybrid system" '
+        f'font-family="sans-serif" fill="#222">{"".join(parts)}</svg>'
+    )
+
+
+def symbol(name: str) -> str:
+    """A name of a coordinate or torque with letters as the paper has them.
+
+    Such as θ₋₁ for theta_m1, τ′₂ for tau_prime_2; other names are as they are.
+    """
+    found = re.fullmatch(r"(theta|tau|tau_prime|F)_(m?\d+)", name)
+    if not found:
+        return name
+    letters = {"theta": "θ", "tau": "τ", "tau_prime": "τ′", "F": "F"}
+    return letters[found[1]] + found[2].translate(_SUBSCRIPTS)
+
+
+def _cells(chosen: Flags, lefts: NDArray[np.float64]) -> str:
+    """Squares at entries, as a path."""
+    places = zip(*np.nonzero(chosen), strict=True)
+    return "".join(f"M{lefts[column]:g} {_HEAD + row:g}h1v1h-1z" for row, column in places)
+
+
+class Sliders:
+    """A folder of sliders, one for each of some numbers.
+
+    `limits` are least and greatest values (2, n), which those to begin with, `start` (n), may
+    exceed.
+    """
+
+    def __init__(self, gui: Any, labels: Sequence[str], limits: Array, start: Array) -> None:
+        ends = zip(labels, *limits, start, strict=True)
+        self._sliders = [_slider(gui, label, low, high, value) for label, low, high, value in ends]
+        self._exact, self._set = start, self._read()
+
+    @property
+    def values(self) -> Array:
+        """The numbers (n), in the order of the labels: exactly those that were put, until moved."""
+        read = self._read()
+        return np.where(read == self._set, self._exact, read)
+
+    @property
+    def moved(self) -> bool:
+        """Whether somebody has moved one since they were made or put somewhere."""
+        return not np.array_equal(self._read(), self._set)
+
+    def put(self, values: Array) -> None:
+        """Put the sliders at values (n), which may be beyond their ends."""
+        for slider, value in zip(self._sliders, values, strict=True):
+            # A share of a newton that rounding leaves is none.
+            slider.value = rounded(value) if abs(value) > _NOTHING else 0.0
+        self._exact, self._set = values, self._read()
+
+    def _read(self) -> Array:
+        return np.array([slider.value for slider in self._sliders], dtype=np.float64)
+
+
+class Parameters:
+    """A choice of one of many parameters, with defaults by name, and a slider for it."""
+
+    def __init__(self, gui: Any, defaults: Mapping[str, float]) -> None:
+        self._defaults = dict(defaults)
+        self.changed_values: dict[str, float] = {}
+        self._name = next(iter(self._defaults))
+        self._choice = gui.add_dropdown("parameter", list(self._defaults))
+        self._slider = _slider(gui, "value, SI", *self._ends(), self._defaults[self._name])
+        self._back = False
+        button = gui.add_button("All parameters back to the robot file's")
+        button.on_click(self._reset)
+
+    def step(self) -> None:
+        """Follow the controls."""
+        if self._back:
+            self._back, self.changed_values = False, {}
+            self._slider.value = rounded(self._defaults[self._name])
+        elif self._choice.value != self._name:
+            self._name = self._choice.value
+            self._slider.min, self._slider.max = map(rounded, self._ends())
+            self._slider.step = _step(*self._ends())
+            self._slider.value = rounded(self._value)
+        elif self._slider.value != rounded(self._value):
+            self.changed_values = self.changed_values | {self._name: float(self._slider.value)}
+
+    @property
+    def _value(self) -> float:
+        return self.changed_values.get(self._name, self._defaults[self._name])
+
+    def _ends(self) -> tuple[float, float]:
+        """From nothing to twice the default; a parameter that is 0 goes both ways."""
+        default = self._defaults[self._name]
+        if default == 0.0:
+            return -1.0, 1.0
+        return min(0.0, 2.0 * default), max(0.0, 2.0 * default)
+
+    def _reset(self, _: Any) -> None:
+        self._back = True
+
+
+def _slider(gui: Any, label: str, low: float, high: float, value: float) -> Any:
+    """Add a slider to viser's GUI; its value may be beyond the ends."""
+    low, high = rounded(low), rounded(high)
+    # Between equal ends there is nothing to move.
+    still = low == high
+    start = float(np.clip(rounded(value), low, high))
+    slider = gui.add_slider(label, low, high, _step(low, high), start, disabled=still)
+    slider.value = rounded(value)
+    return slider
+
+
+def rounded(value: float) -> float:
+    """A number with four digits, for which there is room beside a slider."""
+    return float(f"{value:.4g}")
+
+
+def _step(low: float, high: float) -> float:
+    """A power of ten of which there are many between two ends; any number between equal ones."""
+    return float(10.0 ** np.floor(np.log10((high - low) / _STEPS))) if low < high else 1.0

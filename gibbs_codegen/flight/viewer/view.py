@@ -73,7 +73,7 @@ def viewing(what: Viewed, port: int = PORT) -> Iterator[tuple[FlightPanel | Robo
     The caller lets the scene follow the controls by their `step`.
     """
     found = _found(what)
-    with empty_server(port, told=True) as server:
+    with empty_server(port, announces=True) as server:
         if isinstance(found, Flight):
             yield FlightPanel(server, found), address(server)
         else:

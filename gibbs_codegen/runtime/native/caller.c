@@ -4,7 +4,8 @@
  * A Caller holds the address of a function of an emitted C module, and the shapes of its inputs and
  * outputs. Called with plain arrays of one state it calls the function and returns
  * new arrays; anything else goes to `general`, a Python function with the same arguments. So does
- * what comes out not finite, once more, to be reported.
+ * what comes out not finite, once more, to be reported, and every call until `bind` has told the
+ * address.
  *
  * From Python 3.12 on the stable ABI has all that stands here: one extension serves every Python.
  */
@@ -183,7 +184,7 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
             }
         }
     }
-    if (!constants || i < self->inputs) {
+    if (!constants || i < self->inputs || !self->function) {
         return PyObject_Vectorcall(self->general, args, flagged, names);
     }
     for (i = 0; i < self->outputs; ++i) {
@@ -246,16 +247,16 @@ static int read_shapes(PyObject *shapes, int least, int most, Shape *read)
     return PyErr_Occurred() ? -1 : (int)count;
 }
 
-/* Caller(address, taken, made, constants, general): the shapes of inputs and of outputs */
+/* Caller(taken, made, constants, general): the shapes of inputs and of outputs */
 static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
-    PyObject *address, *taken, *made, *constants, *general;
+    PyObject *taken, *made, *constants, *general;
     if (keywords && PyDict_Size(keywords)) {
         PyErr_SetString(PyExc_TypeError, "Caller takes no keywords");
         return NULL;
     }
-    if (!PyArg_ParseTuple(args, "O!O!O!SO:Caller", &PyLong_Type, &address, &PyTuple_Type, &taken,
-                          &PyTuple_Type, &made, &constants, &general)) {
+    if (!PyArg_ParseTuple(args, "O!O!SO:Caller", &PyTuple_Type, &taken, &PyTuple_Type, &made,
+                          &constants, &general)) {
         return NULL;
     }
     Caller *self = (Caller *)PyType_GenericAlloc(type, 0);
@@ -267,11 +268,7 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
     self->constants_data = PyBytes_AsString(constants);
     self->constants_size = PyBytes_Size(constants);
     self->general = Py_NewRef(general);
-    self->function = PyLong_AsVoidPtr(address);
-    if (PyErr_Occurred()) {
-        Py_DECREF(self);
-        return NULL;
-    }
+    self->function = NULL;
     self->name = PyObject_GetAttrString(general, "__name__");
     self->doc = self->name ? PyObject_GetAttrString(general, "__doc__") : NULL;
     if (self->doc) {
@@ -336,7 +333,19 @@ static PyObject *Caller_copy(PyObject *object, PyObject *unused)
     return Py_NewRef(object);
 }
 
+/* The address of the function, once it is compiled. */
+static PyObject *Caller_bind(PyObject *object, PyObject *address)
+{
+    void *function = PyLong_AsVoidPtr(address);
+    if (PyErr_Occurred()) {
+        return NULL;
+    }
+    ((Caller *)object)->function = function;
+    return Py_NewRef(Py_None);
+}
+
 static PyMethodDef methods[] = {
+    {"bind", Caller_bind, METH_O, NULL},
     {"__reduce__", Caller_reduce, METH_NOARGS, NULL},
     {"__copy__", Caller_copy, METH_NOARGS, NULL},
     {"__deepcopy__", Caller_copy, METH_O, NULL},

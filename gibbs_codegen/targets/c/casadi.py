@@ -18,13 +18,13 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, derivative
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import nonzeros
-from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.c.statements import WIDTH, call, loop
 from gibbs_codegen.targets.c.steps import METHODS, PLACES, VECTORS, length_lines, step_patterns
-from gibbs_codegen.targets.verbatim import c_source
+from gibbs_codegen.targets.printers import Context, Lines
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,12 @@ class Matrix:
         """All of it."""
         return self.part(0, self.rows, 0, self.columns)
 
+    def with_rows(self, rows: int) -> Matrix:
+        """The same array as a matrix of fewer rows, each of several of these."""
+        together = self.rows // rows
+        places = {(i // together, i % together * self.columns + j) for i, j in self.nonzeros}
+        return Matrix(self.start, rows, together * self.columns, frozenset(places))
+
     @property
     def filled(self) -> Block:
         """All of it, also what is zero at every state."""
@@ -144,21 +150,12 @@ def by_coordinates(nonzeros: Iterable[tuple[int, int]]) -> frozenset[tuple[int, 
     return frozenset(found)
 
 
-Lines = list[str]
 Shape = tuple[int, ...]
 
 PARAMETERS = "parameters"
 # Entries of the maps between a change of the base's coordinates and its displacement.
 _MAPS = 21
 _BASE = 6
-
-
-@dataclass(frozen=True)
-class Port:
-    """An input or an output: its name, and its pattern as CasADi has it."""
-
-    name: str
-    pattern: tuple[int, ...]
 
 
 class Form:
@@ -174,13 +171,14 @@ class Form:
         self.signature = signature
         self.kind = kind
         self.of_parameters = of_parameters
-        self.inputs: list[Port] = []
+        # By their names, patterns as CasADi has them.
+        self.inputs: dict[str, tuple[int, ...]] = {}
         self.outputs: list[tuple[str, Block]] = []
         self.body: Lines = []
         self.size = 0
         self._signatures = {s.name: s for s in model.signatures}
-        self._is_quaternion = layout_of(model.robot).is_quaternion
-        self._given: dict[str, str] = {}
+        self._is_quaternion = model.description.layout.is_quaternion
+        self._arrays: dict[str, str] = {}
         self._maps = 0
         for name, shape in self.arguments:
             self._take_argument(name, shape)
@@ -229,7 +227,7 @@ class Form:
 
     def calling(self, name: str, outputs: Sequence[str], **arrays: str) -> Lines:
         """Lines of a call that writes the arrays `outputs`; others are as of `call`."""
-        given = {**self._given, **arrays}
+        given = {**self._arrays, **arrays}
         inputs = [given[argument] for argument in self._signatures[name].arguments]
         return call(f"{self.model.robot.name}_{name}", ["constants", *inputs, *outputs])
 
@@ -241,14 +239,13 @@ class Form:
         self.unused("out_", self.results)
         first = len(self.inputs)
         for name, shape in self.results:
-            self.inputs.append(Port(f"adj_{name}", dense_pattern(*as_matrix(shape))))
+            self.inputs[f"adj_{name}"] = dense_pattern(*as_matrix(shape))
         return [_input(first + i) for i in range(len(self.results))]
 
     def unused(self, prefix: str, arrays: Sequence[tuple[str, Shape]]) -> None:
         """Take inputs, by name and shape, that CasADi passes and no derivative reads."""
         for name, shape in arrays:
-            pattern = Block(*as_matrix(shape), {}).pattern
-            self.inputs.append(Port(prefix + name, pattern))
+            self.inputs[prefix + name] = empty(*as_matrix(shape)).pattern
 
     def by_entries_of_q(self, matrix: Matrix) -> Matrix:
         """Derivatives by q in the tangent space as those by its entries.
@@ -297,9 +294,9 @@ class Form:
 
         Rows are those of coordinates in the tangent space and then of velocities.
         """
-        size = layout_of(self.model.robot).v.size
+        size = self.model.description.layout.v.size
         taken = self.take(2 * size, 1)
-        given = [self._given[name] for name in self.signature.arguments]
+        given = [self._arrays[name] for name in self.signature.arguments]
         outputs = at(taken.start), at(taken.start + size)
         self.body += call(f"{self.signature.name}_by_length", ["constants", *given, *outputs])
         return taken
@@ -314,7 +311,7 @@ class Form:
         if not self._is_quaternion:
             return hessian
         by_base = next(iter(self.call(gradient, w=seed).values()))
-        arrays = [self._raw_q, self._given["q"], at(self._maps), at(by_base.start)]
+        arrays = [self._raw("q"), self._arrays["q"], at(self._maps), at(by_base.start)]
         self.body += call("add_curvature", [*arrays, str(hessian.columns), at(hessian.start)])
         columns = {column for _, column in by_base.nonzeros}
         found = set(hessian.nonzeros)
@@ -325,24 +322,26 @@ class Form:
             found |= crossing | {(j, i) for i, j in crossing}
         return Matrix(hessian.start, hessian.rows, hessian.columns, frozenset(found))
 
-    def differentiated_by_q(self) -> None:
-        """Compute what takes a change of the entries of q to the displacement of the base."""
+    def differentiated_by_q(self, name: str = "q") -> None:
+        """Compute what takes a change of the entries of q to the displacement of the base.
+
+        Of other coordinates, the argument `name`, the entries are meant from here on.
+        """
         if self._is_quaternion:
             maps = self.take(1, _MAPS)
             self._maps = maps.start
-            factor = f"twice_over_length({self._raw_q}, {self._given['q']})"
-            self.body += call("base_maps", [self._given["q"], factor, at(maps.start)])
+            factor = f"twice_over_length({self._raw(name)}, {self._arrays[name]})"
+            self.body += call("base_maps", [self._arrays[name], factor, at(maps.start)])
 
-    @property
-    def _raw_q(self) -> str:
-        """The coordinates as they come, whose quaternion can be of any length."""
-        return _input([name for name, _ in self.arguments].index("q"))
+    def _raw(self, argument: str) -> str:
+        """Coordinates as they come, whose quaternion can be of any length."""
+        return _input([name for name, _ in self.arguments].index(argument))
 
     def _take_argument(self, name: str, shape: Shape) -> None:
         """Take an input of the function, and bring it into the form that the function takes."""
         rows, columns = as_matrix(shape)
         given = _input(len(self.inputs))
-        self.inputs.append(Port(name, dense_pattern(rows, columns)))
+        self.inputs[name] = dense_pattern(rows, columns)
         if columns > 1:
             turned = at(self.take(rows, columns).start)
             self.body += call("store", [str(columns), str(rows), given, turned])
@@ -353,7 +352,7 @@ class Form:
                 f"{self.model.robot.name}_integrate", ["constants", given, "zeros", unit]
             )
             given = unit
-        self._given[name] = given
+        self._arrays[name] = given
 
 
 def as_matrix(shape: Shape) -> tuple[int, int]:
@@ -398,7 +397,7 @@ def derivative_forms(model: Model, signature: Signature, of_parameters: bool) ->
     With `of_parameters` the parameters are an input.
     """
     row = Derived.of(signature.name)
-    has = set(model.derivatives)
+    has = set(model.functions)
     if row.jacobian not in has or (of_parameters and row.by_parameters not in has):
         return []
     forms = [_jacobian(Form(model, signature, "JAC", of_parameters), row)]
@@ -416,7 +415,7 @@ def _jacobian(form: Form, row: Derived) -> Form:
     """Complete `jac_F`."""
     blocks = _blocks(form, row)
     form.unused("out_", form.results)
-    if layout_of(form.model.robot).is_quaternion:
+    if form.model.description.layout.is_quaternion:
         for (output, name), block in blocks.items():
             blocks[output, name] = _without_shifts(block, output) if name == "q" else block
     for output, shape in form.results:
@@ -435,8 +434,9 @@ def _gradient(form: Form, row: Derived) -> Form:
     found[0] = form.by_entries_of_q(found[0])
     if form.of_parameters:
         found += form.call(row.by_parameters, w=seed).values()
-    for (name, _), gradient in zip(form.arguments, found, strict=True):
-        form.outputs.append((f"adj_{name}", gradient.filled.transposed))
+    for (name, shape), gradient in zip(form.arguments, found, strict=True):
+        block = gradient.filled if len(shape) > 1 else gradient.filled.transposed
+        form.outputs.append((f"adj_{name}", block))
     return form
 
 
@@ -461,9 +461,11 @@ def _hessian(form: Form, row: Derived) -> Form:
 
 def _blocks(form: Form, row: Derived) -> Blocks:
     """First derivatives of a function, each output row by row: the blocks that are not zero."""
-    form.differentiated_by_q()
-    found = form.call(row.jacobian)
     by = {output.by: output.name for output in FUNCTIONS[row.jacobian].outputs if output.by}
+    coordinates = [name for name in by or "q" if ARGUMENTS[name].is_coordinates]
+    if len(coordinates) == 1:
+        form.differentiated_by_q()
+    found = form.call(row.jacobian)
     if not by:
         return _of_step(form, found)
     ((output, shape),) = form.results
@@ -476,10 +478,17 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     blocks = {}
     for name, matrix_name in by.items():
         matrix = found[matrix_name]
-        if name == "q":
+        if name in coordinates:
+            if len(coordinates) > 1:
+                form.differentiated_by_q(name)
             matrix = form.by_entries_of_q(matrix)
         if maps is not None:
             matrix = form.rows_by_entries_of_q(matrix, maps)
+        *_, columns = of_input = dict(form.arguments)[name]
+        if len(of_input) > 1:
+            block = matrix.with_rows(rows).whole
+            blocks[output, name] = column_by_column(block.transposed, columns).transposed
+            continue
         blocks[output, name] = matrix.part(first, rows, 0, matrix.columns)
     if form.of_parameters:
         blocks[output, PARAMETERS] = _by_parameters(form, row).whole
@@ -520,9 +529,9 @@ def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
     written = len(form.body)
     by_length = form.rows_by_entries_of_q(form.by_length(), maps)
     places = [i for i in range(2 * len(form.arguments)) if i % len(form.arguments) == 3]
-    asked = " || ".join(f"res[{place}]" for place in places)
+    condition = " || ".join(f"res[{place}]" for place in places)
     computed = [f"    {line}" for line in form.body[written:]]
-    form.body[written:] = [f"if ({asked}) {{", *computed, "}"]
+    form.body[written:] = [f"if ({condition}) {{", *computed, "}"]
     blocks: Blocks = {}
     sizes = {name: math.prod(shape) for name, shape in form.arguments}
     for (output, shape), above in zip(form.results, (0, sizes["q"]), strict=True):
@@ -586,66 +595,6 @@ def _is_gradient(name: str) -> bool:
     return "w" in FUNCTIONS[name].arguments
 
 
-@dataclass(frozen=True)
-class TableText:
-    """A constant array of integers: their type, its name, and what stands in braces."""
-
-    kind: str
-    name: str
-    lines: Lines
-
-
-@dataclass(frozen=True)
-class FormText:
-    """A function that CasADi calls.
-
-    `kind` is the macro that makes its name of `name`. `inputs` and `outputs` are names with
-    patterns. `parameters` is the place of the parameters among the inputs, empty without them.
-    """
-
-    kind: str
-    name: str
-    inputs: list[tuple[str, str]]
-    outputs: list[tuple[str, str]]
-    parameters: str
-    body: Lines
-    entries: int
-
-
-@dataclass(frozen=True)
-class LengthText:
-    """A time step whose derivatives by its length are computed.
-
-    `vectors` have entries for each of VELOCITIES, and `places` for each of COORDINATES. No array of
-    C has as few as no `input_entries`.
-    """
-
-    name: str
-    input_entries: str
-    vectors: Lines
-    places: Lines
-    lines: Lines
-
-
-@dataclass(frozen=True)
-class CasadiText:
-    """What the adapter's template is given.
-
-    `kinds` has what the names of functions of each kind begin with. `differentiated` and `twice`
-    say whether there are derivatives, and second ones. `widest` is the width of the widest input.
-    """
-
-    is_quaternion: bool
-    kinds: dict[str, str]
-    differentiated: bool
-    twice: bool
-    column_major: str
-    widest: int
-    tables: list[TableText]
-    steps: list[LengthText]
-    forms: list[FormText]
-
-
 _BEGINNINGS = {"CASADI": "", "JAC": "jac_", "ADJ": "adj1_", "JAC_ADJ": "jac_adj1_"}
 
 
@@ -663,10 +612,14 @@ class _Tables:
         """Name of the array that holds places in scratch, at least one."""
         return self._name("int", "places", tuple(places))
 
-    def texts(self) -> list[TableText]:
-        """All arrays."""
+    def texts(self) -> list[Context]:
+        """All arrays: the type of their integers, their names, and what stands in braces."""
         return [
-            TableText(kind, name, textwrap.wrap(", ".join(map(str, numbers)), WIDTH - 4))
+            {
+                "kind": kind,
+                "name": name,
+                "lines": textwrap.wrap(", ".join(map(str, numbers)), WIDTH - 4),
+            }
             for (kind, numbers), name in self._names.items()
         ]
 
@@ -678,8 +631,14 @@ class _Tables:
         return self._names.setdefault((kind, numbers), f"{word}_{len(self._names) + 1}")
 
 
-def casadi_text(model: Model) -> CasadiText:
-    """Context of the adapter's template."""
+def casadi_text(model: Model) -> Context:
+    """Context of the adapter's template.
+
+    `kinds` has what the names of functions of each kind begin with. `differentiated` and `twice`
+    say whether there are derivatives, and second ones. `widest` is the width of the widest input.
+    `steps` have derivatives by their lengths: `vectors` with entries for each of VELOCITIES, and
+    `places` for each of COORDINATES. No array of C has as few as no `input_entries`.
+    """
     tables = _Tables()
     texts = [
         _form_text(form, tables)
@@ -692,29 +651,30 @@ def casadi_text(model: Model) -> CasadiText:
         )
     ]
     widths = [width for signature in model.signatures for width in signature.widths]
-    kinds = {text.kind for text in texts}
-    return CasadiText(
-        layout_of(model.robot).is_quaternion,
-        {kind: beginning for kind, beginning in _BEGINNINGS.items() if kind in kinds},
-        kinds != {"CASADI"},
-        "JAC_ADJ" in kinds,
-        c_source("column_major.c"),
-        max(*widths, len(model.defaults)),
-        tables.texts(),
-        [
-            _length_text(model, name)
-            for name in METHODS
-            if {name, f"{name}_derivatives"} <= {*model.derivatives}
+    kinds = {text["kind"] for text in texts}
+    return {
+        "is_quaternion": model.description.layout.is_quaternion,
+        "kinds": {kind: beginning for kind, beginning in _BEGINNINGS.items() if kind in kinds},
+        "differentiated": kinds != {"CASADI"},
+        "twice": "JAC_ADJ" in kinds,
+        "column_major": c_source("column_major.c"),
+        "widest": max(*widths, len(model.defaults)),
+        "tables": tables.texts(),
+        "input_entries": f"NV * {model.robot.name.upper()}_INPUTS"
+        if model.lists["INPUTS"]
+        else "1",
+        "steps": [
+            {
+                "name": name,
+                "vectors": VECTORS[name],
+                "places": PLACES[name],
+                "lines": length_lines(model.robot.name, method),
+            }
+            for name, method in METHODS.items()
+            if {name, f"{name}_derivatives"} <= {*model.functions}
         ],
-        texts,
-    )
-
-
-def _length_text(model: Model, name: str) -> LengthText:
-    """What the template is given of a time step."""
-    lines = length_lines(model.robot.name, METHODS[name])
-    entries = f"NV * {model.robot.name.upper()}_INPUTS" if model.lists["INPUTS"] else "1"
-    return LengthText(name, entries, VECTORS[name], PLACES[name], lines)
+        "forms": texts,
+    }
 
 
 def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:
@@ -727,20 +687,21 @@ def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:
     return form
 
 
-def _form_text(form: Form, tables: _Tables) -> FormText:
-    """What the template is given of a form."""
-    outputs = [Port(name, block.pattern) for name, block in form.outputs]
+def _form_text(form: Form, tables: _Tables) -> Context:
+    """A form for the template: names of inputs and outputs with patterns, and its body.
+
+    `parameters` is the place of the parameters among the inputs, empty without them.
+    """
     stored = [_stored(i, block, tables) for i, (_, block) in enumerate(form.outputs)]
-    names = [port.name for port in form.inputs]
-    return FormText(
-        form.kind,
-        form.name,
-        [(port.name, tables.pattern(port.pattern)) for port in form.inputs],
-        [(port.name, tables.pattern(port.pattern)) for port in outputs],
-        str(names.index(PARAMETERS)) if form.of_parameters else "",
-        [*form.body, *(line for line in stored if line)],
-        form.size,
-    )
+    return {
+        "kind": form.kind,
+        "name": form.name,
+        "inputs": [(name, tables.pattern(pattern)) for name, pattern in form.inputs.items()],
+        "outputs": [(name, tables.pattern(block.pattern)) for name, block in form.outputs],
+        "parameters": str([*form.inputs].index(PARAMETERS)) if form.of_parameters else "",
+        "body": [*form.body, *filter(None, stored)],
+        "entries": form.size,
+    }
 
 
 def _stored(place: int, block: Block, tables: _Tables) -> str:

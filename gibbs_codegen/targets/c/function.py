@@ -13,64 +13,13 @@ from gibbs_codegen.program.nodes import Function, Number, Output, names_in
 from gibbs_codegen.program.scratch import Allocation, Section, allocate_scratch, stack_bytes
 from gibbs_codegen.program.steps import Loop, Step, Store, headed, schedule_stores
 from gibbs_codegen.program.trigonometry import (
-    GatheredFunction,
     cosine_name,
     gather_angles,
     sine_name,
 )
-from gibbs_codegen.targets.c.statements import (
-    StatementPrinter,
-    array_size,
-    call,
-    call_helper,
-    comment,
-    from_block,
-    from_entry,
-    helper,
-    load,
-    load_constant,
-    local_arrays,
-    place_in_loop,
-    read_arrays,
-    spill,
-    unused,
-    vector_loop,
-    written_arrays,
-)
+from gibbs_codegen.targets.c import statements as c
 from gibbs_codegen.targets.documentation import doxygen, operations
-from gibbs_codegen.targets.printers import InfixPrinter
-
-Lines = list[str]
-
-
-@dataclass(frozen=True)
-class ArrayText:
-    """An array: its name, and the entries of one state."""
-
-    name: str
-    width: int
-
-
-@dataclass(frozen=True)
-class FunctionText:
-    """What the C templates are given of a function.
-
-    `parameters` are those of the definition, `declared` those in the header. `one` and `block` are
-    the bodies of the functions for one state and for a block of states, `whole_block` and
-    `last_block` the arguments with which the second is called in a batch.
-    """
-
-    name: str
-    public_name: str
-    documentation: Lines
-    inputs: list[ArrayText]
-    parameters: Lines
-    declared: Lines
-    helpers: list[Lines]
-    one: Lines
-    block: Lines
-    whole_block: Lines
-    last_block: Lines
+from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 
 def function_text(
@@ -80,155 +29,67 @@ def function_text(
     helpers: list[Lines],
     one: Lines,
     block: Lines,
-) -> FunctionText:
+) -> Context:
     """What the templates need of a function; `helpers` are definitions of what bodies call.
 
-    `one` and `block` are the bodies for one state and for a block of states.
+    `one` and `block` are the bodies for one state and for a block of states. Of the functions for
+    one state, for a block of states and for a batch there are the heads; `declarations` are those
+    in the header, for a batch also with constants of each state. `whole_block` and `last_block` are
+    calls of the second in a batch, `last_inputs` what makes the inputs of the last block whole.
     """
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
-    inputs = _array_texts(signature.arguments, signature.argument_shapes)
-    outputs = _array_texts(names, signature.shapes)
+    inputs = dict(zip(signature.arguments, signature.widths, strict=True))
+    outputs = dict(zip(names, map(math.prod, signature.shapes), strict=True))
+    own, public, block_name = signature.name, f"{robot}_{signature.name}", f"{signature.name}_block"
+    constants, count = "const Constants *RESTRICT constants", "const size_t count"
+    parameters = c.read_arrays(signature.arguments) + c.written_arrays(names)
+    of_block = [c.from_block(name, width, "block") for name, width in (inputs | outputs).items()]
+    last = [f"last_{name}" for name in inputs]
+    last += [c.from_block(name, width, "whole") for name, width in outputs.items()]
+    return {
+        "name": own,
+        "documentation": documentation,
+        "declarations": declarations(robot, public, signature.arguments, names),
+        "helpers": helpers,
+        "one_head": c.head(f"void {public}", [constants, *parameters]),
+        "one": one,
+        "block_head": c.head(f"static WIDE void {block_name}", [constants, *parameters]),
+        "block": block,
+        "batch_head": c.head(f"void BATCH({own})", [constants, count, *parameters]),
+        "whole_block": c.call(block_name, ["OF_BLOCK(constants, block)", *of_block]),
+        "last_inputs": [line for array in inputs.items() for line in _last_block(*array)],
+        "last_block": c.call(block_name, ["last_constants", *last]),
+    }
+
+
+def declarations(
+    robot: str, public: str, read: Sequence[str], written: Sequence[str]
+) -> list[Lines]:
+    """Declarations of a function for one state, for batches, and with constants of each state.
+
+    `read` and `written` are the names of its arrays.
+    """
     real = f"{robot}_real"
-    advanced = [from_block(array.name, array.width, "whole") for array in outputs]
-    return FunctionText(
-        name=signature.name,
-        public_name=f"{robot}_{signature.name}",
-        documentation=documentation,
-        inputs=inputs,
-        parameters=read_arrays(signature.arguments) + written_arrays(names),
-        declared=read_arrays(signature.arguments, real, "") + written_arrays(names, real, ""),
-        helpers=helpers,
-        one=one,
-        block=block,
-        whole_block=[from_block(array.name, array.width, "block") for array in (*inputs, *outputs)],
-        last_block=[*(f"last_{name}" for name in signature.arguments), *advanced],
-    )
+    arrays = c.read_arrays(read, real, "") + c.written_arrays(written, real, "")
+    constants = f"const {robot}_constants *constants"
+    return [
+        c.head(f"void {public}", [constants, *arrays], ";"),
+        c.head(f"void {public}_batch", [constants, "size_t count", *arrays], ";"),
+        c.head(
+            f"void {public}_batch_each", [f"const {real} *constants", "size_t count", *arrays], ";"
+        ),
+    ]
 
 
-def _array_texts(names: Sequence[str], shapes: Sequence[tuple[int, ...]]) -> list[ArrayText]:
-    """Arrays by their names and shapes."""
-    return [ArrayText(name, math.prod(shape)) for name, shape in zip(names, shapes, strict=True)]
+def _last_block(name: str, width: int) -> Lines:
+    """Lines that make the last block of an input whole."""
+    last, start = f"last_{name}", c.from_block(name, width, "whole")
+    declared = c.local_arrays([last], c.array_size(width or 1, lanes=True))
+    return [declared, *c.call("fill_lanes", [str(width), "rest", start, last])]
 
 
 # The arrays that helpers hand values on in.
 ANGLE, SINE, COSINE, SCRATCH = "angle", "sine", "cosine", "scratch"
-
-
-class HelperPrinter:
-    """Prints the helpers of one function, each a definition in lines."""
-
-    def __init__(
-        self,
-        model: Model,
-        function: Function,
-        gathered: GatheredFunction,
-        statements: StatementPrinter,
-    ) -> None:
-        self._inputs = {name: model.program.inputs[name] for name in function.arguments}
-        self._outputs = [output.name for output in FUNCTIONS[function.name].outputs]
-        self._constants = function.constants
-        self._gathered = gathered
-        self._statements = statements
-
-    def angles(self, name: str) -> list[str]:
-        """The helper that computes all angles whose sines and cosines are needed."""
-        gathered = self._gathered
-        nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
-        lines, idle = self._loads({name for node in nodes for name in names_in(node)})
-        lines += self._statements.declare_all(gathered.angle_statements)
-        for i, angle in enumerate(gathered.angles):
-            lines += self._statements.store(ANGLE, i, angle)
-        parameters = read_arrays(self._inputs) + written_arrays([ANGLE])
-        return helper(name, parameters, [*map(unused, idle), *lines])
-
-    def section(self, name: str, section: Section, allocation: Allocation) -> list[str]:
-        """The helper that computes one section of the function.
-
-        `allocation` says where the sections keep what they hand on.
-        """
-        code = section.code
-        if isinstance(code, Loop):
-            steps: Sequence[Step] = code.body
-            read = set(code.invariants)
-            computed = self._loop(code, section, allocation)
-        else:
-            steps = code
-            read = {name for step in steps for name in names_in(step.value)}
-            computed = self._straight(code, section, allocation)
-        loads, idle = self._loads(read)
-        stored = {step.output for step in steps if isinstance(step, Store)}
-        idle = self._idle_arrays(section, read, allocation) + idle
-        idle += [output for i, output in enumerate(self._outputs) if i not in stored]
-        parameters = [
-            *read_arrays([SINE, COSINE] if self._gathered.angles else []),
-            *written_arrays([SCRATCH] if allocation.slots else []),
-            *read_arrays(self._inputs),
-            *written_arrays(self._outputs),
-        ]
-        return helper(name, parameters, [*map(unused, idle), *loads, *computed])
-
-    def _straight(
-        self, steps: Sequence[Step], section: Section, allocation: Allocation
-    ) -> list[str]:
-        """Lines of steps that are done once."""
-        lines = [
-            load(name, SCRATCH, slot, allocation.sign(name))
-            for name, slot in section.reloads.items()
-        ]
-        for words, step in headed(steps):
-            lines += comment(words)
-            if isinstance(step, Store):
-                lines += self._statements.store(self._outputs[step.output], step.place, step.value)
-                continue
-            lines += self._statements.declare(step.name, step.value)
-            if step.name in section.spills:
-                slot = section.spills[step.name]
-                lines.append(spill(SCRATCH, slot, step.name, allocation.sign(step.name)))
-        return lines
-
-    def _loop(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
-        """Lines of a loop."""
-        before, lines, inside = [], [], self._statements.inside
-        for name, slot in section.reloads.items():
-            if name in loop.operands:
-                lines.append(load(name, SCRATCH, place_in_loop(slot)))
-            else:
-                before.append(load(name, SCRATCH, slot, allocation.sign(name)))
-        places = map(place_in_loop, loop.places, loop.strides)
-        for step in loop.body:
-            if isinstance(step, Store):
-                lines += inside.store(self._outputs[step.output], next(places), step.value)
-                continue
-            lines += inside.declare(step.name, step.value)
-            if step.name in section.spills:
-                slot = section.spills[step.name]
-                lines.append(spill(SCRATCH, place_in_loop(slot), step.name))
-        return [*before, *comment(loop.group), *vector_loop("i", loop.count, lines)]
-
-    def _idle_arrays(self, section: Section, read: set[str], allocation: Allocation) -> list[str]:
-        """Arrays of angles and scratch that a section is given and, by `read`, does not use."""
-        count = len(self._gathered.angles)
-        idle = []
-        for array, entry in ((SINE, sine_name), (COSINE, cosine_name)):
-            if count and read.isdisjoint(map(entry, range(count))):
-                idle.append(array)
-        if allocation.slots and not (section.reloads or section.spills):
-            idle.append(SCRATCH)
-        return idle
-
-    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load what is read and no step computes, and the arguments not used."""
-        lines = [load_constant(name) for name in self._constants if name in read]
-        idle = [] if lines else ["constants"]
-        for argument, names in self._inputs.items():
-            loads = [load(name, argument, i) for i, name in enumerate(names) if name in read]
-            lines += loads
-            idle += [] if loads else [argument]
-        for i in range(len(self._gathered.angles)):
-            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i))):
-                if entry in read:
-                    lines.append(load(entry, array, i))
-        return lines, idle
 
 
 # gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
@@ -268,9 +129,10 @@ class CFunction:
     ) -> None:
         self._model = model
         self._function = function
-        self._statements = StatementPrinter(printer)
+        self._statements = c.CStatements(printer)
         self._signature = signature
         self._gathered = gather_angles(function)
+        self._inputs = {name: model.program.inputs[name] for name in function.arguments}
         self._outputs = [output.name for output in FUNCTIONS[function.name].outputs]
         self._cleared = [_is_sparse(output) for output in function.outputs]
         gathered = self._gathered
@@ -285,14 +147,14 @@ class CFunction:
             if looped.steps_in_loops >= _FEWEST_ROLLED:
                 self._one = looped
 
-    def text(self) -> FunctionText:
+    def text(self) -> Context:
         """What the templates need of the function."""
-        robot = self._model.robot
+        description = self._model.description
         stack = stack_bytes(self._gathered)
         return function_text(
-            robot.name,
+            description.robot.name,
             self._signature,
-            doxygen(robot, self._signature, operations(self._function), stack),
+            doxygen(description, self._signature, operations(self._function), stack),
             helpers=self._helpers(),
             one=self._body(self._one, lanes=False),
             block=self._body(self._block, lanes=True),
@@ -300,15 +162,118 @@ class CFunction:
 
     def _helpers(self) -> list[Lines]:
         """Definitions of all helpers, in the order in which they are called."""
-        printer = HelperPrinter(self._model, self._function, self._gathered, self._statements)
         helpers = []
         if self._gathered.angles:
-            helpers.append(printer.angles(f"{self._function.name}_angles"))
+            helpers.append(self._angles(f"{self._function.name}_angles"))
         for sections in dict.fromkeys([self._one, self._block]):
             allocation = sections.allocation
             for name, section in zip(sections.names, allocation.sections, strict=True):
-                helpers.append(printer.section(name, section, allocation))
+                helpers.append(self._section(name, section, allocation))
         return helpers
+
+    def _angles(self, name: str) -> list[str]:
+        """The helper that computes all angles whose sines and cosines are needed."""
+        gathered = self._gathered
+        nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
+        lines, idle = self._loads({name for node in nodes for name in names_in(node)})
+        lines += self._statements.assign_all(gathered.angle_statements)
+        for i, angle in enumerate(gathered.angles):
+            lines += self._statements.store(ANGLE, i, angle)
+        parameters = c.read_arrays(self._inputs) + c.written_arrays([ANGLE])
+        return c.helper(name, parameters, [*map(c.unused, idle), *lines])
+
+    def _section(self, name: str, section: Section, allocation: Allocation) -> list[str]:
+        """The helper that computes one section of the function.
+
+        `allocation` says where the sections keep what they hand on.
+        """
+        code = section.code
+        if isinstance(code, Loop):
+            steps: Sequence[Step] = code.body
+            read = set(code.invariants)
+            computed = self._loop(code, section, allocation)
+        else:
+            steps = code
+            read = {name for step in steps for name in names_in(step.value)}
+            computed = self._straight(code, section, allocation)
+        loads, idle = self._loads(read)
+        stored = {step.output for step in steps if isinstance(step, Store)}
+        idle = self._idle_arrays(section, read, allocation) + idle
+        idle += [output for i, output in enumerate(self._outputs) if i not in stored]
+        parameters = [
+            *c.read_arrays([SINE, COSINE] if self._gathered.angles else []),
+            *c.written_arrays([SCRATCH] if allocation.slots else []),
+            *c.read_arrays(self._inputs),
+            *c.written_arrays(self._outputs),
+        ]
+        return c.helper(name, parameters, [*map(c.unused, idle), *loads, *computed])
+
+    def _straight(
+        self, steps: Sequence[Step], section: Section, allocation: Allocation
+    ) -> list[str]:
+        """Lines of steps that are done once."""
+        lines = [
+            c.load(name, SCRATCH, slot, allocation.sign(name))
+            for name, slot in section.reloads.items()
+        ]
+        for words, step in headed(steps):
+            lines += self._statements.comment(words)
+            if isinstance(step, Store):
+                lines += self._statements.store(self._outputs[step.output], step.place, step.value)
+                continue
+            lines += self._statements.assign(step.name, step.value)
+            if step.name in section.spills:
+                slot = section.spills[step.name]
+                lines.append(c.spill(SCRATCH, slot, step.name, allocation.sign(step.name)))
+        return lines
+
+    def _loop(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
+        """Lines of a loop."""
+        before, lines, inside = [], [], self._statements.inside
+        for name, slot in section.reloads.items():
+            if name in loop.operands:
+                lines.append(c.load(name, SCRATCH, c.place_in_loop(slot)))
+            else:
+                before.append(c.load(name, SCRATCH, slot, allocation.sign(name)))
+        places = map(c.place_in_loop, loop.places, loop.strides)
+        for step in loop.body:
+            if isinstance(step, Store):
+                lines += inside.store(self._outputs[step.output], next(places), step.value)
+                continue
+            lines += inside.assign(step.name, step.value)
+            if step.name in section.spills:
+                slot = section.spills[step.name]
+                lines.append(c.spill(SCRATCH, c.place_in_loop(slot), step.name))
+        return [
+            *before,
+            *self._statements.comment(loop.group),
+            *c.vector_loop("i", loop.count, lines),
+        ]
+
+    def _idle_arrays(self, section: Section, read: set[str], allocation: Allocation) -> list[str]:
+        """Arrays of angles and scratch that a section is given and, by `read`, does not use."""
+        count = len(self._gathered.angles)
+        idle = []
+        for array, entry in ((SINE, sine_name), (COSINE, cosine_name)):
+            if count and read.isdisjoint(map(entry, range(count))):
+                idle.append(array)
+        if allocation.slots and not (section.reloads or section.spills):
+            idle.append(SCRATCH)
+        return idle
+
+    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
+        """Lines that load what is read and no step computes, and the arguments not used."""
+        lines = [c.load_constant(name) for name in self._function.constants if name in read]
+        idle = [] if lines else ["constants"]
+        for argument, names in self._inputs.items():
+            loads = [c.load(name, argument, i) for i, name in enumerate(names) if name in read]
+            lines += loads
+            idle += [] if loads else [argument]
+        for i in range(len(self._gathered.angles)):
+            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i))):
+                if entry in read:
+                    lines.append(c.load(entry, array, i))
+        return lines, idle
 
     def _body(self, sections: _Sections, lanes: bool) -> Lines:
         """Body of the function, for a block of states (`lanes`), one a lane, or for one state."""
@@ -317,22 +282,22 @@ class CFunction:
         arrays = [*inputs, *self._outputs]
         lines = []
         if angles:
-            lines.append(local_arrays([ANGLE, SINE, COSINE], array_size(angles, lanes)))
+            lines.append(c.local_arrays([ANGLE, SINE, COSINE], c.array_size(angles, lanes)))
         if slots:
-            lines.append(local_arrays([SCRATCH], array_size(slots, lanes)))
+            lines.append(c.local_arrays([SCRATCH], c.array_size(slots, lanes)))
         for name, shape, cleared in zip(
             self._outputs, self._signature.shapes, self._cleared, strict=True
         ):
             if cleared:
-                lines += self._statements.clear(name, array_size(math.prod(shape), lanes))
+                lines += self._statements.clear(name, c.array_size(math.prod(shape), lanes))
         if slots:
             arrays = [SCRATCH, *arrays]
         if angles:
             arrays = [SINE, COSINE, *arrays]
-            lines += call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
+            lines += c.call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
             lines += _sine_cosine(angles, lanes)
         for name in sections.names:
-            lines += call_helper(name, arrays, lanes)
+            lines += c.call_helper(name, arrays, lanes)
         return lines
 
 
@@ -345,9 +310,9 @@ def _is_sparse(output: Output) -> bool:
 def _sine_cosine(angles: int, lanes: bool) -> Lines:
     """Calls that compute the sines and cosines of all angles."""
     if lanes:
-        return call("sine_cosine_many", [array_size(angles, lanes), ANGLE, SINE, COSINE])
+        return c.call("sine_cosine_many", [c.array_size(angles, lanes), ANGLE, SINE, COSINE])
     lines = []
     for i in range(0, angles, _AT_ONCE):
-        arrays = [from_entry(array, i) for array in (ANGLE, SINE, COSINE)]
-        lines += call("sine_cosine_few", [f"{min(_AT_ONCE, angles - i)}", *arrays])
+        arrays = [c.from_entry(array, i) for array in (ANGLE, SINE, COSINE)]
+        lines += c.call("sine_cosine_few", [f"{min(_AT_ONCE, angles - i)}", *arrays])
     return lines

@@ -7,69 +7,39 @@ from them. That saves output, and neither time nor stack; the text of long funct
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import Pattern, matrices, patterns
 from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.targets.c.statements import (
-    WIDTH,
-    call,
-    local_arrays,
-    read_arrays,
-    written_arrays,
-)
+from gibbs_codegen.targets.c import statements as c
+from gibbs_codegen.targets.c.function import declarations
 from gibbs_codegen.targets.documentation import sparse_doxygen
-
-Lines = list[str]
+from gibbs_codegen.targets.printers import Context, Lines
 
 _DOUBLE = 8
 
 
-@dataclass(frozen=True)
-class PatternText:
-    """A pattern: the macro for its length, and its rows and columns as what stands in braces.
+def pattern_texts(model: Model) -> list[Context]:
+    """The patterns: the macro for the length, and rows and columns as what stands in braces.
 
     Without entries the arrays still have `room` for one, since C has none of no length.
     """
-
-    name: str
-    macro: str
-    length: int
-    room: int
-    rows: Lines
-    columns: Lines
-
-
-@dataclass(frozen=True)
-class SparseText:
-    """What the C templates are given of a function that writes the entries of patterns."""
-
-    public_name: str
-    documentation: Lines
-    parameters: Lines
-    declared: Lines
-    body: Lines
-
-
-def pattern_texts(model: Model) -> list[PatternText]:
-    """What the templates are given of the patterns of a module."""
     return [
-        PatternText(
-            name,
-            f"{model.robot.name}_{name}_nonzeros".upper(),
-            len(pattern.rows),
-            max(len(pattern.rows), 1),
-            _integers(pattern.rows or (0,)),
-            _integers(pattern.columns or (0,)),
-        )
+        {
+            "name": name,
+            "macro": f"{model.robot.name}_{name}_nonzeros".upper(),
+            "length": len(pattern.rows),
+            "room": max(len(pattern.rows), 1),
+            "rows": _integers(pattern.rows or (0,)),
+            "columns": _integers(pattern.columns or (0,)),
+        }
         for name, pattern in patterns(model).items()
     ]
 
 
-def sparse_texts(model: Model) -> list[SparseText]:
+def sparse_texts(model: Model) -> list[Context]:
     """What the templates are given of each function that writes the entries of patterns."""
     found, with_matrices = patterns(model), matrices(model)
     return [
@@ -86,7 +56,7 @@ def sparse_texts(model: Model) -> list[SparseText]:
 
 def _sparse_text(
     robot: str, signature: Signature, of_matrices: dict[str, Pattern], stack: int
-) -> SparseText:
+) -> Context:
     """One function that writes the entries of patterns.
 
     `signature` is that of the function that writes whole matrices, whose stack is given in bytes.
@@ -94,25 +64,25 @@ def _sparse_text(
     prefix = f"{robot}_"
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     whole = {name: f"whole_{name}" for name in of_matrices}
-    body = [local_arrays([whole[name]], str(of_matrices[name].size or 1)) for name in whole]
+    body = [c.local_arrays([whole[name]], str(of_matrices[name].size or 1)) for name in whole]
     written = [whole.get(name, name) for name in outputs]
-    body += call(prefix + signature.name, ["constants", *signature.arguments, *written])
+    body += c.call(prefix + signature.name, ["constants", *signature.arguments, *written])
     for name, pattern in of_matrices.items():
         at = f"{prefix}{name}_rows", f"{prefix}{name}_columns"
         places = [str(len(pattern.rows)), *at, str(pattern.width)]
-        body += call("gather", [*places, whole[name], name])
+        body += c.call("gather", [*places, whole[name], name])
     lengths = {name: len(pattern.rows) for name, pattern in of_matrices.items()}
     stack += _DOUBLE * sum(pattern.size for pattern in of_matrices.values())
-    inputs, real = signature.arguments, f"{prefix}real"
-    return SparseText(
-        public_name=f"{prefix}{signature.name}_sparse",
-        documentation=sparse_doxygen(signature, lengths, stack),
-        parameters=read_arrays(inputs) + written_arrays(outputs),
-        declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
-        body=body,
-    )
+    inputs, public = signature.arguments, f"{prefix}{signature.name}_sparse"
+    parameters = [*c.read_arrays(inputs), *c.written_arrays(outputs)]
+    return {
+        "documentation": sparse_doxygen(signature, lengths, stack),
+        "declaration": declarations(robot, public, inputs, outputs)[0],
+        "head": c.head(f"void {public}", ["const Constants *RESTRICT constants", *parameters]),
+        "body": body,
+    }
 
 
 def _integers(numbers: tuple[int, ...]) -> Lines:
     """Integers as they stand in braces."""
-    return textwrap.wrap(" ".join(f"{number}," for number in numbers), WIDTH - 4)
+    return textwrap.wrap(" ".join(f"{number}," for number in numbers), c.WIDTH - 4)

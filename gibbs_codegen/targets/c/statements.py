@@ -8,42 +8,35 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from gibbs_codegen.program.nodes import Node, Statement
-from gibbs_codegen.program.steps import headed
-from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.program.nodes import Node
+from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
 WIDTH = 100
 # Of every line in the body of a function, and of every line in a loop there.
 _INDENT = 4
 
 
-class StatementPrinter:
-    """Prints statements that compute: right-hand sides are nodes, printed by `expressions`.
+class CStatements(StatementPrinter):
+    """Prints statements in C.
 
     Local constants are of a `kind` of number; `depth` counts the blocks that the lines stand in.
     """
 
+    COMMENT = "/* {} */"
+
     def __init__(self, expressions: InfixPrinter, depth: int = 1, kind: str = "real") -> None:
-        self._expressions = expressions
+        super().__init__(expressions)
         self._depth = depth
         self._kind = kind
 
     @property
-    def inside(self) -> StatementPrinter:
+    def inside(self) -> CStatements:
         """The printer of what stands in a loop, where lines are shorter."""
-        return StatementPrinter(self._expressions, self._depth + 1, self._kind)
+        return CStatements(self._expressions, self._depth + 1, self._kind)
 
-    def declare(self, name: str, value: Node) -> list[str]:
-        """A local constant; lines are without their indentation, as everywhere here."""
+    def assign(self, name: str, value: Node) -> list[str]:
+        """A local constant."""
         return self._assignment(f"const {self._kind} {name}", self._expressions.expression(value))
-
-    def declare_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local constants, with a comment above each group."""
-        lines: list[str] = []
-        for words, statement in headed(statements):
-            lines += comment(words)
-            lines += self.declare(statement.name, statement.value)
-        return lines
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
         """An assignment to an entry of an array; `place` may be of `statements.place_in_loop`."""
@@ -68,19 +61,9 @@ class StatementPrinter:
         )
 
 
-def comment(words: str) -> list[str]:
-    """A comment above a group of statements, after an empty line; none for ""."""
-    return ["", f"/* {words} */"] if words else []
-
-
 def load_constant(name: str) -> str:
     """A local constant that is the one of its name that `constants` points to."""
     return f"const real {name} = CONSTANT({name});"
-
-
-def load_parameter(name: str, place: int) -> str:
-    """A local constant that is the parameter at a place."""
-    return f"const real {name} = parameters[{place} * stride];"
 
 
 def unused(name: str) -> str:
@@ -90,8 +73,22 @@ def unused(name: str) -> str:
 
 def call(name: str, arguments: Sequence[str]) -> list[str]:
     """A call of a function that returns nothing; it may stand in a loop."""
-    text = f"{name}({', '.join(arguments)});"
-    return textwrap.wrap(text, WIDTH - 4 * _INDENT, subsequent_indent=" " * _INDENT)
+    return _listed(f"{name}(", arguments, ");", WIDTH - 4 * _INDENT)
+
+
+def head(name: str, parameters: Sequence[str], end: str = "") -> list[str]:
+    """The head of a function, from its type on; with `end` a semicolon, its declaration."""
+    return _listed(f"{name}(", parameters, f"){end}", WIDTH)
+
+
+def _listed(begin: str, items: Sequence[str], end: str, width: int) -> list[str]:
+    """Items with commas between them, as many in a line as there is room for."""
+    lines = [begin]
+    for item, after in zip(items, [*([", "] * (len(items) - 1)), end], strict=True):
+        if len(lines[-1]) + len(item) + len(after.rstrip()) > width:
+            lines.append(" " * _INDENT)
+        lines[-1] += item + after
+    return [line.rstrip() for line in lines]
 
 
 def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
@@ -120,10 +117,9 @@ def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[st
     `parameters` stand between the constants and the stride.
     """
     every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
-    head = [f"static INLINE void {name}(", *_indented([f"{p}," for p in every])]
-    head[-1] = f"{head[-1].removesuffix(',')})"
     idle = [] if any("stride" in line for line in body) else [unused("stride")]
-    return [*head, "{", *_indented([*idle, *body]), "}"]
+    opening = head(f"static INLINE void {name}", every)
+    return [*opening, "{", *_indented([*idle, *body]), "}"]
 
 
 def _indented(lines: Iterable[str]) -> list[str]:

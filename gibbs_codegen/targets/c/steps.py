@@ -22,20 +22,10 @@ from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.robot.layout import inputs, layout_of
-from gibbs_codegen.targets.c.function import SCRATCH, FunctionText, function_text
-from gibbs_codegen.targets.c.statements import (
-    array_size,
-    call,
-    local_arrays,
-    loop,
-    read_arrays,
-    vector_loop,
-    written_arrays,
-)
+from gibbs_codegen.targets.c import statements as c
+from gibbs_codegen.targets.c.function import SCRATCH, function_text
 from gibbs_codegen.targets.documentation import calls, doxygen
-
-Lines = list[str]
+from gibbs_codegen.targets.printers import Context, Lines
 
 
 @dataclass(frozen=True)
@@ -176,22 +166,22 @@ def state_lines(method: Method, derivatives: bool, is_quaternion: bool) -> Lines
     for part in method:
         if isinstance(part, Each):
             start = ["const int e = i * lanes + lane;", "const real step = h[lane];"]
-            lines += loop("i", "NV", vector_loop("lane", "lanes", [*start, *part.lines]))
+            lines += c.loop("i", "NV", c.vector_loop("lane", "lanes", [*start, *part.lines]))
         elif isinstance(part, Move):
             lines += _called("integrate", [part.q, "displacement", part.result])
             if derivatives and is_quaternion:
-                given = [part.q, "displacement", "by_q", "by_v"]
-                lines += _called("integrate_derivatives", given)
+                arguments = [part.q, "displacement", "by_q", "by_v"]
+                lines += _called("integrate_derivatives", arguments)
                 kept = f"moves + {part.number - 1} * MOVE * lanes"
-                lines += call("keep_move", ["lanes", "by_q", "by_v", kept])
+                lines += c.call("keep_move", ["lanes", "by_q", "by_v", kept])
         else:
-            given = [part.q, part.v, "u", f"acceleration_{part.stage}"]
+            arguments = [part.q, part.v, "u", f"acceleration_{part.stage}"]
             if not derivatives:
-                lines += _called("forward_dynamics", given)
+                lines += _called("forward_dynamics", arguments)
                 continue
             by = ["by_q", "by_v", "by_u"]
-            lines += _called("forward_dynamics_derivatives", [*given, *by])
-            lines += call("keep_slope", ["lanes", *by, _slope(part)])
+            lines += _called("forward_dynamics_derivatives", [*arguments, *by])
+            lines += c.call("keep_slope", ["lanes", *by, _slope(part)])
     return lines
 
 
@@ -201,17 +191,19 @@ def column_lines(method: Method, is_quaternion: bool) -> Lines:
     for part in method:
         if isinstance(part, Each):
             start = ["const int e = i * LANES + x;", "const real step = h[lane_of(lanes, x)];"]
-            lines += loop("i", "NV", vector_loop("x", "LANES", [*start, *part.lines]))
+            lines += c.loop("i", "NV", c.vector_loop("x", "LANES", [*start, *part.lines]))
         elif isinstance(part, Accelerate):
-            given, name = [_slope(part), f"acceleration_{part.stage}"], "first_slope"
+            arguments, name = [_slope(part), f"acceleration_{part.stage}"], "first_slope"
             if part.stage > 1:
-                given[1:1], name = [part.q, part.v], "slope"
-            lines += call(name, ["lanes", "column", *given])
+                arguments[1:1], name = [part.q, part.v], "slope"
+            lines += c.call(name, ["lanes", "column", *arguments])
         elif is_quaternion:
             kept = f"moves + {part.number - 1} * MOVE * lanes"
-            lines += call("move", ["lanes", kept, part.q, "displacement", part.result])
+            lines += c.call("move", ["lanes", kept, part.q, "displacement", part.result])
         else:
-            lines += loop("e", "NV * LANES", [f"{part.result}[e] = {part.q}[e] + displacement[e];"])
+            lines += c.loop(
+                "e", "NV * LANES", [f"{part.result}[e] = {part.q}[e] + displacement[e];"]
+            )
     return lines
 
 
@@ -220,18 +212,20 @@ def length_lines(robot: str, method: Method) -> Lines:
     lines = []
     for part in method:
         if isinstance(part, Each):
-            lines += loop("e", "NV", [*part.lines, *part.by_length])
+            lines += c.loop("e", "NV", [*part.lines, *part.by_length])
             continue
         if isinstance(part, Move):
-            given = ["constants", part.q, "displacement"]
-            lines += call(f"{robot}_integrate", [*given, part.result])
-            lines += call(f"{robot}_integrate_derivatives", [*given, "by_q", "by_v"])
+            arguments = ["constants", part.q, "displacement"]
+            lines += c.call(f"{robot}_integrate", [*arguments, part.result])
+            lines += c.call(f"{robot}_integrate_derivatives", [*arguments, "by_q", "by_v"])
             moved = "displacement_dh", f"{part.result}_dh"
         else:
-            given = ["constants", part.q, part.v, "u", f"acceleration_{part.stage}"]
-            lines += call(f"{robot}_forward_dynamics_derivatives", [*given, "by_q", "by_v", "by_u"])
+            arguments = ["constants", part.q, part.v, "u", f"acceleration_{part.stage}"]
+            lines += c.call(
+                f"{robot}_forward_dynamics_derivatives", [*arguments, "by_q", "by_v", "by_u"]
+            )
             moved = f"{part.v}_dh", f"acceleration_{part.stage}_dh"
-        lines += call("apply", ["by_q", f"{part.q}_dh", "by_v", *moved])
+        lines += c.call("apply", ["by_q", f"{part.q}_dh", "by_v", *moved])
     return lines
 
 
@@ -241,7 +235,7 @@ def _slope(part: Accelerate) -> str:
 
 def _called(function: str, arguments: Sequence[str]) -> Lines:
     """A call of a function for one state, or for a block; arguments follow the constants."""
-    return call("CALL", [function, "constants", *arguments])
+    return c.call("CALL", [function, "constants", *arguments])
 
 
 _DOUBLE = 8
@@ -268,20 +262,7 @@ class _StepText:
     slopes: int
 
 
-@dataclass(frozen=True)
-class _StepsText:
-    """Everything in the template of time steps that depends on the robot."""
-
-    name: str
-    NAME: str
-    is_quaternion: bool
-    derivatives: bool
-    runge_kutta: bool
-    moves: str
-    steps: Sequence[_StepText]
-
-
-def composed_texts(model: Model) -> list[FunctionText]:
+def composed_texts(model: Model) -> list[Context]:
     """What the templates are given of the functions that are composed of others.
 
     The first has all definitions that they share.
@@ -289,21 +270,21 @@ def composed_texts(model: Model) -> list[FunctionText]:
     steps = {signature.name: _step_text(model, signature) for signature in model.composed}
     if not steps:
         return []
-    context = _StepsText(
-        model.robot.name,
-        model.robot.name.upper(),
-        layout_of(model.robot).is_quaternion,
-        any(step.derivatives for step in steps.values()),
-        "step_rk4_derivatives" in steps,
-        "moves, " if layout_of(model.robot).is_quaternion else "",
-        list(steps.values()),
-    )
+    context = {
+        "name": model.robot.name,
+        "NAME": model.robot.name.upper(),
+        "is_quaternion": model.description.layout.is_quaternion,
+        "derivatives": any(step.derivatives for step in steps.values()),
+        "runge_kutta": "step_rk4_derivatives" in steps,
+        "moves": "moves, " if model.description.layout.is_quaternion else "",
+        "steps": list(steps.values()),
+    }
     shared = [render("c_steps.c.jinja", context).splitlines()]
     texts = []
     for signature in model.composed:
         step = steps[signature.name]
-        work = calls(model.robot, step.name)
-        documentation = doxygen(model.robot, signature, work, _stack(model, step))
+        work = calls(model.description, step.name)
+        documentation = doxygen(model.description, signature, work, _stack(model, step))
         bodies = [_body(signature, step, lanes) for lanes in (False, True)]
         texts.append(function_text(model.robot.name, signature, documentation, shared, *bodies))
         shared = []
@@ -313,14 +294,14 @@ def composed_texts(model: Model) -> list[FunctionText]:
 def _step_text(model: Model, signature: Signature) -> _StepText:
     """What the template is given of one step."""
     method = signature.name.removesuffix("_derivatives")
-    derivatives, layout = method != signature.name, layout_of(model.robot)
+    derivatives, layout = method != signature.name, model.description.layout
     size = layout.v.size
     sizes = dict.fromkeys(VECTORS[method], size) | dict.fromkeys(PLACES[method], layout.q.size)
     called = FUNCTIONS[signature.name].composed
     if derivatives and layout.is_quaternion:
         sizes["moves"] = called["integrate_derivatives"] * 2 * _BASE**2
     if derivatives:
-        width = len(inputs(model.robot))
+        width = len(model.description.inputs)
         sizes |= {"by_q": size**2, "by_v": size**2, "by_u": size * width}
         # They are the last, since how long they are depends on the precision.
         sizes["slopes"] = 0
@@ -329,7 +310,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
     return _StepText(
         signature.name,
         derivatives,
-        read_arrays(signature.arguments) + written_arrays(names),
+        c.read_arrays(signature.arguments) + c.written_arrays(names),
         state_lines(METHODS[method], derivatives, layout.is_quaternion),
         column_lines(METHODS[method], layout.is_quaternion),
         [*VECTORS[method], *PLACES[method]],
@@ -345,17 +326,19 @@ def _body(signature: Signature, step: _StepText, lanes: bool) -> Lines:
     arrays = ["constants", *signature.arguments, *outputs, SCRATCH]
     entries = f"({step.entries} + {step.slopes} * SLOPE)" if step.slopes else str(step.entries)
     return [
-        local_arrays([SCRATCH], array_size(entries, lanes)),
-        *call(f"{signature.name}_states", [*arrays, "LANES" if lanes else "1"]),
+        c.local_arrays([SCRATCH], c.array_size(entries, lanes)),
+        *c.call(f"{signature.name}_states", [*arrays, "LANES" if lanes else "1"]),
     ]
 
 
 def _stack(model: Model, step: _StepText) -> int:
     """Stack that a step takes for one state of doubles (bytes): its own, and that of its parts."""
-    size = layout_of(model.robot).v.size
+    size = model.description.layout.v.size
     own = step.entries
     if step.derivatives:
-        columns = [-(-width // LANES) * LANES for width in (2 * size, len(inputs(model.robot)))]
+        columns = [
+            -(-width // LANES) * LANES for width in (2 * size, len(model.description.inputs))
+        ]
         own += step.slopes * size * sum(columns) + (len(step.vectors) + 4) * size * LANES
     functions = map(model.program.function, FUNCTIONS[step.name].composed)
     return _DOUBLE * own + 2 * max(stack_bytes(gather_angles(part)) for part in functions)
@@ -369,7 +352,7 @@ def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
 
     The model has the derivatives of steps.
     """
-    size, width = layout_of(model.robot).v.size, len(inputs(model.robot))
+    size, width = model.description.layout.v.size, len(model.description.inputs)
     known = patterns(model)
 
     def of(matrix: str, row: int = 0, column: int = 0) -> Pairs:

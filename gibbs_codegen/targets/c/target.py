@@ -1,112 +1,35 @@
-"""What the C templates are given, rollouts included: text only, every decision already taken."""
+"""What the C templates are given: text only, every decision already taken."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import dataclass
 
-from gibbs_codegen.interface import LANES
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LANES, LISTS, derivatives_among
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.robot.layout import inputs, layout_of
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.module_lists import module_lists
-from gibbs_codegen.targets.c.casadi import CasadiText, casadi_text
-from gibbs_codegen.targets.c.function import CFunction, FunctionText
-from gibbs_codegen.targets.c.sparse import (
-    PatternText,
-    SparseText,
-    pattern_texts,
-    sparse_texts,
-)
-from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.runtime.rollout_source import RolloutText
+from gibbs_codegen.targets import documentation
+from gibbs_codegen.targets.c.casadi import casadi_text
+from gibbs_codegen.targets.c.function import CFunction
+from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
+from gibbs_codegen.targets.c.statements import WIDTH, CStatements, load
 from gibbs_codegen.targets.c.steps import composed_texts
-from gibbs_codegen.targets.documentation import (
-    attitude_text,
-    base_frame,
-    coordinate_table,
-    entry_lines,
-    state_tables,
-    unknown_table,
-)
-from gibbs_codegen.targets.printers import InfixPrinter
-from gibbs_codegen.targets.verbatim import c_source
+from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
+
+# Of more derivatives that are left out nobody reads the names.
+_NAMED = 8
 
 
-@dataclass(frozen=True)
-class RolloutText:
-    """What depends on the robot, and the source that does not.
-
-    `block` comes before the functions that the template makes of the robot's, `run` after them.
-    """
-
-    rotors: int
-    is_quaternion: bool
-    block: str
-    run: str
-
-
-def rollout_text(robot: Robot) -> RolloutText:
-    """Part of the context of the templates of rollouts."""
-    return RolloutText(
-        robot.rotors,
-        layout_of(robot).is_quaternion,
-        c_source("rollout/begin.c"),
-        c_source("rollout/rollout.c").rstrip(),
-    )
-
-
-Lines = list[str]
-
-
-@dataclass(frozen=True)
-class ParameterText:
-    """A parameter: its enumerator, its name, its default as a literal, and its unit."""
-
-    macro: str
-    name: str
-    value: str
-    unit: str
-
-
-@dataclass(frozen=True)
-class ModuleText:
-    """Everything in header, source and CasADi adapter that depends on the robot.
+def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
+    """Context of the C templates: all in header and source that depends on the robot.
 
     `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
     places in arguments, by the words for these. `support` is the source that depends on no robot,
-    and `gather` that of functions without zeros. `casadi` is what the adapter is given besides, and
-    `rollout` what the source of rollouts is.
+    and `gather` that of functions without zeros.
     """
-
-    header: Lines
-    name: str
-    NAME: str
-    lanes: int
-    single_lanes: int
-    convention_lines: Lines
-    result_lines: Lines
-    entry_lines: Lines
-    sizes: list[tuple[str, int]]
-    folded_lines: Lines
-    parameters: list[ParameterText]
-    places: dict[str, Lines]
-    constants: Lines
-    default_constants: Lines
-    parameter_loads: Lines
-    prepare: Lines
-    total_mass: str
-    support: str
-    functions: list[FunctionText]
-    patterns: list[PatternText]
-    sparse: list[SparseText]
-    gather: str
-    casadi: CasadiText
-    rollout: RolloutText
-
-
-def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
-    """Context of the C templates."""
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
     loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
@@ -115,54 +38,74 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         for function, signature in model.derived
     ]
     functions += composed_texts(model)
-    return ModuleText(
-        header=header,
-        name=robot.name,
-        NAME=robot.name.upper(),
-        lanes=LANES,
-        single_lanes=2 * LANES,
-        convention_lines=_convention_lines(robot),
-        result_lines=_result_lines(robot),
-        entry_lines=entry_lines(_tables(robot)),
-        sizes=_sizes(model),
-        folded_lines=_folded_lines(model),
-        parameters=_parameters(model, printer),
-        places=_places(robot),
-        constants=list(program.constants),
-        default_constants=[printer.number(values[name]) for name in program.constants],
-        parameter_loads=[load_parameter(name, place) for name, place in loads],
-        prepare=StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
-        total_mass=printer.expression(model.total_mass),
-        support=c_source("support.c"),
-        functions=functions,
-        patterns=pattern_texts(model),
-        sparse=sparse_texts(model),
-        gather=c_source("gather.c"),
-        casadi=casadi_text(model),
-        rollout=rollout_text(robot),
-    )
-
-
-def _sizes(model: Model) -> list[tuple[str, int]]:
-    listed = module_lists(model.robot, model.derivatives)
-    sizes = [(name, len(names)) for name, names in listed.items()]
-    lengths = len(model.defaults), len(model.program.constants)
-    return [*sizes, *zip(("PARAMETERS", "CONSTANTS"), lengths, strict=True)]
-
-
-def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:
-    macros = _macros(model.robot.name, model.defaults)
-    return [
-        ParameterText(macro=macro, name=name, value=printer.number(value), unit=model.units[name])
-        for macro, (name, value) in zip(macros, model.defaults.items(), strict=True)
-    ]
-
-
-def _places(robot: Robot) -> dict[str, Lines]:
-    """Enumerators of the places in each list; no parameter's begins with a single letter."""
-    listed = module_lists(robot)
+    macros = _macros(robot.name, model.defaults)
+    listed, folded = model.description.lists(model.functions), ", ".join(model.folded) or "nothing"
     return {
-        words: _macros(f"{robot.name}_{words[0]}", listed[name])
+        "header": header,
+        "name": robot.name,
+        "NAME": robot.name.upper(),
+        "lanes": LANES,
+        "single_lanes": 2 * LANES,
+        "convention_lines": _convention_lines(model.description),
+        "result_lines": _result_lines(model.description),
+        "entry_lines": documentation.entry_lines(_tables(model)),
+        "left_out_lines": _left_out_lines(model),
+        "sizes": {
+            **{name: len(names) for name, names in listed.items()},
+            "PARAMETERS": len(model.defaults),
+            "CONSTANTS": len(program.constants),
+        },
+        "folded_lines": textwrap.wrap(
+            f"Zero in the robot file and therefore folded away: {folded}.", WIDTH - 6
+        ),
+        "parameters": [
+            {**parameter, "macro": macro}
+            for parameter, macro in zip(
+                documentation.parameter_texts(model, printer), macros, strict=True
+            )
+        ],
+        "places": _places(model),
+        "constants": list(program.constants),
+        "default_constants": _in_braces(printer.number(values[name]) for name in program.constants),
+        "parameter_loads": [load(name, "parameters", place) for name, place in loads],
+        "prepare": CStatements(printer, kind="STEPWISE real").assign_all(program.prepare),
+        "total_mass": printer.expression(model.total_mass),
+        "support": c_source("support.c"),
+        "functions": functions,
+        "patterns": pattern_texts(model),
+        "sparse": sparse_texts(model),
+        "gather": c_source("gather.c"),
+    }
+
+
+def adapter_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
+    """Context of the template of the CasADi adapter."""
+    name = model.robot.name
+    return {"header": header, "name": name, "NAME": name.upper(), "casadi": casadi_text(model)}
+
+
+def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
+    """Context of the templates of rollouts."""
+    robot, layout = model.robot, model.description.layout
+    text = RolloutText(header, robot.name, robot.rotors, layout.is_quaternion)
+    if missing := [name for name in text.functions if name not in model.functions]:
+        raise UsageError(
+            f"--target rollout: its source calls {', '.join(missing)}: add "
+            f"{'them' if missing[1:] else 'it'} to --functions"
+        )
+    return vars(text)
+
+
+def _in_braces(texts: Iterable[str]) -> Lines:
+    """What stands in braces, as many in a line as there is room for."""
+    return textwrap.wrap(" ".join(f"{text}," for text in texts), WIDTH - 4)
+
+
+def _places(model: Model) -> dict[str, Lines]:
+    """Enumerators of the places in each list; no parameter's begins with a single letter."""
+    robot, listed = model.robot, _used(model)
+    return {
+        words: _in_braces(_macros(f"{robot.name}_{words[0]}", listed[name]))
         for words, name in (
             ("q", "COORDINATES"),
             ("v, and in a", "VELOCITIES"),
@@ -170,8 +113,18 @@ def _places(robot: Robot) -> dict[str, Lines]:
             ("frames, also of rows in W", "FRAMES"),
             ("bodies", "BODIES"),
         )
-        if listed[name]
+        if listed.get(name)
     }
+
+
+def _used(model: Model) -> dict[str, tuple[str, ...]]:
+    """The lists that arguments or results of the functions have entries for."""
+    rows = [FUNCTIONS[signature.name] for signature in model.signatures]
+    shapes = [ARGUMENTS[argument].shape for row in rows for argument in row.arguments]
+    letters = {letter for row in rows for output in row.outputs for letter in output.shape}
+    letters = letters.union(*shapes)
+    names = {LISTS[letter] for letter in letters if letter in LISTS}
+    return {name: kept for name, kept in model.description.lists().items() if name in names}
 
 
 def _macros(prefix: str, names: Iterable[str]) -> Lines:
@@ -182,29 +135,32 @@ def _macros(prefix: str, names: Iterable[str]) -> Lines:
     return [f"{prefix.upper()}_{rest}" for rest in chosen]
 
 
-def _tables(robot: Robot) -> dict[str, Lines]:
+def _tables(model: Model) -> dict[str, Lines]:
     """What explains the entries of arguments and results, by headings."""
+    description, used = model.description, _used(model)
+    hybrid = documentation.unknown_table(description) if "HYBRID_COORDINATES" in used else []
     return {
-        **state_tables(robot),
-        "Unknowns of the hybrid system, in order": unknown_table(robot),
-        "Inputs u, in order": coordinate_table(inputs(robot)),
+        **documentation.state_tables(description),
+        **({"Unknowns of the hybrid system, in order": hybrid} if hybrid else {}),
+        "Inputs u, in order": documentation.coordinate_table(description.inputs),
         **{
             f"{name.capitalize()}, in order": textwrap.wrap(", ".join(listed), WIDTH - 8)
-            for name, listed in module_lists(robot).items()
+            for name, listed in used.items()
             if name in ("POINTS", "FRAMES", "BODIES") and listed
         },
     }
 
 
-def _result_lines(robot: Robot) -> Lines:
+def _result_lines(description: Description) -> Lines:
     text = (
         "No function checks its results. They are infinite or NaN if an argument is not finite, if "
         "a number overflows or, in forward dynamics, if a degree of freedom has no mass."
     )
-    if layout_of(robot).is_quaternion:
+    if description.layout.is_quaternion:
         text += (
             " No attitude makes them so. A quaternion that is not of unit length is normalised by "
-            f"{robot.name}_integrate only, if the square of its length is neither 0 nor infinite."
+            f"{description.robot.name}_integrate only, if the square of its length is neither 0 "
+            "nor infinite."
         )
     else:
         text += (
@@ -214,24 +170,37 @@ def _result_lines(robot: Robot) -> Lines:
     return textwrap.wrap(text, WIDTH - 4)
 
 
-def _convention_lines(robot: Robot) -> Lines:
+def _convention_lines(description: Description) -> Lines:
     rates = "Rates are plain time derivatives of the coordinates, not body rates."
-    if layout_of(robot).is_quaternion:
+    if description.layout.is_quaternion:
         rates = (
             "The velocities of the base are in its own frame, and a has their time derivatives "
             "component by component. Coordinates, velocities and accelerations are those of a "
             "free flyer in Pinocchio."
         )
-    attitude = f"The attitude, from {base_frame(robot)} to the world, is {attitude_text(robot)}."
+    robot, frame = description.robot, documentation.base_frame(description)
+    attitude = (
+        f"The attitude, from {frame} to the world, is {documentation.attitude_text(description)}."
+    )
     carrier = "the motor's arm" if robot.base.rotors else "the body that carries the rotor"
     thrusts = (
         "A thrust acts at its motor, along the direction that the robot file gives in the frame of "
         f"{carrier}."
     )
-    said = [attitude, rates, *([thrusts] if robot.rotors else [])]
-    return textwrap.wrap(" ".join(said), WIDTH - 4)
+    sentences = [attitude, rates, *([thrusts] if robot.rotors else [])]
+    return textwrap.wrap(" ".join(sentences), WIDTH - 4)
 
 
-def _folded_lines(model: Model) -> Lines:
-    text = ", ".join(model.folded) or "nothing"
-    return textwrap.wrap(f"Zero in the robot file and therefore folded away: {text}.", WIDTH - 6)
+def _left_out_lines(model: Model) -> Lines:
+    """By which options the functions come that are not there."""
+    missing = [name for name in FUNCTIONS if name not in model.functions]
+    derivatives = derivatives_among(missing)
+    others = [name for name in missing if name not in derivatives]
+    clauses = []
+    if others:
+        clauses.append(f"{', '.join(others)}, which come with --functions")
+    if derivatives:
+        which = "derivatives" if len(derivatives) > _NAMED else ", ".join(derivatives)
+        clauses.append(f"{which}, which come with --derivatives")
+    text = f"The module was generated without {'; and '.join(clauses)}." if clauses else ""
+    return textwrap.wrap(text, WIDTH - 4)

@@ -1,16 +1,21 @@
-"""Statements in MATLAB as lines: how they are written and broken is decided here alone."""
+"""MATLAB and GNU Octave as languages: the names that they take, and statements as lines.
+
+How statements are written and broken is decided here alone.
+"""
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from gibbs_codegen.program.nodes import Node, Number, Output, Statement
-from gibbs_codegen.program.steps import headed
-from gibbs_codegen.targets.matlab.names import variable
-from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.nodes import Node, Number, Output
+from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
 WIDTH = 100
 # Of every line in the body of a function, and of every line that continues another.
@@ -35,23 +40,24 @@ class MatlabPrinter(InfixPrinter):
         return super().call(function, argument)
 
 
-class StatementPrinter:
-    """Prints statements that compute: right-hand sides are nodes, printed by `expressions`."""
+class MatlabStatements(StatementPrinter):
+    """Prints statements in MATLAB."""
 
-    def __init__(self, expressions: InfixPrinter) -> None:
-        self._expressions = expressions
+    COMMENT = "% {}"
 
-    def assign_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local variables, with a comment above each group; lines are without indentation here."""
-        lines: list[str] = []
-        for words, statement in headed(statements):
-            lines += ["", f"% {words}"] if words else []
-            lines += self.assign(self._expressions.name(statement.name), statement.value)
-        return lines
-
-    def assign(self, target: str, value: Node) -> list[str]:
+    def assign(self, name: str, value: Node) -> list[str]:
         """A variable, or entries of one."""
-        return _continued(f"{target} = {self._expressions.expression(value)};")
+        text = f"{name} = {self._expressions.expression(value)};"
+        if len(text) <= WIDTH - _INDENT:
+            return [text]
+        lines = textwrap.wrap(
+            text,
+            WIDTH - _INDENT - len(_CONTINUED),
+            subsequent_indent=" " * _INDENT,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        return [*(f"{line}{_CONTINUED}" for line in lines[:-1]), lines[-1]]
 
     def fill(self, name: str, output: Output) -> list[str]:
         """An output, whose zeros are there before its other entries."""
@@ -91,15 +97,56 @@ def column(texts: Sequence[str]) -> list[str]:
     return [*(f"{line};" for line in lines[:-1]), *lines[-1:]]
 
 
-def _continued(text: str) -> list[str]:
-    """Lines of a statement."""
-    if len(text) <= WIDTH - _INDENT:
-        return [text]
-    lines = textwrap.wrap(
-        text,
-        WIDTH - _INDENT - len(_CONTINUED),
-        subsequent_indent=" " * _INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [*(f"{line}{_CONTINUED}" for line in lines[:-1]), lines[-1]]
+# Characters in a name that MATLAB tells apart.
+LONGEST = 63
+# Words of both languages.
+_KEYWORDS = """
+    arguments break case catch classdef continue do else elseif end enumeration events for function
+    global if methods otherwise parfor persistent properties return spmd switch try until while
+    endif endfor endfunction endwhile endswitch endparfor end_try_catch unwind_protect
+    unwind_protect_cleanup end_unwind_protect
+"""
+# In Octave a package hides the function of its name, in MATLAB the function hides the package.
+# These are what the emitted source calls, and what is in every script.
+_FUNCTIONS = """
+    all any atan circshift cos double error eye fieldnames full isequal isfield isfinite islogical
+    isnumeric isreal isscalar isstruct narginchk nargin numel ones prod repmat reshape sin size
+    sprintf sqrt strcmp struct zeros ans disp e eps false help i inf j load nan norm ode45 pi plot
+    save test true
+"""
+TAKEN = {*re.findall(r"\w+", _KEYWORDS + _FUNCTIONS)}
+# What functions call their own variables, beside arguments and outputs.
+_OWN = {"constants", "count", "values"}
+
+
+def variable(name: str) -> str:
+    """A name as a variable or field, with an x before the _ that no name in MATLAB begins with."""
+    return f"x{name}" if name.startswith("_") else name
+
+
+def check_names(model: Model) -> None:
+    """Raise `UsageError` where names of a robot cannot be told apart in MATLAB.
+
+    A name is too long, is taken, or would be that of something else.
+    """
+    package = model.robot.name
+    program = model.program
+    robot_names = {*model.defaults, *(name for names in program.inputs.values() for name in names)}
+    outputs = {output.name for row in FUNCTIONS.values() for output in row.outputs}
+    computed = {s.name for f in program.functions for s in f.statements}
+    computed |= {statement.name for statement in program.prepare}
+    variables = {*map(variable, robot_names), *computed, *ARGUMENTS, *outputs, *_OWN}
+    if package in TAKEN:
+        raise _refusal(f"the robot's name {package} is a word or a function of MATLAB or Octave")
+    if package in variables:
+        raise _refusal(f"the robot's name {package} is that of a variable in its functions")
+    for name in (package, *sorted(robot_names)):
+        if len(variable(name)) > LONGEST:
+            raise _refusal(f"{printable(name)} has more than {LONGEST} characters")
+    for name in sorted(robot_names):
+        if variable(name) != name and variable(name) in robot_names:
+            raise _refusal(f"{name} would be {variable(name)}, which is there already")
+
+
+def _refusal(why: str) -> UsageError:
+    return UsageError(f"--target matlab: {why}; give it another name in the robot file")

@@ -1,28 +1,41 @@
-"""What the MATLAB templates are given: text only, every decision already taken."""
+"""What the MATLAB templates are given: functions with their help, lists, and what is there once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Collection
+from dataclasses import replace
 
-from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.files.verbatim import matlab_source
+from gibbs_codegen.interface import FUNCTIONS, Row, Signature
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Function, names_in
+from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.program.patterns import patterns
-from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.targets.documentation import calls, operations
-from gibbs_codegen.targets.matlab.help import ListText, help_text, list_texts
-from gibbs_codegen.targets.matlab.names import check_names, variable
+from gibbs_codegen.robot.description import Coordinate, Description
+from gibbs_codegen.targets.documentation import (
+    HANGING,
+    argument_text,
+    attitude_lines,
+    calls,
+    coordinate_table,
+    details,
+    meaning,
+    operations,
+    output_text,
+    parameter_texts,
+    step_text,
+    unknown_table,
+    wrapped,
+)
 from gibbs_codegen.targets.matlab.statements import (
-    StatementPrinter,
+    MatlabStatements,
+    check_names,
     column,
     column_major,
     load,
+    variable,
 )
-from gibbs_codegen.targets.printers import InfixPrinter
-from gibbs_codegen.targets.verbatim import matlab_source
-
-Lines = list[str]
+from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 # Each makes the files of a kind; the package's own functions are in a package within it.
 TEMPLATES = (
@@ -34,175 +47,116 @@ TEMPLATES = (
     "matlab_constants.m.jinja",
     "matlab_source.m.jinja",
 )
-
-
-@dataclass(frozen=True)
-class FunctionText:
-    """A function: its head, its documentation, and what it does.
-
-    `fewest` and `most` count arguments. `checked` is what the check of these returns, `names` and
-    `sizes` are what it takes. A function that is composed of others has a `step`; another has
-    `body`.
-    """
-
-    header: Lines
-    package: str
-    name: str
-    results: str
-    arguments: str
-    fewest: int
-    most: int
-    documentation: Lines
-    checked: str
-    names: str
-    sizes: str
-    body: Lines
-    step: StepText | None
-
-
-@dataclass(frozen=True)
-class StepText:
-    """A time step: its method, and whether it has derivatives, and moves are no sums."""
-
-    method: str
-    derivatives: bool
-    is_quaternion: bool
-
-
-@dataclass(frozen=True)
-class ParameterText:
-    """A parameter: the field of it, its default as a literal, and its unit."""
-
-    field: str
-    value: str
-    unit: str
-
-
-@dataclass(frozen=True)
-class PatternText:
-    """A pattern: the name of its matrix, and its entries as what stands in brackets."""
-
-    name: str
-    entries: Lines
-
-
-@dataclass(frozen=True)
-class ModelText:
-    """What files that are there once in a package depend on: parameters, constants, patterns.
-
-    `folded` are fields that are no parameters, as what stands in braces.
-    """
-
-    header: Lines
-    package: str
-    parameters: list[ParameterText]
-    folded: Lines
-    parameter_loads: Lines
-    prepare: Lines
-    total_mass: str
-    constants: Lines
-    default_constants: Lines
-    patterns: list[PatternText]
-
-
-@dataclass(frozen=True)
-class SourceText:
-    """A function that depends on no robot."""
-
-    header: Lines
-    lines: Lines
+# What the entries of each list are, by the constant that has it in other languages. As files differ
+# in more than capitals, no list has the name of a function.
+LISTS = {
+    "COORDINATES": ("coordinate_names", "coordinates q"),
+    "VELOCITIES": ("velocity_names", "velocities v, whose rates are a"),
+    "HYBRID_COORDINATES": ("hybrid_coordinate_names", "unknowns of the hybrid system"),
+    "INPUTS": ("input_names", "inputs u"),
+    "POINTS": ("point_names", "points"),
+    "FRAMES": ("frame_names", "frames, also of rows in W"),
+    "BODIES": ("body_names", "bodies"),
+    "BASE_PARAMETERS": ("base_parameter_names", "base parameters"),
+}
+# The package's functions that return what other languages have as constants.
+_NAMED = {constant: name for constant, (name, _) in LISTS.items()}
+_NAMED |= {"PARAMETERS": "parameters", "PATTERNS": "patterns"}
+# Of a line, which begins with "%   ".
+_WIDTH = 96
 
 
 def package_text(
     model: Model, printer: InfixPrinter, header: Lines
-) -> dict[str, Mapping[str, object]]:
+) -> dict[str, dict[str, Context]]:
     """Contexts of the MATLAB templates, for each that of each file by its name in the package.
 
     Raises `UsageError` where MATLAB does not take a name of the robot's.
     """
     check_names(model)
-    statements = StatementPrinter(printer)
+    statements = MatlabStatements(printer)
     once = _model_text(model, printer, statements, header)
-    steps = {s.name: _step_text(model, s.name) for s in model.composed}
+    steps = [step_text(signature.name) for signature in model.composed]
     own = ["states", "changed_parameters", "check_constants"]
-    own += list(dict.fromkeys(step.method for step in steps.values()))
-    own += ["with_derivatives"] if any(step.derivatives for step in steps.values()) else []
+    own += list(dict.fromkeys(step["method"] for step in steps))
+    own += ["with_derivatives"] if any(step["derivatives"] for step in steps) else []
     functions = {
         signature.name: _function_text(model, signature, statements, header)
         for signature in model.signatures
     }
-    lists: dict[str, ListText] = list_texts(model.robot, model.derivatives, header)
     return {
         "matlab_function.m.jinja": functions,
-        "matlab_list.m.jinja": lists,
+        "matlab_list.m.jinja": list_texts(model.description, model.functions, header),
         "matlab_parameters.m.jinja": {"parameters": once},
         "matlab_prepare.m.jinja": {"prepare": once},
-        "matlab_patterns.m.jinja": {"patterns": once} if once.patterns else {},
+        "matlab_patterns.m.jinja": {"patterns": once} if once["patterns"] else {},
         "matlab_constants.m.jinja": {"+internal/default_constants": once},
         "matlab_source.m.jinja": {
-            f"+internal/{name}": SourceText(header, matlab_source(name)) for name in own
+            f"+internal/{name}": {"header": header, "lines": matlab_source(name)} for name in own
         },
     }
 
 
 def _function_text(
-    model: Model, signature: Signature, statements: StatementPrinter, header: Lines
-) -> FunctionText:
-    """The text of one function."""
-    constants = len(model.program.constants)
-    step, body = None, []
+    model: Model, signature: Signature, statements: MatlabStatements, header: Lines
+) -> Context:
+    """The text of one function.
+
+    `fewest` and `most` count arguments. `checked` is what the check of these returns, `names` and
+    `sizes` are what it takes. A function that is composed of others has a `step`; another has
+    `body`.
+    """
+    program = model.program
+    constants = len(program.constants)
+    step = None
+    body: Lines = []
     if FUNCTIONS[signature.name].composed:
-        step, work = _step_text(model, signature.name), calls(model.robot, signature.name)
+        step, work = step_text(signature.name), calls(model.description, signature.name)
+        # Else moves are sums.
+        step["is_quaternion"] = model.description.layout.is_quaternion
     else:
-        function = model.program.function(signature.name)
-        body, work = _body(model, function, statements), operations(function)
+        function = program.function(signature.name)
+        work = operations(function)
+        used = {name for node in function.nodes() for name in names_in(node)}
+        body = [load(n, "constants", program.constants.index(n)) for n in function.constants]
+        # What it does once its arguments are columns.
+        for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
+            entries = zip(program.inputs[argument], column_major(shape), strict=True)
+            body += [load(name, argument, place - 1) for name, place in entries if name in used]
+        body += statements.assign_all(function.statements)
+        described = FUNCTIONS[signature.name].outputs
+        for output, computed in zip(described, function.outputs, strict=True):
+            body += statements.fill(output.name, computed)
     arguments = [*signature.arguments, "constants"]
     shapes = [*(shape or (1,) for shape in signature.argument_shapes), (constants,)]
     names = ", ".join(f"'{argument}'" for argument in arguments)
     sizes = [" ".join(map(str, shape)) for shape in shapes]
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
-    return FunctionText(
-        header=header,
-        package=model.robot.name,
-        name=signature.name,
-        results=outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]",
-        arguments=", ".join(arguments),
-        fewest=len(signature.arguments),
-        most=len(arguments),
-        documentation=help_text(model.robot, signature, work, constants),
-        checked=", ".join(["count", *arguments]),
-        names=f"{{{names}}}",
-        sizes=f"{{{', '.join(size if ' ' not in size else f'[{size}]' for size in sizes)}}}",
-        body=body,
-        step=step,
-    )
-
-
-def _step_text(model: Model, name: str) -> StepText:
-    method = name.removesuffix("_derivatives")
-    is_quaternion = layout_of(model.robot).is_quaternion
-    return StepText(method.removeprefix("step_"), method != name, is_quaternion)
-
-
-def _body(model: Model, function: Function, statements: StatementPrinter) -> Lines:
-    """What a function does once its arguments are columns."""
-    program = model.program
-    used = {name for node in function.nodes() for name in names_in(node)}
-    lines = [load(n, "constants", program.constants.index(n)) for n in function.constants]
-    signature = next(s for f, s in model.derived if f is function)
-    for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
-        names = zip(program.inputs[argument], column_major(shape), strict=True)
-        lines += [load(name, argument, place - 1) for name, place in names if name in used]
-    lines += statements.assign_all(function.statements)
-    for described, output in zip(FUNCTIONS[function.name].outputs, function.outputs, strict=True):
-        lines += statements.fill(described.name, output)
-    return lines
+    return {
+        "header": header,
+        "package": model.robot.name,
+        "name": signature.name,
+        "results": outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]",
+        "arguments": ", ".join(arguments),
+        "fewest": len(signature.arguments),
+        "most": len(arguments),
+        "documentation": help_text(model.description, signature, work, constants),
+        "checked": ", ".join(["count", *arguments]),
+        "names": f"{{{names}}}",
+        "sizes": f"{{{', '.join(size if ' ' not in size else f'[{size}]' for size in sizes)}}}",
+        "body": body,
+        "step": step,
+    }
 
 
 def _model_text(
-    model: Model, printer: InfixPrinter, statements: StatementPrinter, header: Lines
-) -> ModelText:
-    """What files that are there once depend on."""
+    model: Model, printer: InfixPrinter, statements: MatlabStatements, header: Lines
+) -> Context:
+    """What files that are there once in a package depend on: parameters, constants, patterns.
+
+    `folded` are fields that are no parameters, as what stands in braces, and entries of `patterns`
+    what stands in brackets.
+    """
     program = model.program
     values = program.prepared(model.defaults)
     shapes = {
@@ -214,22 +168,113 @@ def _model_text(
     for matrix, pattern in patterns(model).items():
         places = column_major(shapes[matrix])
         entries = zip(pattern.rows, pattern.columns, strict=True)
-        texts = [str(places[row * pattern.width + column]) for row, column in entries]
-        found.append(PatternText(matrix, column(texts)))
-    return ModelText(
-        header=header,
-        package=model.robot.name,
-        parameters=[
-            ParameterText(variable(name), printer.number(value), model.units[name])
-            for name, value in model.defaults.items()
-        ],
-        folded=column([f"'{variable(name)}'" for name in model.folded]),
-        parameter_loads=[
+        texts = [str(places[i * pattern.width + j]) for i, j in entries]
+        found.append({"name": matrix, "entries": column(texts)})
+    return {
+        "header": header,
+        "package": model.robot.name,
+        "parameters": parameter_texts(model, printer),
+        "folded": column([f"'{variable(name)}'" for name in model.folded]),
+        "parameter_loads": [
             f"{variable(name)} = values.{variable(name)};" for name in model.parameters_read
         ],
-        prepare=statements.assign_all(program.prepare),
-        total_mass=printer.expression(model.total_mass),
-        constants=column([variable(name) for name in program.constants]),
-        default_constants=column([printer.number(values[name]) for name in program.constants]),
-        patterns=found,
+        "prepare": statements.assign_all(program.prepare),
+        "total_mass": printer.expression(model.total_mass),
+        "constants": column([variable(name) for name in program.constants]),
+        "default_constants": column([printer.number(values[name]) for name in program.constants]),
+        "patterns": found,
+    }
+
+
+def list_texts(
+    description: Description, functions: Collection[str], header: Lines
+) -> dict[str, Context]:
+    """The texts of all lists, by the names of their functions.
+
+    `table` explains the entries, and `results` is what the function returns. Whether entries have
+    units goes by the kind of list, not by whether this robot has any entries.
+    """
+    explained: dict[str, tuple[Coordinate, ...]] = {
+        "COORDINATES": description.coordinates,
+        "VELOCITIES": description.velocities,
+        "HYBRID_COORDINATES": description.hybrid_coordinates,
+        "INPUTS": description.inputs,
+        "BASE_PARAMETERS": description.base_parameters,
+    }
+    texts = {}
+    for constant, names in description.lists(functions).items():
+        name, what = LISTS[constant]
+        has_units = constant in explained
+        entries = explained.get(constant, ())
+        table = coordinate_table(entries)
+        if constant == "HYBRID_COORDINATES":
+            table = unknown_table(description)
+        if constant == "COORDINATES":
+            table = [*table, "", *attitude_lines(description)]
+        texts[name] = {
+            "header": header,
+            "package": description.robot.name,
+            "name": name,
+            "title": name.upper(),
+            "what": what,
+            "results": "[names, units]" if has_units else "names",
+            "table": ["", *table] if table else [],
+            "names": column([f"'{entry}'" for entry in names]),
+            "has_units": has_units,
+            "units": column([f"'{entry.unit}'" for entry in entries]),
+        }
+    return texts
+
+
+def help_text(
+    description: Description, signature: Signature, work: str, constants: int
+) -> list[str]:
+    """Documentation of a function as MATLAB's `help` shows it, without the sign of a comment.
+
+    `work` is as of `documentation.docstring`; `constants` is how many there are.
+    """
+    row = _in_own_names(FUNCTIONS[signature.name])
+    places = zip(signature.arguments, signature.argument_shapes, strict=True)
+    takes = [
+        f"{a}  {_size(shape)}: {meaning(description, a)}, {argument_text(description, a)}"
+        for a, shape in places
+    ]
+    takes.append(
+        f"constants  {_size((constants,))}: what {description.robot.name}.prepare() returns; those "
+        "of the default parameters if omitted"
     )
+    returns = [
+        f"{output.name}  {_size(sizes)}: {output_text(description, output)}"
+        for output, sizes in zip(row.outputs, signature.shapes, strict=True)
+    ]
+    sections = {
+        "Arguments, of k states each, or of one that serves for all:": takes,
+        "Results:": returns,
+        f"Source: {row.source}. {work}.": [],
+    }
+    names = [output.name for output in row.outputs]
+    results = names[0] if len(names) == 1 else f"[{', '.join(names)}]"
+    called = f"{results} = {description.robot.name}.{signature.name}"
+    argument_lists = ", ".join(signature.arguments), ", ".join([*signature.arguments, "constants"])
+    lines = wrapped([f"{called}({one})" for one in argument_lists], _WIDTH, HANGING)
+    lines += ["", *wrapped([details(description, row)], _WIDTH, "")] if row.details else []
+    for heading, items in sections.items():
+        body = [f"{HANGING}{line}" for line in wrapped(items, _WIDTH - len(HANGING), HANGING)]
+        lines += ["", *wrapped([heading], _WIDTH, ""), *body]
+    below = [f"   {line}".rstrip() for line in lines]
+    return [f"{signature.name.upper()} {row.summary}", *below]
+
+
+def _in_own_names(row: Row) -> Row:
+    """A row whose words name functions of the package in place of constants."""
+
+    def named(text: str) -> str:
+        return re.sub(r"\b[A-Z_]+\b", lambda found: _NAMED.get(found[0], found[0]), text)
+
+    outputs = tuple(replace(output, entries=named(output.entries)) for output in row.outputs)
+    return replace(row, outputs=outputs, summary=named(row.summary), details=named(row.details))
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    """The size of an array in MATLAB, with an axis for states."""
+    return " x ".join([*map(str, shape or (1,)), "k"])

@@ -5,48 +5,28 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from gibbs_codegen.program.nodes import Node, Output, Statement
-from gibbs_codegen.program.steps import headed
-from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.program.nodes import Node, Output
+from gibbs_codegen.targets.printers import StatementPrinter
 
 WIDTH = 100
 # Of every line in the body of a function, and of every line in parentheses there.
 _INDENT = 4
 
 
-class StatementPrinter:
-    """Prints statements that compute: right-hand sides are nodes, printed by `expressions`."""
-
-    def __init__(self, expressions: InfixPrinter) -> None:
-        self._expressions = expressions
+class PythonStatements(StatementPrinter):
+    """Prints statements in Python."""
 
     def assign(self, name: str, value: Node) -> list[str]:
-        """A local variable, its value in parentheses where it takes more than a line.
-
-        Lines are without their indentation, as everywhere here.
-        """
+        """A local variable, its value in parentheses where it takes more than a line."""
         start, text = f"{name} = ", self._expressions.expression(value)
         if len(start) + len(text) <= WIDTH - _INDENT:
             return [start + text]
         return [f"{start}(", *(f"{' ' * _INDENT}{line}" for line in _wrapped(text)), ")"]
 
-    def assign_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Local variables, with a comment above each group."""
-        lines: list[str] = []
-        for words, statement in headed(statements):
-            lines += comment(words)
-            lines += self.assign(statement.name, statement.value)
-        return lines
-
     def entries(self, outputs: Sequence[Output]) -> list[str]:
         """What stands in the parentheses of a tuple of all entries of outputs."""
         nodes = (entry for output in outputs for entry in output.entries)
         return elements([self._expressions.expression(node) for node in nodes])
-
-
-def comment(words: str) -> list[str]:
-    """A comment above a group of statements, after an empty line; none for ""."""
-    return ["", f"# {words}"] if words else []
 
 
 def load(name: str, array: str, place: int | str) -> str:
@@ -55,15 +35,53 @@ def load(name: str, array: str, place: int | str) -> str:
     return f"{name} = {array}[{index}]"
 
 
+def load_all(names: Sequence[str], array: str, places: Sequence[int], whole: bool) -> list[str]:
+    """Local variables that are entries of a sequence, of which they are all if it is `whole`."""
+    if len(names) < 2:
+        return [load(name, array, place) for name, place in zip(names, places, strict=True)]
+    values = array if whole else ", ".join(f"{array}[{place}]" for place in places)
+    text = f"{', '.join(names)} = {values}"
+    if len(text) <= WIDTH - _INDENT:
+        return [text]
+    lines = ["(", *_indented(_wrapped(f"{', '.join(names)},"))]
+    if whole:
+        return [*lines, f") = {array}"]
+    return [*lines, ") = (", *_indented(_wrapped(f"{values},")), ")"]
+
+
+def listed(begin: str, items: Sequence[str], end: str = "") -> list[str]:
+    """Items in parentheses, in one line where they fit, or each in a line of its own."""
+    inside = ", ".join(items)
+    if len(begin) + len(inside) + len(end) + 2 <= WIDTH - _INDENT:
+        return [f"{begin}({inside}){end}"]
+    if len(inside) <= WIDTH - 2 * _INDENT:
+        return [f"{begin}(", *_indented([inside]), f"){end}"]
+    return [f"{begin}(", *_indented(f"{item}," for item in items), f"){end}"]
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"{' ' * _INDENT}{line}" for line in lines]
+
+
 def elements(texts: Sequence[str]) -> list[str]:
     """What stands in the parentheses of a tuple."""
     return _wrapped(f"{', '.join(texts)},") if texts else []
 
 
-def strings(texts: Iterable[str]) -> list[str]:
-    """What stands in the parentheses of a tuple of strings, which come without quotes."""
-    text = " ".join(f'"{text}",' for text in texts)
-    return textwrap.wrap(text, WIDTH - _INDENT)
+def literal(value: object) -> str:
+    """A constant as Python has it: text, a number, None, a slice, or a tuple of such."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, slice):
+        return f"slice({value.start}, {value.stop})"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(literal, value))})"
+    return repr(value)
+
+
+def literals(values: Iterable[object]) -> list[str]:
+    """What stands in the parentheses of a tuple of constants."""
+    return textwrap.wrap(" ".join(f"{literal(v)}," for v in values), WIDTH - _INDENT)
 
 
 def integers(numbers: Iterable[int]) -> list[str]:

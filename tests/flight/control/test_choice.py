@@ -12,7 +12,7 @@ from gibbs_codegen.flight.control.choice import control_law, law_of
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.control import Control, Law
+from gibbs_codegen.flight.scenario.parts import Control, Law
 
 Load = Callable[[str], ModuleType]
 

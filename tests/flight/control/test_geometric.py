@@ -19,15 +19,15 @@ from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.geometric import GeometricLaw
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
+from gibbs_codegen.flight.integration.integrators import rk4_step
 from gibbs_codegen.flight.integration.state_history import NOTHING
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of, force_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.control import Control
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.scenario import Scenario, Settings
+from gibbs_codegen.flight.scenario.parts import Control, Settings
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import read_robot
 
@@ -50,7 +50,7 @@ def machines(fast: Load) -> Load:
 @pytest.fixture(scope="module")
 def motions(machines: Load) -> Callable[[str], Motion]:
     """A motion of a machine that its rotors can fly, made once."""
-    return functools.cache(lambda name: flown(Vehicle(machines(name))))
+    return functools.cache(lambda name: base_motion_of(Vehicle(machines(name))))
 
 
 def law_of(vehicle: Vehicle, reference: Reference, control: Control = CONTROL) -> GeometricLaw:
@@ -59,7 +59,7 @@ def law_of(vehicle: Vehicle, reference: Reference, control: Control = CONTROL) -
     return law
 
 
-def flown(vehicle: Vehicle) -> Motion:
+def base_motion_of(vehicle: Vehicle) -> Motion:
     """A motion that the rotors can fly, since they have: from thrusts and torques in time."""
     joints = np.zeros(vehicle.joints) if vehicle.joints != 3 else BENT
     q = vehicle.neutral

@@ -1,4 +1,4 @@
-"""The fastest motion along a course: analytic optima, and a linear program as another way."""
+"""The fastest motion along a path: analytic optima, and a linear program as another way."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from gibbs_codegen.flight.desired.timing import Rows, fastest
+from gibbs_codegen.flight.desired.timing import Rows, greatest_squares
 from gibbs_codegen.flight.plant.vehicle import Array
 
 
@@ -24,7 +24,9 @@ def rows(lengths: Array, *each: tuple[float, float, float]) -> Rows:
 @pytest.mark.parametrize(("up", "down"), [(1.0, 1.0), (4.0, 0.5)])
 def test_a_double_integrator_switches_once(up: float, down: float) -> None:
     lengths = np.linspace(0.0, 3.0, 901)
-    squares = fastest(lengths, rows(lengths, (1.0, 0.0, up), (-1.0, 0.0, down)), (0.0, 0.0))
+    squares = greatest_squares(
+        lengths, rows(lengths, (1.0, 0.0, up), (-1.0, 0.0, down)), (0.0, 0.0)
+    )
     # Half of v t at the greatest speed v, with v² = 2 L up down / (up + down).
     assert duration(lengths, squares) == pytest.approx(
         np.sqrt(2.0 * 3.0 * (1.0 / up + 1.0 / down)), rel=1e-5
@@ -34,7 +36,7 @@ def test_a_double_integrator_switches_once(up: float, down: float) -> None:
 def test_a_limit_of_speed_makes_a_trapezoid() -> None:
     lengths = np.linspace(0.0, 5.0, 1001)
     limits = rows(lengths, (1.0, 0.0, 2.0), (-1.0, 0.0, 2.0), (0.0, 1.0, 1.5**2))
-    squares = fastest(lengths, limits, (0.0, 0.0))
+    squares = greatest_squares(lengths, limits, (0.0, 0.0))
     assert duration(lengths, squares) == pytest.approx(5.0 / 1.5 + 1.5 / 2.0, rel=1e-5)
     assert squares.max() == pytest.approx(1.5**2, rel=1e-12)
 
@@ -42,7 +44,7 @@ def test_a_limit_of_speed_makes_a_trapezoid() -> None:
 def test_ends_at_speed_are_kept_where_they_can_be() -> None:
     lengths = np.linspace(0.0, 1.0, 501)
     both = rows(lengths, (1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))
-    squares = fastest(lengths, both, (4.0, 1.0))
+    squares = greatest_squares(lengths, both, (4.0, 1.0))
     # 1 m is too short to brake from 2 m/s to 1 m/s at 1 m/s²: it begins slower.
     assert squares[[0, -1]] == pytest.approx([3.0, 1.0])
 
@@ -61,7 +63,7 @@ def test_no_linear_program_finds_greater_speeds(seed: int) -> None:
     acceleration, square = (np.concatenate([w, w], axis=1) * signs for w in waves)
     most = 1.0 + 0.5 * np.sin(place + np.arange(2 * each))
     limits = Rows(acceleration, square, most)
-    squares = fastest(lengths, limits, (0.2, 0.1))
+    squares = greatest_squares(lengths, limits, (0.2, 0.1))
     # b_k + 2 Δ u = b_(k + 1), limits at both ends of every interval.
     matrix, right = [], []
     for k, step in enumerate(np.diff(lengths)):

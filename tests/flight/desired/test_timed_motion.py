@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import required_inputs
-from gibbs_codegen.flight.desired.timed_motion import TimedMotion, timed_motion
+from gibbs_codegen.flight.desired.trajectory import TimedMotion, timed_motion
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
@@ -63,9 +63,9 @@ def test_a_line_is_flown_in_the_least_time(hexa: Vehicle) -> None:
     )
     assert mass == pytest.approx(9.0)
     optimum = np.sqrt(2.0 * np.linalg.norm(way) * (1.0 / up + 1.0 / down))
-    flown = motion.reference.end - 2.0  # a second of rest before and after, as in the scenario
-    assert optimum < flown < optimum + 0.03
-    assert flown < 6.0
+    taken = motion.reference.end - 2.0  # a second of rest before and after, as in the scenario
+    assert optimum < taken < optimum + 0.03
+    assert taken < 6.0
     assert f"{motion.reference.end:.4g} s instead of 8 s" in motion.said
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.desired.knots import KNOT_SPACING
+from gibbs_codegen.flight.desired.base_trajectory import KNOT_SPACING
 from gibbs_codegen.flight.desired.trajectory import desired_motion, starting_state
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
@@ -58,6 +58,7 @@ def test_too_near_past_the_axis_is_refused(hexa: Vehicle) -> None:
         desired_motion(hexa, beside([1.5, 1e-4, -3], [-1.5, 1e-4, -3]))
 
 
+@pytest.mark.exhaustive
 def test_slowed_down_it_is_flown(hexa: Vehicle) -> None:
     """The remedy that the refusal names: it helps."""
     near = [1.5, 1e-3, -3.0], [-1.5, 1e-3, -3.0]

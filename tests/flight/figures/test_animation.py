@@ -72,6 +72,8 @@ def test_the_near_view_goes_with_the_rotors(flight: Flight) -> None:
         assert np.all((frame.min < pixels) & (pixels < frame.max))
         # They take a good part of it.
         assert np.ptp(pixels[:, 0]) > 0.3 * frame.width
+        for low, high in (near.get_xlim(), near.get_ylim(), near.get_zlim()):
+            assert low < high
     assert all(artist.get_clip_box() is not None for artist in near.lines)
 
 

@@ -25,6 +25,8 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]
 Shipped = Callable[[str], ModuleType]

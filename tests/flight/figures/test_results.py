@@ -21,6 +21,7 @@ def flight(shipped: Callable[[str], ModuleType]) -> Flight:
     return simulate(shipped("hexarotor"), read_scenario("circle", {"duration": 0.2}))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None:
     paths = write_results(flight, tmp_path / "out", animation="gif")

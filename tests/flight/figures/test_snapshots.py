@@ -175,7 +175,10 @@ def test_drawing_fills_its_figure(drawn: Drawn, kind: str) -> None:
 
 @pytest.mark.parametrize("draw", [snapshots, snapshots_panels])
 def test_paths_are_explained_once(drawn: Drawn, draw: Callable[[Flight], Figure]) -> None:
-    (legend,) = drawn(draw, "paper").legends
+    figure: Any = drawn(draw, "paper")
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert np.all((figure.bbox.min <= box.min) & (box.max <= figure.bbox.max))
     names = [text.get_text() for text in legend.get_texts()]
     assert names == ["base centre", "tip", "desired", "base arm 2", "arm"]
 

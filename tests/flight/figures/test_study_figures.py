@@ -11,7 +11,7 @@ import pytest
 from support.synthetic_study import EFFORT, LAG, MASS, TIP, synthetic_study
 
 from gibbs_codegen.flight.figures import study as figures
-from gibbs_codegen.flight.sweeps.store import REASONS
+from gibbs_codegen.flight.sweeps.chunks import REASONS
 from gibbs_codegen.flight.sweeps.study import Study
 
 
@@ -85,6 +85,11 @@ def test_bars_are_the_shares_with_their_intervals(study: Study) -> None:
         found = study.sensitivity(measure)
         assert [text.get_text() for text in axes.get_yticklabels()] == [e.key for e in found]
         bars: Any = [axes.containers[0], axes.containers[2]]
+        # Those of both kinds lie side by side.
+        assert all(
+            one.get_y() + one.get_height() <= other.get_y()
+            for one, other in zip(*bars, strict=True)
+        )
         intervals: Any = axes.collections
         for drawn, lines, place in zip(bars, intervals, (1, 3), strict=True):
             assert [bar.get_width() for bar in drawn] == [each[place] for each in found]

@@ -19,10 +19,10 @@ from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.integration.block_loop import BlockLoop
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import NATIVE, CompiledLoop
-from gibbs_codegen.flight.integration.state_history import Acting
+from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.simulation import prepared
+from gibbs_codegen.flight.simulation import flight_start
 
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
@@ -40,7 +40,7 @@ def loop_of(fast: Load, robot: str, scenario: str, changes: dict[str, Any]) -> C
     module = fast(robot)
     if (module.__file__ or "").endswith(".py"):
         missing("nothing compiles")
-    return prepared(module, read_scenario(scenario, changes), _silent, False).loop
+    return flight_start(module, read_scenario(scenario, changes), _silent, False).loop
 
 
 def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Array:
@@ -51,9 +51,9 @@ def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Arr
 
 
 def block_of(
-    closed: ClosedLoop, acting: Acting, count: int, bounds: Array | float = np.inf
+    closed: ClosedLoop, loads: Loads, count: int, bounds: Array | float = np.inf
 ) -> BlockLoop:
-    block = BlockLoop.of(closed, bounds, acting, count)
+    block = BlockLoop.of(closed, bounds, loads, count)
     assert block is not None
     return block
 
@@ -112,12 +112,12 @@ FLIGHTS: dict[str, tuple[str, str, dict[str, Any]]] = {
 def test_each_flight_is_that_of_the_loop_of_one_state(name: str, fast: Load) -> None:
     """Also with gains, limits and lags of its own, in samples and at the end."""
     closed, factors = loop_of(fast, *FLIGHTS[name]), np.linspace(0.8, 1.2, COUNT)
-    acting, states = closed.acting(0.0), starts(closed)
-    acting = replace(acting, push=bool(acting.push), payloads=tuple(np.atleast_1d(acting.payloads)))
-    found = block_of(varied(closed, factors), acting, COUNT)(0.0, states, STEP, 100, 7, 3)
+    loads, states = closed.loads(0.0), starts(closed)
+    loads = replace(loads, push=bool(loads.push), payloads=tuple(np.atleast_1d(loads.payloads)))
+    found = block_of(varied(closed, factors), loads, COUNT)(0.0, states, STEP, 100, 7, 3)
     assert not np.any(found.refused)
     for k, state in enumerate(states):
-        one = CompiledLoop.of(varied(closed, factors[k]), np.inf, acting)
+        one = CompiledLoop.of(varied(closed, factors[k]), np.inf, loads)
         assert one is not None
         taken, samples, last = one(0.0, state, STEP, 100, 7, 3)
         assert taken == found.taken[k] == 100
@@ -140,16 +140,16 @@ def test_plant_and_model_may_differ_from_flight_to_flight(name: str, fast: Load)
         for factors in random
     ]
 
-    def flown(of: int | slice) -> ClosedLoop:
+    def variant(of: int | slice) -> ClosedLoop:
         plant, model = (Vehicle(module, {k: x[of] for k, x in each.items()}) for each in given)
         # The geometric law knows a motion of the centre of mass, which is for one model.
         model = law.vehicle if name == "geometric" else model
         return replace(closed, vehicle=plant, controller=replace(law, vehicle=model))
 
     states = starts(closed, count)
-    found = block_of(flown(slice(None)), Acting(), count)(0.0, states, STEP, 100, 10)
+    found = block_of(variant(slice(None)), Loads(), count)(0.0, states, STEP, 100, 10)
     for k, state in enumerate(states):
-        one = CompiledLoop.of(flown(k), np.inf, Acting())
+        one = CompiledLoop.of(variant(k), np.inf, Loads())
         assert one is not None
         taken, samples, _ = one(0.0, state, STEP, 100, 10)
         assert taken == found.taken[k] == 100
@@ -161,9 +161,9 @@ def test_plant_and_model_may_differ_from_flight_to_flight(name: str, fast: Load)
 def test_a_flight_that_ends_changes_no_other(fast: Load) -> None:
     """One diverges, one is not finite, one is not flown; samples repeat where they ended."""
     closed = loop_of(fast, *FLIGHTS["lag"])
-    acting, states = Acting(), starts(closed)
+    loads, states = Loads(), starts(closed)
     bounds = np.repeat([0.5, np.inf], closed.vehicle.layout.v.size)
-    block = block_of(closed, acting, COUNT, bounds)
+    block = block_of(closed, loads, COUNT, bounds)
     alone = block(0.0, states, STEP, 50, 5)
     assert np.all(alone.taken == 50)
     wrong, going = states.copy(), np.ones(COUNT, dtype=bool)
@@ -196,7 +196,7 @@ def test_a_wrench_that_rotors_cannot_produce_ends_its_flight_alone(fast: Load) -
     q, v, _ = closed.controller.reference(0.0)
     states = np.tile(closed.start(q, v), (COUNT, 1))
     states[5, closed.vehicle.layout.q.position.start] += 0.1
-    found = block_of(closed, Acting(), COUNT)(0.0, states, STEP, 20)
+    found = block_of(closed, Loads(), COUNT)(0.0, states, STEP, 20)
     assert np.flatnonzero(found.refused).tolist() == [5]
     assert found.taken[5] == 0
     assert np.array_equal(found.last[5], states[5])
@@ -207,7 +207,7 @@ def test_a_wrench_that_rotors_cannot_produce_ends_its_flight_alone(fast: Load) -
 def test_threads_make_no_difference(count: int, fast: Load) -> None:
     closed = loop_of(fast, *FLIGHTS["lag"])
     states = starts(closed, count)
-    block = block_of(closed, Acting(), count)
+    block = block_of(closed, Loads(), count)
     one, three = (block(0.0, states, STEP, 30, 3, threads=threads) for threads in (1, 3))
     assert all(np.array_equal(a, b) for a, b in zip(one, three, strict=True))
 
@@ -215,7 +215,7 @@ def test_threads_make_no_difference(count: int, fast: Load) -> None:
 def test_calls_go_on_where_the_last_one_ended(fast: Load) -> None:
     closed = loop_of(fast, *FLIGHTS["lag"])
     states = starts(closed)
-    block = block_of(closed, Acting(), COUNT)
+    block = block_of(closed, Loads(), COUNT)
     whole = block(0.0, states, 2.0**-10, 40, 4)
     first = block(0.0, states, 2.0**-10, 17, 4)
     rest = block(17 * 2.0**-10, first.last, 2.0**-10, 23, 4, 17)

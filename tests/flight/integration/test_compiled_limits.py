@@ -15,15 +15,17 @@ from support.tools import missing
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, CompiledLoops
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
-from gibbs_codegen.flight.integration.state_history import NOTHING, Acting
+from gibbs_codegen.flight.integration.integrators import rk4_step
+from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion
-from gibbs_codegen.flight.scenario.control import Law
+from gibbs_codegen.flight.scenario.parts import Law
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
@@ -110,8 +112,8 @@ def closed_loop_of(
     return ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, law), actuators)
 
 
-def loop_of(closed: ClosedLoop, acting: Acting = NOTHING) -> CompiledLoop:
-    loop = CompiledLoop.of(closed, np.inf, acting)
+def loop_of(closed: ClosedLoop, loads: Loads = NOTHING) -> CompiledLoop:
+    loop = CompiledLoop.of(closed, np.inf, loads)
     assert loop is not None
     return loop
 
@@ -184,14 +186,14 @@ def test_held_inputs_act_all_through(name: str, modules: Load) -> None:
     loops = CompiledLoops(closed, np.inf)
     time, state = states_near(closed, 1)[0]
     for held, step in ((1.0, 2.0**-8), (200.0, 2.0**-9)):
-        acting = Acting(held=(*held * np.linspace(0.5, 1.0, len(closed.vehicle.inputs)),))
-        loop = loops.at(acting)
+        loads = Loads(inputs=(*held * np.linspace(0.5, 1.0, len(closed.vehicle.inputs)),))
+        loop = loops.at(loads)
         assert loop is not None
-        assert loop is loops.at(replace(acting))
+        assert loop is loops.at(replace(loads))
         taken, samples, _ = loop(time, state, step, 5)
         assert taken == 5
         for done, after in enumerate(samples):
-            expected = rk4_step(closed, time + done * step, state, step, acting)
+            expected = rk4_step(closed, time + done * step, state, step, loads)
             assert after == pytest.approx(expected, rel=1e-11, abs=1e-11)
             state = after
 

@@ -19,18 +19,19 @@ from support.tools import missing, run
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import NATIVE, CompiledLoop
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
-from gibbs_codegen.flight.integration.state_history import NOTHING, Acting
+from gibbs_codegen.flight.integration.integrators import rk4_step
+from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.control import Law
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
-from gibbs_codegen.flight.scenario.scenario import Push
+from gibbs_codegen.flight.scenario.parts import Law, Push
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
@@ -108,10 +109,10 @@ def unbounded(closed: ClosedLoop) -> Array:
 
 
 def loop_of(
-    closed: ClosedLoop, bounds: Array | None = None, acting: Acting = NOTHING
+    closed: ClosedLoop, bounds: Array | None = None, loads: Loads = NOTHING
 ) -> CompiledLoop:
     bounds = unbounded(closed) if bounds is None else bounds
-    loop = CompiledLoop.of(closed, bounds, acting)
+    loop = CompiledLoop.of(closed, bounds, loads)
     assert loop is not None
     return loop
 
@@ -148,15 +149,15 @@ def test_every_step_is_that_of_python(
     state = start_of(closed)
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
-    acting = Acting(push=push is not None)
-    taken, samples, last = loop_of(closed, acting=acting)(0.0, state, STEP, 25, 1)
+    loads = Loads(push=push is not None)
+    taken, samples, last = loop_of(closed, loads=loads)(0.0, state, STEP, 25, 1)
     assert taken == len(samples) == 25
     assert np.array_equal(samples[-1], last)
     q, _, work, thrusts, _ = closed.parts(np.ptp(samples, axis=0))
     assert min([*q, *thrusts]) > 1e-3
     assert work > 1e-3 or (law == "off" and not lag and not push)
     for done, after in enumerate(samples):
-        expected = rk4_step(closed, done * STEP, state, STEP, acting)
+        expected = rk4_step(closed, done * STEP, state, STEP, loads)
         moved = np.linalg.norm(expected - state)
         assert np.linalg.norm(after - expected) <= rounding * (np.linalg.norm(state) + moved)
         state = after
@@ -169,7 +170,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     pushed = replace(closed, environment=Environment(closed.vehicle, PUSH))
     _, waiting, _ = loop_of(pushed)(0.0, state, STEP, 10, 1)
     assert np.array_equal(waiting, free)
-    loop = loop_of(pushed, acting=Acting(push=True))
+    loop = loop_of(pushed, loads=Loads(push=True))
     assert np.abs(loop(0.0, state, STEP, 10, 1)[1] - free).max() > 1e-4
 
 
@@ -487,10 +488,10 @@ int main(void)
             lowest[j] = value() - 1.0;
             highest[j] = lowest[j] + 1.0 + fabs(value());
         }
-        f.flown.move = draw(2) == 0;
-        f.flown.centre = f.known.centre = centre;
-        f.flown.wrenches = f.known.wrenches = columns;
-        f.known.move = draw(2) == 0;
+        f.plant_rotors.move = draw(2) == 0;
+        f.plant_rotors.centre = f.model_rotors.centre = centre;
+        f.plant_rotors.wrenches = f.model_rotors.wrenches = columns;
+        f.model_rotors.move = draw(2) == 0;
         f.sharing.limited = draw(2) == 0;
         f.sharing.refuses = draw(8) == 0;
         f.sharing.least = lowest;

@@ -15,23 +15,22 @@ from support.emitted import emitted_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
-from gibbs_codegen.flight.integration import fixed_step
+from gibbs_codegen.flight.integration import integrators
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.flight.integration.envelope import Envelope
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
-from gibbs_codegen.flight.integration.integrate import integrate
-from gibbs_codegen.flight.integration.state_history import Acting
+from gibbs_codegen.flight.integration.integrators import integrate, rk4_step
+from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
-from gibbs_codegen.flight.scenario.control import Control, Motors
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import Tangent, rate_matrix
+from gibbs_codegen.flight.scenario.parts import Control, Motors, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle, Harmonic, Term
-from gibbs_codegen.flight.scenario.scenario import ArmTask, Push, Scenario, Settings
+from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import SEQUENCES
@@ -129,6 +128,7 @@ def test_energy_balances_to_1e_8(scenario: str, fast: Load) -> None:
     assert np.abs(flight.energy_error).max() <= 1e-8 * max(np.abs(flight.work).max(), weight)
 
 
+@pytest.mark.exhaustive
 def test_energy_balances_with_everything_on(fast: Load) -> None:
     """Lag, limits and a push: the work of each is counted."""
     scenario = replace(
@@ -372,18 +372,18 @@ def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None
         (1.0, 55.0, round_and_round),
     ):
         q[1], v[1] = sign * 1.2, sign * rate
-        course = integrate(loop, loop.start(q, v), 2.0, settings)
-        theta_0 = np.degrees(course.states[-1, 1])
-        assert course.stopped == (
-            f"at t = {course.time[-1]:.6g} s the attitude reaches the singularity of the sequence "
+        history = integrate(loop, loop.start(q, v), 2.0, settings)
+        theta_0 = np.degrees(history.states[-1, 1])
+        assert history.stopped == (
+            f"at t = {history.time[-1]:.6g} s the attitude reaches the singularity of the sequence "
             f"{attitude} (theta_0 = {theta_0:.4g}°)"
         )
         if settings is round_and_round:
-            assert np.cos(course.states[-1, 1]) > 0.5
+            assert np.cos(history.states[-1, 1]) > 0.5
         else:
-            assert course.time[-1] < 0.1
+            assert history.time[-1] < 0.1
             assert theta_0 == pytest.approx(90.0 * sign, abs=1.0)
-        flight = flight_of(loop, scenario, course)
+        flight = flight_of(loop, scenario, history)
         for name, series in vars(flight).items():
             finite = not isinstance(series, np.ndarray) or np.all(np.isfinite(series))
             assert finite or name == "input_limits", name
@@ -420,12 +420,12 @@ def test_fixed_steps_are_no_longer_than_asked_for(
     calls = []
 
     def counted(
-        loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, acting: Acting
+        loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, loads: Loads
     ) -> np.ndarray:
         calls.append((time, ahead))
-        return rk4_step(loop, time, state, ahead, acting)
+        return rk4_step(loop, time, state, ahead, loads)
 
-    monkeypatch.setattr(fixed_step, "rk4_step", counted)
+    monkeypatch.setattr(integrators, "rk4_step", counted)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
     settings = Settings(method="rk4", step=step, rate=60.0)
     push = Push((0.1, 0.0, 0.2), 0.0333, 0.0777)
@@ -463,9 +463,9 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     times: list[float] = []
     evaluate, compiled = ClosedLoop.derivative, CompiledLoop.rate
 
-    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, acting: Acting) -> np.ndarray:
+    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, loads: Loads) -> np.ndarray:
         times.append(time)
-        return evaluate(loop, time, state, acting)
+        return evaluate(loop, time, state, loads)
 
     def rate(loop: CompiledLoop, time: float, state: np.ndarray) -> np.ndarray | None:
         times.append(time)
@@ -532,6 +532,7 @@ STIFF: list[tuple[str, dict[str, object], str]] = [
 ]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("robot", "changes", "remedy"),
     [STIFF[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in STIFF[1:])],
@@ -552,6 +553,7 @@ def test_a_stiff_flight_ends_with_the_reason(
     assert len(times) <= 10_100 + 20_000 * flight.time[-1]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "changes", "remedy"), STIFF)
 def test_unstable_fixed_steps_are_refused_with_ones_that_serve(
@@ -610,8 +612,8 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     """The state that the last step came to is the last sample."""
     evaluate = ClosedLoop.derivative
 
-    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, acting: Acting) -> np.ndarray:
-        return evaluate(loop, time, state, acting) * (np.nan if time > 0.505 else 1.0)
+    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, loads: Loads) -> np.ndarray:
+        return evaluate(loop, time, state, loads) * (np.nan if time > 0.505 else 1.0)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +12,16 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of
+from gibbs_codegen.flight.plant.actuators import actuators_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.scenario import Scenario, Settings
+from gibbs_codegen.flight.scenario.parts import Settings
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
+
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 Load = Callable[[str], ModuleType]
 
@@ -118,6 +120,7 @@ def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None
         actuators_of(vehicle, hover(arm={"effort": {"elbow": 1}}))
 
 
+@pytest.mark.exhaustive
 def test_motors_that_are_off_have_no_least_thrust(folders: dict[str, Path]) -> None:
     off = {"law": "off"}
     module = load(folders["hextilt"], "c")
@@ -126,25 +129,13 @@ def test_motors_that_are_off_have_no_least_thrust(folders: dict[str, Path]) -> N
     assert np.all(limited.applied[:, :6] == 0.5)  # The scenario says so.
 
 
-def test_a_module_without_its_robot_file_has_no_limits(
-    folders: dict[str, Path], tmp_path: Path
+def test_a_module_that_does_not_say_its_limits_is_to_be_generated_again(
+    folders: dict[str, Path],
 ) -> None:
-    folder = shutil.copytree(folders["mixed"], tmp_path / "mixed")
-    (folder / "robot.toml").unlink()
-    vehicle = Vehicle(load(folder))
-    found, expected = actuators_of(vehicle, hover()), Actuators.unlimited(vehicle)
-    assert np.array_equal(found.inputs, expected.inputs)
-    assert not np.any(found.lag)
-
-
-@pytest.mark.parametrize("text", ["[[rotor]", "rotor = 3", "[[rotor]]\n" * 3, "link = [1]", "\xff"])
-def test_a_robot_file_of_another_robot_is_refused(
-    text: str, folders: dict[str, Path], tmp_path: Path
-) -> None:
-    folder = shutil.copytree(folders["mixed"], tmp_path / "mixed")
-    (folder / "robot.toml").write_text(text, encoding="latin-1")
-    with pytest.raises(UsageError, match=r"robot.toml: is not .* generate the module again"):
-        actuators_of(Vehicle(load(folder)), hover())
+    module = load(folders["mixed"])
+    del module.INPUT_LIMITS
+    with pytest.raises(UsageError, match=r"mixed: has no INPUT_LIMITS, .* generate it again"):
+        actuators_of(Vehicle(module), hover())
 
 
 @pytest.mark.parametrize("method", ["adaptive", "rk4"])

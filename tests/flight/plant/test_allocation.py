@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -66,6 +66,7 @@ def test_thrusts_make_the_wrench_and_are_the_smallest(seed: int, rotors: int) ->
 
 @settings(max_examples=30)
 @given(st.integers(0, 10_000), st.integers(6, 9))
+@example(2634, 6)  # Takes more iterations than there are rotors.
 def test_limits_are_kept_and_nothing_within_them_is_nearer(seed: int, rotors: int) -> None:
     wrenches = random_wrenches(seed, rotors)
     rng = np.random.default_rng(seed + 1)

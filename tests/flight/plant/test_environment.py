@@ -18,16 +18,15 @@ from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
-from gibbs_codegen.flight.integration.fixed_step import rk4_step
-from gibbs_codegen.flight.integration.state_history import Acting
+from gibbs_codegen.flight.integration.integrators import rk4_step
+from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of
 from gibbs_codegen.flight.plant.environment import Environment, RotorSpin
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.scenario.environment import Gust, Payload, Wall, Wind
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.scenario import Push
+from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wall, Wind
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import parse_robot
 
@@ -464,10 +463,8 @@ def test_rotors_move_with_slides_whose_travels_cancel() -> None:
 def test_a_module_that_does_not_say_what_carries_its_rotors_is_asked_for_again() -> None:
     vehicle = folded("revolute", ("y", "-y", "-y", "y"))
     vars(vehicle.module).pop("CARRIERS", None)
-    earlier = Vehicle(vehicle.module)
-    assert earlier.rotors_move
-    with pytest.raises(UsageError, match=r"folded: .* earlier version.*; generate it again"):
-        RotorSpin(earlier, np.array([0.02]))
+    with pytest.raises(UsageError, match=r"folded: has no CARRIERS, .* earlier .* generate it aga"):
+        RotorSpin(Vehicle(vehicle.module), np.array([0.02]))
 
 
 # In C
@@ -494,14 +491,14 @@ def test_every_compiled_step_is_that_of_python(name: str, fast: Load) -> None:
     closed = replace(closed, environment=environment)
     q, v, _ = closed.controller.reference(0.0)
     state = closed.start(q, v + 0.3 * np.cos(np.arange(len(v))))
-    for acting in (Acting(True, (True, True, True)), Acting(False, (False, True, False)), Acting()):
-        loop = CompiledLoop.of(closed, np.inf, acting)
+    for loads in (Loads(True, (True, True, True)), Loads(False, (False, True, False)), Loads()):
+        loop = CompiledLoop.of(closed, np.inf, loads)
         if loop is None:
             pytest.skip("nothing compiles")
         after, step = state, 2.0**-10
         for done in range(8):
             time = done * step
-            expected = rk4_step(closed, time, after, step, acting)
+            expected = rk4_step(closed, time, after, step, loads)
             taken, _, found = loop(time, after, step, 1)
             assert taken == 1
             moved = np.linalg.norm(expected - after)

@@ -12,7 +12,8 @@ import pytest
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.scenario import Push, Scenario, Settings
+from gibbs_codegen.flight.scenario.parts import Push, Settings
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
@@ -38,6 +39,7 @@ def adrift(push: Push, settings: Settings) -> Scenario:
     return replace(scenario, duration=0.4, integration=settings, push=push)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("frame", ["base", "right_hand", "left_hand"])
 def test_momentum_changes_as_gravity_and_the_push_say(frame: str, dual_arm: Path) -> None:
     """Linear and angular momentum about the centre of mass, by the push's own lever."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -22,20 +21,15 @@ try:
 except ImportError:
     missing("jax is not installed")
 
+pytestmark = pytest.mark.usefixtures("jax_in_double_precision")
+
 Array = np.ndarray
 STATES, STEPS, DT = 3, 4, 0.02
 PARAMETERS = {"link1_mass_per_length": np.array([0.5, 0.7, 0.9]), "gravity": 3.7}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _double_precision() -> Iterator[None]:
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", False)
-
-
 @pytest.fixture
-def traced(emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def jax_module(emitted_steps: Emitted, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The functions of JAX, compiled in a moment."""
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     return load(emitted_steps.folder, backend="jax")
@@ -60,9 +54,9 @@ def arguments(module: ModuleType) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("method", ["euler", "rk4"])
-def test_everything_is_as_in_numpy(module: ModuleType, traced: ModuleType, method: Any) -> None:
+def test_everything_is_as_in_numpy(module: ModuleType, jax_module: ModuleType, method: Any) -> None:
     given = arguments(module)
-    found, expected = (rollout(m, **given, method=method) for m in (traced, module))
+    found, expected = (rollout(m, **given, method=method) for m in (jax_module, module))
     for name in ("time", "q", "v", "thrusts", "steps", "ended"):
         ours, others = getattr(found, name), getattr(expected, name)
         np.testing.assert_allclose(ours, others, rtol=1e-12, atol=1e-12, err_msg=name)
@@ -71,21 +65,21 @@ def test_everything_is_as_in_numpy(module: ModuleType, traced: ModuleType, metho
     assert found.q.dtype == jnp.float64
 
 
-def test_without_lag_there_are_no_thrusts(module: ModuleType, traced: ModuleType) -> None:
+def test_without_lag_there_are_no_thrusts(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module) | {"time_constants": 0.0}
-    assert rollout(traced, **given).thrusts is None
+    assert rollout(jax_module, **given).thrusts is None
     del given["time_constants"], given["limits"]
-    assert rollout(traced, **given).thrusts is None
+    assert rollout(jax_module, **given).thrusts is None
 
 
-def test_a_controller_is_traced(module: ModuleType, traced: ModuleType) -> None:
+def test_a_controller_is_traced(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module)
 
     def law(time: Any, q: Any, v: Any) -> Any:
         rates = v[:, : len(module.INPUTS)]
         return 2.0 + time - 0.5 * rates
 
-    found, expected = (rollout(m, **given | {"control": law}) for m in (traced, module))
+    found, expected = (rollout(m, **given | {"control": law}) for m in (jax_module, module))
     np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.thrusts, expected.thrusts, rtol=1e-12)
 
@@ -99,19 +93,19 @@ def test_it_is_differentiated_and_transformed(
     robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
     needed = ["forward_dynamics_derivatives", "forward_dynamics_parameters_vjp"]
     emit(robot, tmp_path / robot.name, derivatives=[*needed, "integrate_derivatives"])
-    traced = load(tmp_path / robot.name, backend="jax")
-    q, v = np.zeros(len(traced.COORDINATES)), np.full(len(traced.VELOCITIES), 0.3)
-    q[traced.COORDINATES.index("qw")] = 1.0
+    jax_module = load(tmp_path / robot.name, backend="jax")
+    q, v = np.zeros(len(jax_module.COORDINATES)), np.full(len(jax_module.VELOCITIES), 0.3)
+    q[jax_module.COORDINATES.index("qw")] = 1.0
 
     @jax.jit
     def away(mass: Any, u: Any) -> Any:
         parameters = {"link1_mass_per_length": mass}
         lag = {"time_constants": 0.05, "thrusts": 1.0}
-        found = rollout(traced, q, v, u, 3, DT, method="euler", parameters=parameters, **lag)
+        found = rollout(jax_module, q, v, u, 3, DT, method="euler", parameters=parameters, **lag)
         return (found.q[:, -1] ** 2).sum() + (found.v[:, -1] ** 2).sum()
 
     rng = np.random.default_rng(3)
-    at = [np.array([0.5, 0.9]), rng.uniform(0.0, 3.0, (2, 3, len(traced.INPUTS)))]
+    at = [np.array([0.5, 0.9]), rng.uniform(0.0, 3.0, (2, 3, len(jax_module.INPUTS)))]
     for place, slope in enumerate(jax.grad(away, argnums=(0, 1))(*at)):
         direction, ends = rng.normal(size=slope.shape), []
         for sign in (1.0, -1.0):
@@ -122,26 +116,26 @@ def test_it_is_differentiated_and_transformed(
         assert float((slope * direction).sum()) == pytest.approx(expected, rel=1e-6)
 
 
-def test_single_precision_is_jax_s_default(module: ModuleType, traced: ModuleType) -> None:
+def test_single_precision_is_jax_s_default(module: ModuleType, jax_module: ModuleType) -> None:
     given = arguments(module)
     jax.config.update("jax_enable_x64", False)
     try:
-        found = rollout(traced, **given)
+        found = rollout(jax_module, **given)
     finally:
         jax.config.update("jax_enable_x64", True)
     assert found.q.dtype == jnp.float32
     np.testing.assert_allclose(found.q, rollout(module, **given).q, rtol=1e-4, atol=1e-5)
 
 
-def test_wrong_values_are_told_where_they_are_known(traced: ModuleType) -> None:
-    given = arguments(traced)
+def test_wrong_values_are_told_where_they_are_known(jax_module: ModuleType) -> None:
+    given = arguments(jax_module)
     with pytest.raises(UsageError, match=r"v0: value \[1, 0\] of \d+ must be finite, not nan"):
-        rollout(traced, **given | {"v0": jnp.asarray(given["v0"]).at[1, 0].set(jnp.nan)})
+        rollout(jax_module, **given | {"v0": jnp.asarray(given["v0"]).at[1, 0].set(jnp.nan)})
     with pytest.raises(UsageError, match="masses and inertias that are zero or negative"):
-        rollout(traced, **given | {"parameters": {"link1_mass_per_length": -5.0}})
+        rollout(jax_module, **given | {"parameters": {"link1_mass_per_length": -5.0}})
     with pytest.raises(UsageError, match="precision: with JAX it is what JAX is set to"):
-        rollout(traced, **given, precision="single")
+        rollout(jax_module, **given, precision="single")
     with pytest.raises(UsageError, match="3 in q0, 4 in v0"):
-        jax.jit(lambda v: rollout(traced, **given | {"v0": v}).q)(
-            np.zeros((4, len(traced.VELOCITIES)))
+        jax.jit(lambda v: rollout(jax_module, **given | {"v0": v}).q)(
+            np.zeros((4, len(jax_module.VELOCITIES)))
         )

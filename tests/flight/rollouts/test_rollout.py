@@ -36,11 +36,11 @@ def same(found: Rollout, expected: Rollout, lane: Any = slice(None)) -> None:
 
 
 def test_what_is_said_once_is_said_of_all_states(module: ModuleType) -> None:
-    given = arguments(module)
+    settings = arguments(module)
     wrenches = np.random.default_rng(1).normal(size=(STEPS, len(module.FRAMES), 6))
     more = {"time_constants": 0.05, "limits": (0.5, 3.5), "wrenches": wrenches, "every": 2}
-    q0, u = given["q0"][0], given["control"][0]
-    once = rollout(module, **given | {"q0": q0, "control": u}, **more)
+    q0, u = settings["q0"][0], settings["control"][0]
+    once = rollout(module, **settings | {"q0": q0, "control": u}, **more)
     each = {
         "q0": np.tile(q0, (STATES, 1)),
         "control": np.tile(u, (STATES, 1, 1)),
@@ -48,93 +48,93 @@ def test_what_is_said_once_is_said_of_all_states(module: ModuleType) -> None:
         "limits": np.multiply.outer([0.5, 3.5], np.ones(len(module.INPUTS))),
         "wrenches": np.tile(wrenches, (STATES, 1, 1, 1)),
     }
-    same(once, rollout(module, **given | more | each))
+    same(once, rollout(module, **settings | more | each))
     assert once.q.shape[:2] == (STATES, STEPS // 2 + 1)
 
 
 def test_states_by_themselves_are_those_of_a_batch(module: ModuleType) -> None:
-    given = arguments(module)
-    whole = rollout(module, **given, method="euler")
+    settings = arguments(module)
+    whole = rollout(module, **settings, method="euler")
     for i in range(STATES):
-        own = {name: given[name][i] for name in ("q0", "v0", "control")}
-        same(rollout(module, **given | own, method="euler"), whole, slice(i, i + 1))
+        own = {name: settings[name][i] for name in ("q0", "v0", "control")}
+        same(rollout(module, **settings | own, method="euler"), whole, slice(i, i + 1))
 
 
 def test_a_quaternion_is_normalised_at_the_begin(module: ModuleType) -> None:
-    given = arguments(module)
-    normal = module.integrate(given["q0"], np.zeros_like(given["v0"]))
-    same(rollout(module, **given), rollout(module, **given | {"q0": normal}))
+    settings = arguments(module)
+    normal = module.integrate(settings["q0"], np.zeros_like(settings["v0"]))
+    same(rollout(module, **settings), rollout(module, **settings | {"q0": normal}))
     if module.ATTITUDE == "quaternion":
         for factor in (0.0, 1e200):
-            given["q0"][1, 3:7] *= factor
+            settings["q0"][1, 3:7] *= factor
             with pytest.raises(
                 UsageError, match=r"q0: value 1 of .* length is between 1e-154 and 1e154"
             ):
-                rollout(module, **given)
-            given["q0"][1, 3:7] = 1.0
+                rollout(module, **settings)
+            settings["q0"][1, 3:7] = 1.0
 
 
 def test_a_controller_is_asked_at_every_sample(module: ModuleType) -> None:
-    given, asked = arguments(module), []
-    held = given["control"].copy()
+    settings, calls = arguments(module), []
+    held = settings["control"].copy()
     held[:, 1::2] = held[:, ::2]
 
     def controller(time: float, q: Array, v: Array) -> Array:
-        asked.append((time, q, v))
+        calls.append((time, q, v))
         q[:], v[:] = np.nan, np.nan  # What it gets is its own.
         return held[:, round(time / DT)]
 
     more = {"time_constants": [0.0, 0.04, 0.02], "limits": (1.0, 3.0), "every": 2}
-    found = rollout(module, **given | {"control": controller}, **more)
-    same(found, rollout(module, **given | {"control": held}, **more))
-    assert [time for time, _, _ in asked] == pytest.approx([0.0, 2 * DT])
+    found = rollout(module, **settings | {"control": controller}, **more)
+    same(found, rollout(module, **settings | {"control": held}, **more))
+    assert [time for time, _, _ in calls] == pytest.approx([0.0, 2 * DT])
 
 
 def test_states_that_ended_stay_ended_under_a_controller(module: ModuleType) -> None:
-    given = arguments(module)
-    given["v0"][1] = 40.0
+    settings = arguments(module)
+    settings["v0"][1] = 40.0
     size = len(module.COORDINATES) + len(module.VELOCITIES)
     most = np.where(np.arange(size) < len(module.COORDINATES), np.inf, 30.0)
     more = {"bounds": (-most, most), "time_constants": 0.05}
-    inputs = given["control"][:, 0]
-    found = rollout(module, **given | {"control": lambda time, q, v: inputs}, **more)
-    same(found, rollout(module, **given | {"control": inputs[:, None]}, **more))
+    inputs = settings["control"][:, 0]
+    found = rollout(module, **settings | {"control": lambda time, q, v: inputs}, **more)
+    same(found, rollout(module, **settings | {"control": inputs[:, None]}, **more))
     assert found.ended.tolist() == [0, 2, 0]
     assert found.steps.tolist() == [STEPS, 1, STEPS]
 
 
 def test_feedback_is_added_to_inputs(module: ModuleType) -> None:
-    given, size = arguments(module), len(module.VELOCITIES)
+    settings, size = arguments(module), len(module.VELOCITIES)
     gain = np.random.default_rng(4).normal(size=(len(module.INPUTS), 2 * size))
-    desired = given["q0"][0], given["v0"][0]
-    found = rollout(module, **given | {"control": Feedback(gain, *desired, given["control"])})
+    desired = settings["q0"][0], settings["v0"][0]
+    found = rollout(module, **settings | {"control": Feedback(gain, *desired, settings["control"])})
 
     def law(time: float, q: Array, v: Array) -> Array:
         wanted = module.integrate(desired[0], np.zeros(size))
         error = np.concatenate([module.difference(q, wanted), desired[1] - v], axis=1)
-        return given["control"][:, round(time / DT)] + error @ gain.T
+        return settings["control"][:, round(time / DT)] + error @ gain.T
 
-    same(found, rollout(module, **given | {"control": law}))
+    same(found, rollout(module, **settings | {"control": law}))
     alike = [Feedback(gain, *desired, u) for u in (2, 2.0, np.full(len(module.INPUTS), 2.0))]
-    ours, others, expected = (rollout(module, **given | {"control": each}) for each in alike)
+    ours, others, expected = (rollout(module, **settings | {"control": each}) for each in alike)
     same(ours, expected)
     same(others, expected)
 
 
 def test_parameters_change_the_robot(module: ModuleType) -> None:
-    given, name = arguments(module), "link1_mass_per_length"
+    settings, name = arguments(module), "link1_mass_per_length"
     heavy = {name: 2.0 * module.PARAMETERS[name]}
-    found = rollout(module, **given, parameters=heavy)
-    q, v = found.q[1, 0], given["v0"][1]
-    for u in given["control"][1]:
+    found = rollout(module, **settings, parameters=heavy)
+    q, v = found.q[1, 0], settings["v0"][1]
+    for u in settings["control"][1]:
         q, v = module.step_rk4(q, v, u, DT, module.prepare(heavy))
     np.testing.assert_allclose(found.v[1, -1], v, rtol=1e-12)
-    assert np.abs(found.v - rollout(module, **given).v).max() > 1e-3
+    assert np.abs(found.v - rollout(module, **settings).v).max() > 1e-3
 
 
 def test_progress_gets_to_its_end_and_can_interrupt(module: ModuleType) -> None:
-    given, told = arguments(module), []
-    rollout(module, **given, progress=lambda what, share: told.append((what, share)))
+    settings, told = arguments(module), []
+    rollout(module, **settings, progress=lambda what, share: told.append((what, share)))
     assert told[-1] == ("rolling out", 1.0)
     assert [share for _, share in told] == sorted(share for _, share in told)
 
@@ -142,7 +142,7 @@ def test_progress_gets_to_its_end_and_can_interrupt(module: ModuleType) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        rollout(module, **given, progress=interrupt)
+        rollout(module, **settings, progress=interrupt)
 
 
 def test_c_and_numpy_do_the_same(
@@ -151,28 +151,28 @@ def test_c_and_numpy_do_the_same(
     """Parameters of each state too; what they are is tested with the compiled rollout."""
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     compiled = load(emitted_steps.folder, backend="c")
-    given, inputs = arguments(compiled), len(compiled.INPUTS)
-    given["parameters"] = {"link1_mass_per_length": [0.5, 0.7, 0.9], "gravity": 3.7}
-    given["control"] = lambda time, q, v: 2.0 + time - v[:, :inputs]
-    found, expected = (rollout(m, **given) for m in (compiled, emitted_steps.module))
+    settings, inputs = arguments(compiled), len(compiled.INPUTS)
+    settings["parameters"] = {"link1_mass_per_length": [0.5, 0.7, 0.9], "gravity": 3.7}
+    settings["control"] = lambda time, q, v: 2.0 + time - v[:, :inputs]
+    found, expected = (rollout(m, **settings) for m in (compiled, emitted_steps.module))
     np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-13)
-    rolled = rollout(compiled, **given, precision="single", time_constants=0.05)
+    rolled = rollout(compiled, **settings, precision="single", time_constants=0.05)
     assert {x.dtype for x in (rolled.q, rolled.v, rolled.thrusts)} == {np.dtype(np.float32)}
-    single = rollout(compiled, **given, precision="single").q
+    single = rollout(compiled, **settings, precision="single").q
     assert 0.0 < np.abs(single - expected.q).max() < 1e-4
     monkeypatch.setenv("CC", "no-such-compiler")
-    same(rollout(compiled, **given), expected)
+    same(rollout(compiled, **settings), expected)
     assert caplog.text.count("NumPy rolls out instead of C: ") == 1
-    assert rollout(compiled, **given, precision="single").v.dtype == np.float32
+    assert rollout(compiled, **settings, precision="single").v.dtype == np.float32
 
 
 def test_parameters_of_each_state_are_its_own(module: ModuleType) -> None:
-    given, masses = arguments(module), np.array([0.5, 0.7, 0.9])
-    whole = rollout(module, **given, parameters={"link1_mass_per_length": masses})
+    settings, masses = arguments(module), np.array([0.5, 0.7, 0.9])
+    whole = rollout(module, **settings, parameters={"link1_mass_per_length": masses})
     for i in range(STATES):
-        own = {name: given[name][i] for name in ("q0", "v0", "control")}
+        own = {name: settings[name][i] for name in ("q0", "v0", "control")}
         heavy = {"link1_mass_per_length": masses[i]}
-        same(rollout(module, **given | own, parameters=heavy), whole, slice(i, i + 1))
+        same(rollout(module, **settings | own, parameters=heavy), whole, slice(i, i + 1))
 
 
 WRONG = {
@@ -237,10 +237,10 @@ def test_what_is_wrong_is_told(message: str) -> None:
 
 
 def test_a_back_end_without_rollouts_is_told() -> None:
-    given = {"q0": 0.0, "v0": 0.0, "control": 0.0, "steps": 1, "dt": 0.1}
+    settings = {"q0": 0.0, "v0": 0.0, "control": 0.0, "steps": 1, "dt": 0.1}
     other = ModuleType("other")
     other.backend = "casadi"
     with pytest.raises(UsageError, match="back ends numpy, c, jax"):
-        rollout(other, **given)
+        rollout(other, **settings)
     with pytest.raises(UsageError, match="robot: must be a module, or the name or path of one"):
-        rollout(3, **given)
+        rollout(3, **settings)

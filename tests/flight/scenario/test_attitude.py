@@ -11,7 +11,6 @@ from support.differences import rate
 
 from gibbs_codegen.flight.scenario.orientation import (
     SINGULAR_COSINE,
-    Array,
     SingularAttitudeError,
     Turning,
     attitude_angles,
@@ -19,6 +18,7 @@ from gibbs_codegen.flight.scenario.orientation import (
     rate_matrix,
     rotation_matrix,
 )
+from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.model import SEQUENCES
 from gibbs_codegen.verification.vectors import times
 

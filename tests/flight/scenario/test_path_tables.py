@@ -11,9 +11,17 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gibbs_codegen.errors import Fault
-from gibbs_codegen.files.table import Table, key_path
-from gibbs_codegen.flight.scenario.path_tables import PathTable
-from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
+from gibbs_codegen.files.table import Table, file_table, key_path, read_table
+from gibbs_codegen.flight.scenario.paths import (
+    AnyPath,
+    Circle,
+    Fixed,
+    Harmonic,
+    Line,
+    Path,
+    Term,
+    Waypoints,
+)
 
 KINDS = {
     "fixed": "position = [1, 2, 3]",
@@ -25,19 +33,20 @@ KINDS = {
 }
 
 
+@file_table
 class PathFile(Table):
     """A file that holds nothing but a path."""
 
-    path: PathTable
+    path: AnyPath
 
 
-def read_table(table: dict[str, Any]) -> tuple[Path | None, list[Fault]]:
-    found, refusals = PathFile.read({"path": table})
-    return found and found.path.path(), [Fault(key_path(place), words) for place, words in refusals]
+def read_path(table: dict[str, Any]) -> tuple[Path | None, list[Fault]]:
+    found, refusals = read_table(PathFile, {"path": table})
+    return found and found.path, [Fault(key_path(place), words) for place, words in refusals]
 
 
 def read(text: str) -> tuple[Path | None, list[Fault]]:
-    return read_table(tomllib.loads(text))
+    return read_path(tomllib.loads(text))
 
 
 def accepted(kind: str, text: str) -> Path:
@@ -173,7 +182,7 @@ def test_unknown_keys_are_refused(kind: str) -> None:
         ("waypoints", "[0, 1, 3]", "3", "times: must be a list"),
         ("waypoints", "[1, 2, 3]", "[1, 2]", "points[1]: must have 3 numbers, not 2"),
         ("waypoints", "[1, 2, 3]", "7", "points[1]: must be a list of 3 numbers, not a number"),
-        ("waypoints", "[0, 1, 3]", "[0, 5e-324, 1]", "times: waypoints: no smooth curve"),
+        ("waypoints", "[0, 1, 3]", "[0, 5e-324, 1]", "times: no smooth curve"),
         ("waypoints", '["rest", [', '["stop", [', "velocities[0]: must be one of 'rest', 'free'"),
         ("waypoints", '["rest", [', "[3, [", "velocities[0]: must be a list of 3 numbers"),
         ("waypoints", '["rest", [', '["free", [', "velocities[0]: the path ends here"),
@@ -195,9 +204,10 @@ def test_a_path_of_one_waypoint_or_too_many_is_refused() -> None:
     assert "1 points at 1 times; give as many of both, 2 to 10000" in one[0]
     count = 1_000_000
     table = {"kind": "waypoints", "times": [*range(count)], "points": [[0, 0, 0]] * count}
-    path, faults = read_table(table)
+    path, faults = read_path(table)
     assert path is None
-    assert len(faults) == 1
+    words = "1000000 entries; give at most 10000"
+    assert [fault.message for fault in faults] == [words] * 2
 
 
 def test_ten_thousand_waypoints_are_read() -> None:
@@ -207,13 +217,13 @@ def test_ten_thousand_waypoints_are_read() -> None:
         "times": [*range(count)],
         "points": [[0, 0, i] for i in range(count)],
     }
-    path, _ = read_table(table)
+    path, _ = read_path(table)
     assert path is not None
     # Far from the ends the steps are even.
     assert_allclose(path(5000.5)[:2, 2], [5000.5, 1.0], rtol=1e-9)
 
 
 def test_a_harmonic_of_too_many_terms_is_refused() -> None:
-    _, faults = read_table({"kind": "harmonic", "y": [{"amplitude": 1}] * 101})
+    _, faults = read_path({"kind": "harmonic", "y": [{"amplitude": 1}] * 101})
     assert [f.path for f in faults] == ["path.y"]
     assert "101 terms; give at most 100" in faults[0].message

@@ -181,7 +181,7 @@ def test_circle_begins_along_x_or_y() -> None:
     assert_allclose(slope(0.0)[0], np.array([1, 0, 1]) / np.sqrt(2))
 
 
-@pytest.mark.parametrize("scale", [1e-200, 1e200])
+@pytest.mark.parametrize("scale", [1e-8, 1e11])
 def test_the_length_of_a_normal_does_not_matter(scale: float) -> None:
     scaled = Circle((0, 0, 0), 1.0, 2.0, normal=(scale, 2 * scale, -scale))
     assert_allclose(scaled(0.3), Circle((0, 0, 0), 1.0, 2.0, normal=(1, 2, -1))(0.3), rtol=1e-13)
@@ -196,12 +196,9 @@ def test_a_sum_adds_all_derivatives() -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        Harmonic(x=(Term(1.0, growth=1e300),)),
-        Harmonic(x=(Term(1.0, frequency=1e300),)),
-        Harmonic(x=(Term(1e308, growth=1.0),)),
-        Line((-1e308, 0, 0), (1e308, 0, 0), 1.0),
-        Line((0, 0, 0), (1, 0, 0), 1e-200),
-        Circle((0, 0, 0), 1.0, 1e-300),
+        Harmonic(x=(Term(1.0, growth=1e12),)),
+        Harmonic(x=(Term(1e12, growth=1.0, frequency=1e12),)),
+        Waypoints([0.0, 1e-200], [(0, 0, 0), (1, 0, 0)]),
     ],
 )
 def test_what_overflows_is_not_finite_and_warns_of_nothing(path: Path) -> None:

@@ -75,8 +75,8 @@ def test_the_one_case_that_kills_its_worker_is_found(robot, tmp_path, alive):
         if len(np.load(path)) == 2:
             path.unlink()
     told = []
-    asked = (measure, None, tmp_path / "a", lambda what, share: told.append(share), 1)
-    sweep(robot, "hover", PARAMETERS, 1, 0, *asked)
+    call = (measure, None, tmp_path / "a", lambda what, share: told.append(share), 1)
+    sweep(robot, "hover", PARAMETERS, 1, 0, *call)
     assert told[-1] == 1.0
 
 
@@ -107,6 +107,7 @@ def test_what_was_kept_of_a_chunk_stays_when_the_rest_kills(robot, tmp_path, ali
     assert_one_is_dead(table, alive[[2, 3, 0, 1]])
 
 
+@pytest.mark.exhaustive
 def test_a_pool_that_breaks_does_not_end_the_sweep(robot, tmp_path, alive):
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         table = sweep(

@@ -15,8 +15,8 @@ from support.synthetic_study import EFFORT, LAG, MASS, TIP, synthetic_study
 
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.files.changes import changes_of
-from gibbs_codegen.flight.sweeps.plan import Case
+from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.flight.sweeps.cases import Case
 from gibbs_codegen.flight.sweeps.study import Study, read_study
 
 

@@ -24,13 +24,11 @@ from gibbs_codegen import (
     uniform,
 )
 from gibbs_codegen.flight import many
-from gibbs_codegen.flight.scenario.control import Motors
-from gibbs_codegen.flight.scenario.scenario import StartOffset
+from gibbs_codegen.flight.scenario.parts import Motors, StartOffset
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps.plan import cases_of
-from gibbs_codegen.flight.sweeps.sampling import varied
-from gibbs_codegen.flight.sweeps.sources import nested, robot_source, scenario_source
-from gibbs_codegen.flight.sweeps.store import REASONS, Store
+from gibbs_codegen.flight.sweeps.cases import cases_of, varied
+from gibbs_codegen.flight.sweeps.chunks import REASONS, Store
+from gibbs_codegen.flight.sweeps.sources import robot_source, scenario_source, tables_of
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -84,7 +82,7 @@ def test_measures_are_those_of_single_flights(robot, tmp_path, here):
     assert not np.any(study.table["failed"] != "")
     module = load(robot, "c")
     for case, row in zip(study.cases, study.table, strict=True):
-        flight = simulate(module, read_scenario("hover", nested(case.changes)))
+        flight = simulate(module, read_scenario("hover", tables_of(case.changes)))
         assert flight.tip_error.max() == pytest.approx(row["worst [m]"], rel=1e-9)
         assert flight.q[-1].sum() == pytest.approx(row["sum"], rel=1e-9)
         assert row["motors.time_constant"] == case.changes["motors.time_constant"]
@@ -107,16 +105,16 @@ def test_samples_are_the_same_in_every_combination(robot, tmp_path, here):
 @pytest.mark.usefixtures("alone_is_another")
 @pytest.mark.parametrize("more", [{}, {"duration": [0.9, 1.0], "motors.time_constant": 0.01}])
 def test_any_chunks_give_the_same_bytes(robot, tmp_path, here, monkeypatch, more):
-    asked = {**FAR, **more}
-    first = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / "a")
+    parameters = {**FAR, **more}
+    first = sweep(robot, "hover", parameters, 6, 1, END, here, tmp_path / "a")
     assert len(first.whole) == 12
     for flights in (1, 5, 12):
         monkeypatch.setattr(chunks, "_MOST_FLIGHTS", flights)
-        other = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / str(flights))
+        other = sweep(robot, "hover", parameters, 6, 1, END, here, tmp_path / str(flights))
         assert other.table.dtype == first.table.dtype
         assert other.table.tobytes() == first.table.tobytes()
     monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 3)
-    last = sweep(robot, "hover", asked, 6, 1, END, Backwards(4), tmp_path / "last")
+    last = sweep(robot, "hover", parameters, 6, 1, END, Backwards(4), tmp_path / "last")
     assert last.table.tobytes() == first.table.tobytes()
 
 
@@ -197,7 +195,7 @@ def test_one_factor_for_all_that_match(robot, tmp_path, here):
 
 
 def test_a_scenario_that_was_made_in_python_varies_too(robot, tmp_path, here):
-    plain = read_scenario("hover", nested(SHORT))
+    plain = read_scenario("hover", tables_of(SHORT))
     parameters = {
         "plant.gravity": [9.7, 9.8],
         "motors.time_constant": 0.01,
@@ -223,7 +221,7 @@ def test_noise_is_another_in_every_sample(robot, tmp_path, here):
     assert len({case.changes["sensors.seed"] for case in study.cases}) == 3
     assert len(set(study.table["worst [m]"])) == 3
     module, case = load(robot, "c"), study.cases[1]
-    flight = simulate(module, read_scenario("hover", nested(case.changes)))
+    flight = simulate(module, read_scenario("hover", tables_of(case.changes)))
     assert flight.tip_error.max() == pytest.approx(study.table["worst [m]"][1], rel=1e-9)
 
 
@@ -243,7 +241,7 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("parameters", "words"),
     [
         (
             {"parameters": {"plant.link3_mas_per_length": [1.0]}},
@@ -278,8 +276,8 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
         ({"parameters": {"duration": normal(1.0, 0.1)}, "samples": True}, "samples: must be"),
     ],
 )
-def test_what_means_nothing_is_refused(robot, tmp_path, asked, words):
-    given = {"robots": robot, "scenarios": "hover", "out": tmp_path / "sweep", **asked}
+def test_what_means_nothing_is_refused(robot, tmp_path, parameters, words):
+    given = {"robots": robot, "scenarios": "hover", "out": tmp_path / "sweep", **parameters}
     with pytest.raises(GibbsCodegenError, match=words):
         sweep(**given)
 
@@ -326,8 +324,8 @@ def test_a_chunk_that_cannot_be_read_is_left_alone(robot, tmp_path, here, monkey
 
 @pytest.mark.usefixtures("alone_is_another")
 def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, here, monkeypatch):
-    asked = {**FAR, "motors.time_constant": 0.01}
-    first = sweep(robot, "hover", asked, 6, 1, END, here, tmp_path / "a")
+    parameters = {**FAR, "motors.time_constant": 0.01}
+    first = sweep(robot, "hover", parameters, 6, 1, END, here, tmp_path / "a")
     monkeypatch.setattr(chunks, "_HANDED_OVER", 0.0)  # One flight at a time.
     told, kept = [], []
 
@@ -337,7 +335,7 @@ def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, 
         if share > 0.4:
             raise KeyboardInterrupt
 
-    again = (robot, "hover", asked, 6, 1, END, here, tmp_path / "b")
+    again = (robot, "hover", parameters, 6, 1, END, here, tmp_path / "b")
     with pytest.raises(KeyboardInterrupt):
         sweep(*again, interrupt)
     assert [round(6 * share) for share in told if share] == [1, 2, 3]

@@ -17,9 +17,8 @@ import gibbs_codegen
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.flight.viewer import page as viewer_page
-from gibbs_codegen.flight.viewer.batch import rgb
 from gibbs_codegen.flight.viewer.flight_view import FlightScene
-from gibbs_codegen.flight.viewer.machine import RELAXED
+from gibbs_codegen.flight.viewer.machine import RELAXED, rgb
 from gibbs_codegen.flight.viewer.page import empty_server
 from gibbs_codegen.flight.viewer.view import viewing
 

@@ -11,11 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.viewer.controls import Sliders
 from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, Machine, changed, mixed
 from gibbs_codegen.flight.viewer.page import empty_server
-from gibbs_codegen.flight.viewer.pattern import pattern_svg, symbol
-from gibbs_codegen.flight.viewer.robot_view import _digits, numbers
+from gibbs_codegen.flight.viewer.robot_view import Sliders, _digits, numbers, pattern_svg, symbol
 
 Shipped = Callable[[str], ModuleType]
 
@@ -77,7 +75,7 @@ def test_entries_of_a_are_called_what_they_are(name: str, label: str, shipped: S
     machine = Machine(shipped(name))
     q = machine.coordinates(machine.start())
     state = machine.state(q, machine.hover(q))
-    assert f"<td>{label}</td>" in numbers(machine, state, held=True, told=[])
+    assert f"<td>{label}</td>" in numbers(machine, state, is_held=True, remarks=[])
 
 
 def test_sliders_keep_the_limits_of_the_file_though_they_are_equal_or_exceeded() -> None:
@@ -101,13 +99,13 @@ def test_inputs_beyond_their_limits_are_named(shipped: Shipped) -> None:
 
 def test_rejected_parameters_leave_those_before(shipped: Shipped) -> None:
     machine = Machine(shipped("hexarotor_3link"))
-    machine.give({"gravity": 5.0})
+    machine.set_parameters({"gravity": 5.0})
     q = machine.coordinates(machine.start())
     before = machine.hover(q)
     with pytest.raises(UsageError, match="link2_length"):
-        machine.give({"link2_length": float("nan")})
+        machine.set_parameters({"link2_length": float("nan")})
     assert np.array_equal(machine.hover(q), before)
-    machine.give({})
+    machine.set_parameters({})
     assert machine.hover(q) == pytest.approx(9.81 / 5.0 * before)
 
 

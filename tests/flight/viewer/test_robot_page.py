@@ -14,6 +14,8 @@ import gibbs_codegen
 from gibbs_codegen.flight.viewer import page as viewer_page
 from gibbs_codegen.flight.viewer.machine import ROTOR, THRUST, Machine
 
+pytestmark = pytest.mark.usefixtures("derived_once")
+
 Shipped = Callable[[str], ModuleType]
 
 # A base without rotors, and a joint that slides.

@@ -1,0 +1,223 @@
+"""Backward derivatives: the gradient of a weighted sum of a program's results by its inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.arrays.slopes import (
+    call_slopes,
+    coordinates_slope,
+    elementary_slopes,
+    entries_slope,
+)
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import FUNCTIONS, derivative
+
+
+def gradient(program: Program, by: str | Iterable[str]) -> Program:
+    """The gradient of a weighted sum of a program's results by some inputs.
+
+    Args:
+        program: The program.
+        by: Names of inputs, or one name.
+
+    Returns:
+        A program that takes the inputs and, for each result, its weights `<output>_bar`, and
+        returns `<input>_bar` for each of the inputs. Weights of coordinates are of displacements,
+        and gradients by coordinates by displacements in the tangent space.
+
+    Raises:
+        UsageError: If what is called in the program has no derivatives, or an input is unknown.
+        MissingFunctionError: If the module was generated without the derivatives that it needs.
+    """
+    return _gradient(program, program.chosen(by))
+
+
+@lru_cache(maxsize=256)
+def _gradient(program: Program, by: tuple[str, ...]) -> Program:
+    inputs = dict(zip(program.names, program.inputs, strict=True))
+    weights = {
+        name: nodes.variable(f"{name}_bar", *x.tangent) for name, x in program.outputs.items()
+    }
+    moving = _moving(program, {inputs[name] for name in by})
+    found: dict[Node, Node] = {}
+    for name, x in program.outputs.items():
+        if x in moving:
+            _add(found, x, weights[name])
+    _collect(program, moving, found)
+    outputs = {
+        f"{name}_bar": found.get(inputs[name]) or nodes.zeros(*inputs[name].tangent) for name in by
+    }
+    name = f"{program.name}_gradient_by_{'_'.join(by)}"
+    return Program(name, (*program.inputs, *weights.values()), outputs)
+
+
+def _moving(program: Program, by: set[Node]) -> set[Node]:
+    """The nodes that depend on some inputs."""
+    moving = set(by)
+    for x in program.nodes:
+        if any(argument in moving for argument in x.arguments):
+            moving.add(x)
+    return moving
+
+
+def _add(found: dict[Node, Node], x: Node, weight: Node) -> None:
+    """Add to the weights of a node."""
+    found[x] = found[x] + weight if x in found else weight
+
+
+def _collect(program: Program, moving: set[Node], found: dict[Node, Node]) -> None:
+    """The weights of all nodes, from the results to the inputs.
+
+    What several results of one call pass on is asked once, where the first of them was made: then
+    all that is made of any of them has been gone through.
+    """
+    siblings: dict[Any, list[Node]] = {}
+    for x in program.nodes:
+        siblings.setdefault(_origin(x), []).append(x)
+    for x in reversed(program.nodes):
+        results = siblings[_origin(x)]
+        if x is not results[0] or x not in moving or not x.arguments:
+            continue
+        weights = {y: found[y] for y in results if y in found}
+        places = [place for place, argument in enumerate(x.arguments) if argument in moving]
+        for place, weight in _passed(x, weights, places) if weights else ():
+            if not nodes.is_all(weight, 0.0):
+                _add(found, x.arguments[place], weight)
+
+
+def _origin(x: Node) -> Any:
+    """The call that a node is a result of; any other node is alone."""
+    match x.operation:
+        case nodes.Call(functions, name):
+            return functions, name, x.arguments
+        case nodes.Invocation(program):
+            return program, x.arguments
+    return x
+
+
+def _passed(x: Node, weights: dict[Node, Node], places: list[int]) -> Iterator[tuple[int, Node]]:
+    """What weights of a node, or of the results of a call, are for its arguments."""
+    match x.operation:
+        case nodes.Call() as call:
+            yield from _of_call(call, weights, places)
+            return
+        case nodes.Invocation(program):
+            by_name = {
+                name: weights[y]
+                for name, y in program.results(*x.arguments).items()
+                if y in weights
+            }
+            yield from _of_invocation(program, x.arguments, by_name, places)
+            return
+    w = weights[x]
+    arguments = x.arguments
+    match x.operation:
+        case nodes.Elementary(name):
+            slopes = elementary_slopes(name, x)
+            for place in places:
+                yield place, _folded(slopes[place] * w, arguments[place].shape)
+        case nodes.Product():
+            for place in places:
+                yield place, _of_product(w, arguments, place)
+        case nodes.Solution():
+            right = nodes.solve(arguments[0].transposed, w)
+            if 1 in places:
+                yield 1, right
+            if 0 in places:
+                columns = (x.shape[0], x.size // x.shape[0])
+                yield 0, -(nodes.reshaped(right, columns) @ nodes.reshaped(x, columns).transposed)
+        case nodes.Joining():
+            first = 0
+            for place, argument in enumerate(arguments):
+                if place in places:
+                    yield place, nodes.part(w, first, first + argument.shape[0])
+                first += argument.shape[0]
+        case _:
+            yield 0, _of_rearranged(x, w)
+
+
+def _of_rearranged(x: Node, w: Node) -> Node:
+    """Weights of the one argument of what rearranges it."""
+    argument = x.arguments[0]
+    match x.operation:
+        case nodes.Part(begin, end):
+            rest = argument.shape[1:]
+            after = argument.shape[0] - end
+            return nodes.join(nodes.zeros(begin, *rest), w, nodes.zeros(after, *rest))
+        case nodes.Reshaping():
+            return nodes.reshaped(w, argument.shape)
+        case nodes.Transposition(axes):
+            return nodes.transposed(w, tuple(axes.index(axis) for axis in range(len(axes))))
+        case nodes.Total():
+            return w * nodes.constant(np.ones(argument.shape))
+        case nodes.Entries(space):
+            slope = entries_slope(x, space)
+        case nodes.Coordinates(space):
+            slope = coordinates_slope(argument, space)
+        case _:
+            raise UsageError(f"{x} has no derivative")
+    return w if slope is None else slope.transposed @ w
+
+
+def _folded(w: Node, shape: nodes.Shape) -> Node:
+    """Weights summed over the axes along which an argument was repeated."""
+    if w.shape == shape:
+        return w
+    if shape == ():
+        return nodes.total(w)
+    axes = tuple(i for i, (a, b) in enumerate(zip(w.shape, shape, strict=True)) if a != b)
+    return nodes.total(w, *axes)
+
+
+def _of_product(w: Node, arguments: tuple[Node, ...], place: int) -> Node:
+    """Weights of a factor."""
+    matrix, other = arguments
+    rows, inner = math.prod(matrix.shape[:-1]), matrix.shape[-1]
+    columns = math.prod(other.shape[1:])
+    weight = nodes.reshaped(w, (rows, columns))
+    if place == 0:
+        found = weight @ nodes.reshaped(other, (inner, columns)).transposed
+        return nodes.reshaped(found, matrix.shape)
+    found = nodes.reshaped(matrix, (rows, inner)).transposed @ weight
+    return nodes.reshaped(found, other.shape)
+
+
+def _of_call(
+    call: nodes.Call, weights: dict[Node, Node], places: list[int]
+) -> Iterator[tuple[int, Node]]:
+    """Weights of the arguments of a call: by its function's gradient, or by its matrices."""
+    row = FUNCTIONS[call.name]
+    name = derivative(call.name, "vjp")
+    for x, w in weights.items():
+        if name in call.functions.signatures and len(row.outputs) == 1:
+            bars = call.functions.outputs(name, *x.arguments, w)
+            for output, bar in zip(FUNCTIONS[name].outputs, bars, strict=True):
+                place = row.arguments.index(output.name.removesuffix("_bar"))
+                if place in places:
+                    yield place, bar
+            continue
+        slopes = call_slopes(call, x, places)
+        for place in places:
+            matrix = nodes.reshaped(slopes[place], (w.size, slopes[place].shape[-1]))
+            bar = matrix.transposed @ nodes.reshaped(w, (w.size,))
+            yield place, nodes.reshaped(bar, x.arguments[place].tangent)
+
+
+def _of_invocation(
+    program: Program,
+    arguments: tuple[Node, ...],
+    weights: dict[str, Node],
+    places: list[int],
+) -> Iterator[tuple[int, Node]]:
+    """Weights of the arguments of a program that was called, given those of its results."""
+    given = [weights.get(name) or nodes.zeros(*x.tangent) for name, x in program.outputs.items()]
+    inner = gradient(program, tuple(program.names[place] for place in places))
+    yield from zip(places, inner(*arguments, *given), strict=True)

@@ -1,0 +1,287 @@
+"""The base of a robot in array programs: errors, wrenches and rates, for angles and a quaternion.
+
+Everything else of a law or a flight works on coordinates q (nq) and velocities v (nv) by the places
+of the layout. Tracking errors have an entry per velocity: of the attitude and the position of the
+base, in the places of its angular and linear velocity, and of the joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    constant,
+    coordinates_of,
+    cosine,
+    cross,
+    dot,
+    entries_of,
+    join,
+    sine,
+    square_root,
+)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates q (nq), velocities v (nv) and accelerations a (nv)."""
+
+    q: Node
+    v: Node
+    a: Node
+
+
+class QuaternionBase:
+    """A base with a unit quaternion at coordinates q (nq).
+
+    Errors of the position are in world axes, those of the attitude the rotation vector from the
+    actual to the desired attitude in the base's frame.
+    """
+
+    def __init__(self, robot: Functions, q: Node) -> None:
+        self.robot, self.q = robot, q
+        self.quaternion = entries_of(q)[robot.layout.q.attitude]
+
+    def to_world(self, x: Node) -> Node:
+        """A vector (3) of the base's frame, in world axes."""
+        return _turned(self.quaternion, self.quaternion[3], x)
+
+    def to_base(self, x: Node) -> Node:
+        """A vector (3) of world axes, in the base's frame."""
+        return _turned(self.quaternion, -self.quaternion[3], x)
+
+    def angular(self, v: Node, a: Node) -> tuple[Node, Node]:
+        """Angular velocity and acceleration (3) in the base's frame."""
+        place = self.robot.layout.v.attitude
+        return v[place], a[place]
+
+    def attitude_entries(self, v: Node, turning: Node) -> Node:
+        """Entries (3) of the attitude in a: the angular acceleration (3), base's frame, itself."""
+        return turning
+
+    def twist(self, centre: Node, v: Node) -> Node:
+        """Velocity (6) of a point `centre` (3) and angular velocity, all in the base's frame."""
+        place = self.robot.layout.v
+        spin = v[place.attitude]
+        return join(v[place.position] + cross(spin, centre), spin)
+
+    def wrench(self, centre: Node, force: Node) -> Node:
+        """Force and torque (6) about a point `centre` (3), base's frame, of a force (nv)."""
+        place = self.robot.layout.v
+        pull = force[place.position]
+        return join(pull, force[place.attitude] - cross(centre, pull))
+
+    def rates(self, v: Node, entries: Node) -> Node:
+        """Rates (nq) of entries with a quaternion of any length, which keeps its length."""
+        place = self.robot.layout.v
+        quaternion, spin = entries[self.robot.layout.q.attitude], 0.5 * v[place.attitude]
+        vector, scalar = quaternion[:3], quaternion[3]
+        moved = self.to_world(v[place.position])
+        turned = cross(vector, spin) + scalar * spin
+        return join(moved, turned, -dot(vector, spin), v[place.joints])
+
+    def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
+        """Errors and their rates (nv), those of the position in world axes."""
+        robot = self.robot
+        places, own = robot.layout.v, robot.layout.q
+        wanted = QuaternionBase(robot, desired.q)
+        between = entries_of(desired.q)
+        here = entries_of(self.q)
+        spin = self._carried(wanted, desired.v[places.attitude]) - v[places.attitude]
+        drift = wanted.to_world(desired.v[places.position]) - self.to_world(v[places.position])
+        # `difference` has a derivative where there is no error, as an arc tangent has not.
+        turn = robot.difference(self.q, desired.q)[places.attitude]
+        position = between[own.position] - here[own.position]
+        joints = between[own.joints] - here[own.joints]
+        rates = desired.v[places.joints] - v[places.joints]
+        return join(position, turn, joints), join(drift, spin, rates)
+
+    def corrected(self, v: Node, desired: Motion, pull: Node) -> Node:
+        """Accelerations (nv) of the desired motion and, as `pull` (nv), of what its errors ask."""
+        places = self.robot.layout.v
+        wanted = QuaternionBase(self.robot, desired.q)
+        spin, spin_desired = v[places.attitude], desired.v[places.attitude]
+        carried = desired.a[places.position] + cross(spin_desired, desired.v[places.position])
+        world = wanted.to_world(carried) + pull[places.position]
+        linear = self.to_base(world) - cross(spin, v[places.position])
+        turning = self._carried(wanted, desired.a[places.attitude])
+        turning = turning - cross(spin, self._carried(wanted, spin_desired))
+        joints = desired.a[places.joints] + pull[places.joints]
+        return join(linear, turning + pull[places.attitude], joints)
+
+    def _carried(self, wanted: QuaternionBase, x: Node) -> Node:
+        """A vector (3) of the desired base's frame in that of the base."""
+        return self.to_base(wanted.to_world(x))
+
+
+class AngleBase:
+    """A base with Tait-Bryan angles at coordinates q (nq): errors are differences of coordinates.
+
+    Each angle turns about one axis of the frame that the angles before it have turned.
+    """
+
+    def __init__(self, robot: Functions, q: Node) -> None:
+        self.robot, self.q = robot, q
+        self.axes = ["xyz".index(axis) for axis in robot.layout.attitude]
+        angles = entries_of(q)[robot.layout.q.attitude]
+        self.sines, self.cosines = sine(angles), cosine(angles)
+
+    def to_world(self, x: Node) -> Node:
+        """A vector (3) of the base's frame, in world axes."""
+        found = [x[i] for i in range(3)]
+        for i in (2, 1, 0):
+            found = self._turned(i, found, self.sines[i])
+        return join(*found)
+
+    def to_base(self, x: Node) -> Node:
+        """A vector (3) of world axes, in the base's frame."""
+        found = [x[i] for i in range(3)]
+        for i in range(3):
+            found = self._turned(i, found, -self.sines[i])
+        return join(*found)
+
+    def _turned(self, i: int, x: Sequence[Node], sine_of: Node) -> list[Node]:
+        """Entries of a vector, turned about the axis of the angle i."""
+        one, two = (self.axes[i] + 1) % 3, (self.axes[i] + 2) % 3
+        found = list(x)
+        found[one] = self.cosines[i] * x[one] - sine_of * x[two]
+        found[two] = self.cosines[i] * x[two] + sine_of * x[one]
+        return found
+
+    def angular(self, v: Node, a: Node) -> tuple[Node, Node]:
+        """Angular velocity and acceleration (3) in the base's frame."""
+        place = self.robot.layout.v.attitude
+        spin, growth = self._of_rates(v[place]), self._of_rates(a[place])
+        return spin, growth + self._bias(v[place])
+
+    def _of_rates(self, rates: Node) -> Node:
+        """Angular velocity (3), base's frame, of rates (3) of the angles."""
+        found = [constant(0.0)] * 3
+        for i in range(3):
+            found = self._turned(i, found, -self.sines[i])
+            found[self.axes[i]] = found[self.axes[i]] + rates[i]
+        return join(*found)
+
+    def _bias(self, rates: Node) -> Node:
+        """Angular acceleration (3), base's frame, without accelerations of the angles."""
+        spin = [constant(0.0)] * 3
+        found = [constant(0.0)] * 3
+        for i in range(3):
+            spin = self._turned(i, spin, -self.sines[i])
+            found = self._turned(i, found, -self.sines[i])
+            axis = [constant(float(k == self.axes[i])) for k in range(3)]
+            # The axis is carried by the rates before: it turns in the frame after this rotation.
+            turning = cross(join(*spin), join(*axis))
+            found = [found[k] + rates[i] * turning[k] for k in range(3)]
+            spin[self.axes[i]] = spin[self.axes[i]] + rates[i]
+        return join(*found)
+
+    def attitude_entries(self, v: Node, turning: Node) -> Node:
+        """Accelerations (3) of the angles by the angular acceleration (3), base's frame.
+
+        Away from the singularity of the angles.
+        """
+        rest = turning - self._bias(v[self.robot.layout.v.attitude])
+        # Undo the last rotation, then the others: each axis gives one rate.
+        x = [rest[i] for i in range(3)]
+        x = self._turned(2, x, self.sines[2])
+        last, middle, first = self.axes[2], self.axes[1], self.axes[0]
+        outer = x[first] / self.cosines[1]
+        return join(outer, x[middle], x[last] + self._lean * outer)
+
+    @property
+    def _lean(self) -> Node:
+        """Sine of the middle angle, with the sign of the sequence of the axes."""
+        cyclic = (self.axes[0] + 1) % 3 == self.axes[1]
+        return -self.sines[1] if cyclic else self.sines[1]
+
+    def twist(self, centre: Node, v: Node) -> Node:
+        """Velocity (6) of a point `centre` (3) and angular velocity, all in the base's frame."""
+        place = self.robot.layout.v
+        spin = self._of_rates(v[place.attitude])
+        return join(self.to_base(v[place.position]) + cross(spin, centre), spin)
+
+    def wrench(self, centre: Node, force: Node) -> Node:
+        """Force and torque (6) about a point `centre` (3), base's frame, of a force (nv)."""
+        place = self.robot.layout.v
+        about = force[place.attitude]
+        torque = [about[0]] * 3
+        torque[self.axes[0]] = (about[0] + self._lean * about[2]) / self.cosines[1]
+        torque[self.axes[1]], torque[self.axes[2]] = about[1], about[2]
+        pull = self.to_base(force[place.position])
+        return join(pull, join(*self._turned(2, torque, -self.sines[2])) - cross(centre, pull))
+
+    def rates(self, v: Node, entries: Node) -> Node:
+        """Rates (nq) of the coordinates' entries, which v holds."""
+        return v
+
+    def errors(self, v: Node, desired: Motion) -> tuple[Node, Node]:
+        """Errors and their rates (nv)."""
+        return entries_of(desired.q) - entries_of(self.q), desired.v - v
+
+    def corrected(self, v: Node, desired: Motion, pull: Node) -> Node:
+        """Accelerations (nv) of the desired motion and, as `pull` (nv), of what its errors ask."""
+        return desired.a + pull
+
+
+Base = AngleBase | QuaternionBase
+
+
+def base_of(robot: Functions, q: Node) -> Base:
+    """The base of a robot at coordinates q (nq)."""
+    return (QuaternionBase if robot.space.has_quaternion else AngleBase)(robot, q)
+
+
+def length(x: Node) -> Node:
+    """Length of a vector."""
+    return square_root(dot(x, x))
+
+
+def _turned(quaternion: Node, scalar: Node, x: Node) -> Node:
+    """A vector (3), turned by the quaternion that has this scalar part."""
+    once = cross(quaternion[:3], x)
+    return x + 2.0 * (scalar * once + cross(quaternion[:3], once))
+
+
+def unit_entries(robot: Functions, entries: Node) -> Node:
+    """Entries (nq) of coordinates, with a quaternion of unit length, if they have one."""
+    if not robot.space.has_quaternion:
+        return entries
+    place = robot.layout.q.attitude
+    unit = entries[place] / length(entries[place])
+    return join(entries[: place.start], unit, entries[place.stop :])
+
+
+def placed(robot: Functions, attitude: Node, position: Node, joints: Node) -> Node:
+    """Entries (nv) of the attitude (3), the position (3) and the joints in their places."""
+    places = robot.layout.v
+    parts = (places.attitude, attitude), (places.position, position), (places.joints, joints)
+    return join(*(x for _, x in sorted(parts, key=lambda part: part[0].start)))
+
+
+def quaternion_motion(robot: Functions, c: Node, rates: Node, growth: Node) -> tuple[Node, ...]:
+    """Unit coordinates, v and a of entries (nq) with a quaternion of any length.
+
+    `rates` and `growth` are the first and second derivatives of the entries. With c = r p, where p
+    is of unit length, the conjugate of c times its derivative is r times that of r, and r² ω / 2.
+    """
+    own = robot.layout.q
+    turned = c[own.attitude]
+    square = dot(turned, turned)
+    stretching = dot(turned, rates[own.attitude]) / square
+    entries = unit_entries(robot, c)
+    base = QuaternionBase(robot, coordinates_of(entries, robot.space))
+    spin = 2.0 / square * _between(turned, rates[own.attitude])
+    bend = 2.0 / square * _between(turned, growth[own.attitude])
+    linear = base.to_base(rates[own.position])
+    v = placed(robot, spin, linear, rates[own.joints])
+    carried = base.to_base(growth[own.position]) - cross(spin, linear)
+    return entries, v, placed(robot, bend - 2.0 * stretching * spin, carried, growth[own.joints])
+
+
+def _between(p: Node, r: Node) -> Node:
+    """The vector (3) of the product of the conjugate of p and of r."""
+    return p[3] * r[:3] - r[3] * p[:3] - cross(p[:3], r[:3])

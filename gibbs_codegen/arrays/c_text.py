@@ -1,0 +1,791 @@
+"""Array programs as C, for one state or for a block of states: the same text serves both.
+
+What differs from state to state is a `number`, what all states share is a `real`. For one state
+both are the same; for a block a `number` has a lane for each state (`emitted/numbers.c`). Calls of
+the module's functions are `EACH(function)(constants, ...)`.
+
+A node is computed by a statement of its own, unless it is only another look at entries that are
+there (a part, a transposition), or a sum of entries that one other sum reads. Arrays that live at
+the same time share one `room`, which takes no memory beyond the stack.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.labels import LABELS
+from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
+from gibbs_codegen.interface import FUNCTIONS
+
+# Vectors of as many entries are computed entry by entry, without a loop.
+FEW = 4
+_VIEWS = (nodes.Part, nodes.Transposition, nodes.Entries, nodes.Coordinates, nodes.Reshaping)
+_OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
+_FUNCTIONS = {
+    "minimum": "minimum",
+    "maximum": "maximum",
+    "absolute": "absolute",
+    "copysign": "signed_as",
+    "sqrt": "square_root",
+    "exp": "exponential",
+    "sin": "sine",
+    "cos": "cosine",
+    "arctan2": "arctan2",
+    "choose": "choose",
+}
+_INDICES = "ijkl"
+Index = Sequence[str | int]
+
+
+class View(NamedTuple):
+    """Where entries of a node are: an array in C, the first entry, and how far axes go."""
+
+    array: str
+    offset: int
+    strides: tuple[int, ...]
+
+    def entry(self, index: Index) -> str:
+        """The text of an entry; of a number it is the variable."""
+        return f"{self.array}[{_place(self.offset, self.strides, index)}]"
+
+
+def _place(offset: int, strides: Iterable[int], index: Index) -> str:
+    """The text of a place: what is known of it is added up."""
+    terms = []
+    for stride, i in zip(strides, index, strict=True):
+        if isinstance(i, int):
+            offset += stride * i
+        elif stride:
+            terms.append(i if stride == 1 else f"{i} * {stride}")
+    return " + ".join([*terms, *([str(offset)] if offset or not terms else [])])
+
+
+def _strides(shape: Shape) -> tuple[int, ...]:
+    """How far axes go in entries that are stored row by row."""
+    return tuple(math.prod(shape[axis + 1 :]) for axis in range(len(shape)))
+
+
+@dataclass
+class Storage:
+    """An array of the room, for nodes that are needed from one statement to another."""
+
+    size: int
+    first: int
+    last: int
+    begin: int = 0
+
+
+class CProgram:
+    """The function in C of one program; `owners` are those whose constants it is given."""
+
+    def __init__(
+        self, program: Program, prefix: str = "", owners: Sequence[str] | None = None
+    ) -> None:
+        self.program = program
+        self.name = f"{prefix}{program.name}"
+        self.prefix = prefix
+        self.owners = owners_of(program) if owners is None else list(owners)
+        self.has_context = bool(externals_of(program))
+        self._names = _Names(program)
+        self._indices: dict[str, int] = {}
+        self._uniform: dict[Node, bool] = {}
+        self._copies = 0
+
+    # What is computed where it is read, and what has a place of its own.
+
+    @cached_property
+    def readers(self) -> dict[Node, list[Node]]:
+        """The nodes that read each node."""
+        found: dict[Node, list[Node]] = {x: [] for x in self.program.nodes}
+        for x in self.program.nodes:
+            for argument in x.arguments:
+                found[argument].append(x)
+        return found
+
+    @cached_property
+    def results(self) -> set[Node]:
+        """Nodes that are outputs, or of which an output is another look."""
+        return {y for x in self.program.outputs.values() for y in (x, self.base(x))}
+
+    @cached_property
+    def inlined(self) -> set[Node]:
+        """Sums that are computed where one other reads them."""
+        return {x for x in self.program.nodes if self._is_inlined(x)}
+
+    def _is_inlined(self, x: Node) -> bool:
+        readers = self.readers[x]
+        if not isinstance(x.operation, nodes.Elementary) or x in self.results or x in LABELS:
+            return False
+        if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
+            return False
+        reader = readers[0]
+        kinds = nodes.Elementary | nodes.Total
+        return isinstance(reader.operation, kinds) and (
+            reader.shape == x.shape or isinstance(reader.operation, nodes.Total)
+        )
+
+    def uniform(self, x: Node) -> bool:
+        """Whether all states share a value: what functions return differs from state to state."""
+        if x not in self._uniform:
+            match x.operation:
+                case nodes.Input():
+                    found = x.is_uniform
+                case nodes.Call():
+                    found = False
+                case nodes.Invocation(program, name):
+                    found = CProgram(program).uniform(program.outputs[name])
+                case _:
+                    found = all(map(self.uniform, x.arguments))
+            self._uniform[x] = found
+        return self._uniform[x]
+
+    def base(self, x: Node) -> Node:
+        """The node whose entries a node looks at."""
+        while isinstance(x.operation, _VIEWS) and not self._is_copied(x):
+            x = x.arguments[0]
+        return x
+
+    def _is_copied(self, x: Node) -> bool:
+        """Whether a reshaping needs entries in another order than they are there."""
+        if not isinstance(x.operation, nodes.Reshaping):
+            return False
+        inner = x.arguments[0]
+        return not self._is_in_rows(inner)
+
+    def _is_in_rows(self, x: Node) -> bool:
+        """Whether entries are stored row by row."""
+        match x.operation:
+            case nodes.Transposition():
+                return False
+            case nodes.Part() | nodes.Entries() | nodes.Coordinates():
+                return self._is_in_rows(x.arguments[0])
+        return True
+
+    def is_computed(self, x: Node) -> bool:
+        """Whether a statement computes a node."""
+        if x in self.inlined or isinstance(x.operation, nodes.Input | nodes.Constant):
+            return False
+        return self.base(x) is x
+
+    def reads(self, x: Node) -> set[Node]:
+        """The computed nodes that must be there for the entries of a node."""
+        if x in self.inlined:
+            return set().union(*map(self.reads, x.arguments))
+        base = self.base(x)
+        return {base} if self.is_computed(base) else set()
+
+    # Statements and where their results are kept.
+
+    @cached_property
+    def statements(self) -> list[list[Node]]:
+        """Nodes that one statement computes, in the order of the statements."""
+        groups: dict[object, list[Node]] = {}
+        for x in self.program.nodes:
+            if self.is_computed(x):
+                groups.setdefault(_call_of(x) or x, []).append(x)
+        return list(groups.values())
+
+    @cached_property
+    def when(self) -> dict[Node, int]:
+        """Which statement computes a node."""
+        return {x: number for number, group in enumerate(self.statements) for x in group}
+
+    @cached_property
+    def places(self) -> dict[Node, View]:
+        """Where computed arrays are kept."""
+        found: dict[Node, View] = {}
+        for name, x in self.program.outputs.items():
+            base = self.base(x)
+            whole = base.size == x.size and self._is_in_rows(x) and x.shape
+            same = self.uniform(base) == x.is_uniform and self.is_computed(base)
+            if whole and same and base not in found and base.shape:
+                found[base] = View(name, 0, _strides(base.shape))
+        for x in self.program.nodes:
+            if isinstance(x.operation, nodes.Joining) and self.is_computed(x):
+                self._place(x, found)
+        for x in self.when:
+            if x not in found and x.shape:
+                found[x] = View(self._names.of(x), 0, _strides(x.shape))
+        return found
+
+    def _place(self, join: Node, found: dict[Node, View]) -> None:
+        """Let what is joined be computed where it is joined."""
+        if join not in found:
+            found[join] = View(self._names.of(join), 0, _strides(join.shape))
+        at = found[join]
+        begin = 0
+        for piece in join.arguments:
+            alone = self.is_computed(piece) and piece not in found
+            if alone and self.uniform(piece) == self.uniform(join):
+                offset = at.offset + begin * _strides(join.shape)[0]
+                found[piece] = View(at.array, offset, _strides(piece.shape))
+            begin += piece.shape[0]
+
+    @cached_property
+    def arrays(self) -> dict[str, Storage]:
+        """Arrays of numbers that are kept between statements, with their places in the room."""
+        found: dict[str, Storage] = {}
+        outputs = set(self.program.outputs)
+        last = dict(self.when)
+        for number, group in enumerate(self.statements):
+            for x in group:
+                for argument in x.arguments:
+                    for y in self.reads(argument):
+                        last[y] = max(last[y], number)
+        for x in self.results & set(last):
+            last[x] = len(self.statements)
+        sizes = {self.places[x].array: x.size for x in self.when if x in self.places}
+        for x in self.when:
+            if isinstance(x.operation, nodes.Joining):
+                sizes[self.places[x].array] = x.size
+        for x, number in self.when.items():
+            array = self.places[x].array if x in self.places else ""
+            if not array or array in outputs or self.uniform(x):
+                continue
+            storage = found.setdefault(array, Storage(sizes[array], number, last[x]))
+            storage.first = min(storage.first, number)
+            storage.last = max(storage.last, last[x])
+        _settle(list(found.values()))
+        return found
+
+    # Text of entries.
+
+    def view(self, x: Node) -> View:
+        """Where the entries of a node are that is no expression."""
+        match x.operation:
+            case nodes.Input(name):
+                return View(name, 0, _strides(x.shape))
+            case nodes.Constant():
+                return View(self._names.of(x), 0, _strides(x.shape))
+            case nodes.Part(begin):
+                inner = self.view(x.arguments[0])
+                return inner._replace(offset=inner.offset + begin * inner.strides[0])
+            case nodes.Transposition(axes):
+                inner = self.view(x.arguments[0])
+                return inner._replace(strides=tuple(inner.strides[axis] for axis in axes))
+            case nodes.Entries() | nodes.Coordinates():
+                return self.view(x.arguments[0])
+            case nodes.Reshaping() if not self._is_copied(x):
+                inner = self.view(x.arguments[0])
+                return inner._replace(strides=_strides(x.shape))
+        return self.places[x]
+
+    def entry(self, x: Node, index: Index, wanted: bool = False) -> str:
+        """An entry of a node; `wanted` tells that it must be a number, not a real."""
+        text = self._entry(x, index)
+        return f"same({text})" if wanted and self.uniform(x) else text
+
+    def _entry(self, x: Node, index: Index) -> str:
+        if x in self.inlined:
+            return f"({self.expression(x, index)})"
+        base = self.base(x)
+        numbers = numbers_of(base)
+        if numbers is not None and (numbers == numbers.flat[0]).all():
+            return literal(float(numbers.flat[0]))
+        if base.shape == ():
+            return (
+                base.operation.name
+                if isinstance(base.operation, nodes.Input)
+                else (self._names.of(base))
+            )
+        return self.view(x).entry(index)
+
+    def expression(self, x: Node, index: Index) -> str:
+        """An entry of an elementary function."""
+        name = _name_of(x)
+        terms = [self._spread(argument, x, index) for argument in x.arguments]
+        if name in _OPERATORS:
+            if name == "multiply" and terms[0] == "(-R(1.0))":
+                return f"-{terms[1]}"
+            return f"{terms[0]} {_OPERATORS[name]} {terms[1]}"
+        if self.uniform(x):
+            return f"{_FUNCTIONS[name]}_real({', '.join(terms)})"
+        numbers = [
+            f"same({term})" if self.uniform(y) else term
+            for term, y in zip(terms, x.arguments, strict=True)
+        ]
+        return f"{_FUNCTIONS[name]}({', '.join(numbers)})"
+
+    def _spread(self, argument: Node, x: Node, index: Index) -> str:
+        """The entry of an argument that goes with an entry of the result."""
+        if argument.shape == ():
+            return self._entry(argument, ())
+        at = [0 if n == 1 else i for n, i in zip(argument.shape, index, strict=True)]
+        return self._entry(argument, at)
+
+    def _assignment(
+        self, target: View, x: Node, wanted: bool = False
+    ) -> Callable[[Index], list[str]]:
+        """What gives the entry of an index its value; `wanted` is as of `entry`."""
+        return lambda index: [f"{target.entry(index)} = {self.entry(x, index, wanted)};"]
+
+    def pointer(self, x: Node, lines: list[str], wanted_uniform: bool = False) -> str:
+        """The text of an array's first entry, copied to where functions can read it if need be."""
+        uniform = self.uniform(x)
+        base = self.base(x)
+        known = numbers_of(base)
+        spread = known is not None and (known == known.flat[0]).all()
+        there = self._is_in_rows(x) and base.shape and not spread and x not in self.inlined
+        if uniform == wanted_uniform and there:
+            at = self.view(x)
+            return f"{at.array} + {at.offset}" if at.offset else at.array
+        self._copies += 1
+        name = f"copy_{self._copies}"
+        kind = "real" if wanted_uniform else "number"
+        lines.append(f"{kind} {name}[{x.size}];")
+        view = View(name, 0, _strides(x.shape))
+        lines += self._loops(
+            x.shape,
+            lambda index: [
+                f"{view.entry(index)} = {self.entry(x, index, wanted=not wanted_uniform)};"
+            ],
+        )
+        return name
+
+    def _loops(
+        self, shape: Shape, body: Callable[[Index], list[str]], flat: bool = False
+    ) -> list[str]:
+        """A statement for each entry: written out where there are few, or else in loops."""
+        if math.prod(shape) <= FEW:
+            return [line for index in itertools.product(*map(range, shape)) for line in body(index)]
+        if flat:
+            shape = (math.prod(shape),)
+        index = [i if n > 1 else 0 for i, n in zip(_INDICES, shape, strict=False)]
+        lines = body(index)
+        for i, n in reversed(list(zip(index, shape, strict=True))):
+            if i != 0:
+                lines = [f"for (int {i} = 0; {i} < {n}; ++{i}) {{", *_indented(lines), "}"]
+        return lines
+
+    # Statements.
+
+    def statement(self, group: list[Node]) -> Iterator[str]:
+        """The text that computes the nodes of one statement."""
+        x = group[0]
+        if x in LABELS and LABELS[x].words:
+            yield f"/* {LABELS[x].words} */"
+        match x.operation:
+            case nodes.Elementary():
+                yield from self._assigned(x, lambda index: self.expression(x, index))
+            case nodes.Product():
+                yield from self._product(x)
+            case nodes.Total():
+                yield from self._total(x)
+            case nodes.Reshaping():
+                yield from self._copied(x)
+            case nodes.Joining():
+                yield from self._joined(x)
+            case nodes.Solution():
+                yield from self._solved(x)
+            case nodes.Call(functions, name):
+                yield from self._called(
+                    f"EACH({functions.name}_{name})",
+                    [functions.owner],
+                    [(y, False) for y in x.arguments],
+                    {FUNCTIONS[name].outputs[k].name: y for k, y in _numbered(group)},
+                    [
+                        (output.name, shape, False)
+                        for output, shape in zip(
+                            FUNCTIONS[name].outputs,
+                            functions.signatures[name].shapes,
+                            strict=True,
+                        )
+                    ],
+                )
+            case nodes.Invocation(program):
+                inner = CProgram(program, self.prefix)
+                yield from self._called(
+                    inner.name,
+                    [*(["context"] if inner.has_context else []), *inner.owners],
+                    [
+                        (y, own.is_uniform)
+                        for y, own in zip(x.arguments, program.inputs, strict=True)
+                    ],
+                    {_output_of(y): y for y in group},
+                    [(name, y.shape, inner.uniform(y)) for name, y in program.outputs.items()],
+                )
+            case nodes.External(name):
+                yield from self._called(
+                    name,
+                    ["context"],
+                    [(y, self.uniform(y)) for y in x.arguments],
+                    {name: x},
+                    [(name, x.shape, self.uniform(x))],
+                )
+
+    def _kind(self, x: Node) -> str:
+        return "real" if self.uniform(x) else "number"
+
+    def _assigned(self, x: Node, value: Callable[[Index], str]) -> list[str]:
+        """Every entry of a node is given its value."""
+        if x.shape == ():
+            return [f"const {self._kind(x)} {self._names.of(x)} = {value(())};"]
+        flat = isinstance(x.operation, nodes.Elementary) and self._is_flat(x)
+        at = self.view(x)
+        if flat and x.size > FEW:
+            at = at._replace(strides=(1,))
+        return self._loops(x.shape, lambda index: [f"{at.entry(index)} = {value(index)};"])
+
+    def _is_flat(self, x: Node) -> bool:
+        return len(x.shape) < 2
+
+    def _product(self, x: Node) -> list[str]:
+        left, right = x.arguments
+        inner, lead = left.shape[-1], len(left.shape) - 1
+
+        def term(index: Index, k: str | int) -> str:
+            one = self.entry(left, [*index[:lead], k])
+            return f"{one} * {self.entry(right, [k, *index[lead:]])}"
+
+        if inner <= FEW:
+            return self._assigned(x, lambda index: " + ".join(term(index, k) for k in range(inner)))
+        kind = self._kind(x)
+        zero = "same(R(0.0))" if kind == "number" else "R(0.0)"
+        at = self.view(x) if x.shape else None
+
+        def body(index: Index) -> list[str]:
+            name = "sum" if at else self._names.of(x)
+            return [
+                f"{kind} {name} = {zero};",
+                f"for (int k = 0; k < {inner}; ++k) {{",
+                f"    {name} += {term(index, 'k')};",
+                "}",
+                *([f"{at.entry(index)} = {name};"] if at else []),
+            ]
+
+        if at and x.size <= FEW:
+            return [
+                line
+                for index in itertools.product(*map(range, x.shape))
+                for line in ["{", *_indented(body(index)), "}"]
+            ]
+        names = [i for i in ("i", "j", "l") if i]
+        lines = body([i if n > 1 else 0 for i, n in zip(names, x.shape, strict=False)])
+        for i, n in reversed(list(zip(names, x.shape, strict=False))):
+            if n > 1:
+                lines = [f"for (int {i} = 0; {i} < {n}; ++{i}) {{", *_indented(lines), "}"]
+        return lines
+
+    def _total(self, x: Node) -> list[str]:
+        inner = x.arguments[0]
+        axes = x.operation.axes if isinstance(x.operation, nodes.Total) else ()
+        at = self.view(x)
+        lines = self._loops(x.shape, lambda index: [f"{at.entry(index)} = {self._zero(x)};"])
+
+        def body(index: Index) -> list[str]:
+            kept = [0 if axis in axes else i for axis, i in enumerate(index)]
+            return [f"{at.entry(kept)} += {self.entry(inner, index)};"]
+
+        return [*lines, *self._loops(inner.shape, body)]
+
+    def _zero(self, x: Node) -> str:
+        return "R(0.0)" if self.uniform(x) else "same(R(0.0))"
+
+    def _copied(self, x: Node) -> list[str]:
+        """A reshaping of entries that are stored in another order."""
+        inner, at = x.arguments[0], self.view(x)
+        rows = View(at.array, at.offset, _strides(inner.shape))
+        return self._loops(
+            inner.shape, lambda index: [f"{rows.entry(index)} = {self.entry(inner, index)};"]
+        )
+
+    def _joined(self, x: Node) -> Iterator[str]:
+        at, begin = self.view(x), 0
+        for piece in x.arguments:
+            offset = at.offset + begin * at.strides[0]
+            begin += piece.shape[0]
+            there = self.places.get(piece)
+            if there is not None and (there.array, there.offset) == (at.array, offset):
+                continue
+            target = View(at.array, offset, _strides(piece.shape))
+            wanted = not self.uniform(x)
+            yield from self._loops(
+                piece.shape,
+                self._assignment(target, piece, wanted),
+            )
+
+    def _solved(self, x: Node) -> Iterator[str]:
+        matrix, right = x.arguments
+        lines: list[str] = []
+        arguments = [self.pointer(y, lines, self.uniform(x)) for y in (matrix, right)]
+        width = x.size // x.shape[0]
+        yield from lines
+        name = "solve_real" if self.uniform(x) else "solve"
+        at = self.view(x)
+        target = f"{at.array} + {at.offset}" if at.offset else at.array
+        yield f"{name}({x.shape[0]}, {width}, {', '.join(arguments)}, {target});"
+
+    def _called(
+        self,
+        function: str,
+        first: Sequence[str],
+        arguments: Iterable[tuple[Node, bool]],
+        found: dict[str, Node],
+        outputs: Iterable[tuple[str, Shape, bool]],
+    ) -> Iterator[str]:
+        """A call of a function with arguments and outputs, which are uniform or not."""
+        lines: list[str] = []
+        given = [*first]
+        for x, is_uniform in arguments:
+            if x.shape == ():
+                given.append(self.entry(x, (), wanted=not is_uniform))
+            else:
+                given.append(self.pointer(x, lines, is_uniform))
+        for name, shape, is_uniform in outputs:
+            kind = "real" if is_uniform else "number"
+            if name not in found:
+                self._copies += 1
+                lines.append(f"{kind} unused_{self._copies}[{math.prod(shape)}];")
+                given.append(f"unused_{self._copies}")
+            elif shape == ():
+                variable = self._names.of(found[name])
+                lines.append(f"{kind} {variable};")
+                given.append(f"&{variable}")
+            else:
+                at = self.places[found[name]]
+                given.append(f"{at.array} + {at.offset}" if at.offset else at.array)
+        yield from lines
+        yield f"{function}({', '.join(given)});"
+
+    # Functions.
+
+    def parameters(self) -> list[str]:
+        """Declarations of what the function is given, in their order."""
+        found = ["const void *const *context"] if self.has_context else []
+        found += [f"const Constants *{owner}" for owner in self.owners]
+        for name, x in zip(self.program.names, self.program.inputs, strict=True):
+            kind = "real" if x.is_uniform else "number"
+            found.append(f"{kind} {name}" if x.shape == () else f"const {kind} *{name}")
+        for name, x in self.program.outputs.items():
+            found.append(f"{'real' if self.uniform(x) else 'number'} *{name}")
+        return found
+
+    def body(self) -> list[str]:
+        """Statements of the function."""
+        lines = [line for group in self.statements for line in self.statement(group)]
+        for name, x in self.program.outputs.items():
+            if self.view_of_output(x) != name:
+                target = View(name, 0, _strides(x.shape))
+                if x.shape == ():
+                    lines.append(f"*{name} = {self.entry(x, ())};")
+                else:
+                    lines += self._loops(
+                        x.shape,
+                        self._assignment(target, x),
+                    )
+        unused = [
+            f"(void){name};"
+            for name, x in zip(self.program.names, self.program.inputs, strict=True)
+            if x not in self.readers
+        ]
+        return [*unused, *self._declared(), *lines]
+
+    def view_of_output(self, x: Node) -> str | None:
+        """The name of the output where a node is computed, if it is."""
+        base = self.base(x)
+        if base not in self.places or not x.shape or base.size != x.size:
+            return None
+        at = self.places[base]
+        return at.array if at.offset == 0 and self._is_in_rows(x) else None
+
+    def _declared(self) -> list[str]:
+        """Declarations of the arrays between statements."""
+        total = max((x.begin + x.size for x in self.arrays.values()), default=0)
+        lines = [f"number room[{total}];"] if total else []
+        for name, storage in self.arrays.items():
+            begin = f" + {storage.begin}" if storage.begin else ""
+            lines.append(f"number *const {name} = room{begin};")
+        uniform: dict[str, int] = {}
+        for x in self.when:
+            if x.shape and self.uniform(x) and self.places[x].array not in self.program.outputs:
+                array = self.places[x].array
+                uniform[array] = max(uniform.get(array, 0), x.size)
+        lines += [f"real {name}[{size}];" for name, size in uniform.items()]
+        return lines
+
+    def constants(self) -> list[str]:
+        """Tables of the numbers that the program has."""
+        lines = []
+        for x in self.program.nodes:
+            numbers = numbers_of(x)
+            if numbers is None or not x.shape or (numbers == numbers.flat[0]).all():
+                continue
+            values = ", ".join(literal(float(value)) for value in numbers.ravel())
+            lines.append(f"static const real {self._names.of(x)}[{x.size}] = {{{values}}};")
+        return lines
+
+    def function(self, storage: str = "static ") -> list[str]:
+        """The text of the function."""
+        body = self.body()
+        constants = self.constants()
+        return [
+            f"{storage}void {self.name}(",
+            *_listed(self.parameters()),
+            "{",
+            *_indented([*constants, *body]),
+            "}",
+        ]
+
+
+def _call_of(x: Node) -> object:
+    """What nodes have in common that one call computes."""
+    match x.operation:
+        case nodes.Call(functions, name):
+            return (functions, name, x.arguments)
+        case nodes.Invocation(program):
+            return (program, x.arguments)
+    return None
+
+
+def _numbered(group: Iterable[Node]) -> list[tuple[int, Node]]:
+    return [(x.operation.output, x) for x in group if isinstance(x.operation, nodes.Call)]
+
+
+def _settle(arrays: list[Storage]) -> None:
+    """Give arrays places in the room, so that those of the same time do not overlap."""
+    settled: list[Storage] = []
+    for array in sorted(arrays, key=lambda x: (-x.size, x.first)):
+        others = sorted(
+            (x for x in settled if x.first <= array.last and array.first <= x.last),
+            key=lambda x: x.begin,
+        )
+        array.begin = 0
+        for other in others:
+            if array.begin + array.size <= other.begin:
+                break
+            array.begin = max(array.begin, other.begin + other.size)
+        settled.append(array)
+
+
+def inner_programs(program: Program) -> list[Program]:
+    """The programs that a program invokes, each after those that it invokes itself."""
+    found: dict[Program, None] = {}
+    for x in program.nodes:
+        if isinstance(x.operation, nodes.Invocation):
+            for inner in (*inner_programs(x.operation.program), x.operation.program):
+                found[inner] = None
+    return list(found)
+
+
+def owners_of(program: Program) -> list[str]:
+    """Whose constants a program needs."""
+    found: dict[str, None] = {}
+    for part in (*inner_programs(program), program):
+        for x in part.nodes:
+            if isinstance(x.operation, nodes.Call):
+                found[x.operation.functions.owner] = None
+    return sorted(found)
+
+
+def externals_of(program: Program) -> set[str]:
+    """Names of what is written by hand that a program calls."""
+    parts = (*inner_programs(program), program)
+    operations = (x.operation for part in parts for x in part.nodes)
+    return {each.name for each in operations if isinstance(each, nodes.External)}
+
+
+def functions_of(program: Program) -> list[tuple[str, str]]:
+    """Names of module and function of all that a program calls."""
+    calls = (
+        x.operation
+        for part in (*inner_programs(program), program)
+        for x in part.nodes
+        if isinstance(x.operation, nodes.Call)
+    )
+    return list(dict.fromkeys((call.functions.name, call.name) for call in calls))
+
+
+def c_functions(program: Program, prefix: str = "") -> list[str]:
+    """Lines of C of a program and those that it invokes, its own last, with names that begin so."""
+    lines: list[str] = []
+    for inner in inner_programs(program):
+        lines += [*CProgram(inner, prefix).function(), ""]
+    return [*lines, *CProgram(program, prefix).function("")]
+
+
+class _Names:
+    """Names of variables, which tell what they are where the program does."""
+
+    def __init__(self, program: Program) -> None:
+        self._taken = {*program.names, *program.outputs, *_RESERVED, *owners_of(program)}
+        self._found: dict[Node, str] = {}
+
+    def of(self, x: Node) -> str:
+        """The name of a node's variable."""
+        if x not in self._found:
+            self._found[x] = self._free(self._wanted(x))
+        return self._found[x]
+
+    def _free(self, wanted: str) -> str:
+        name = wanted
+        for number in itertools.count(2):
+            if name not in self._taken:
+                break
+            name = f"{wanted}_{number}"
+        self._taken.add(name)
+        return name
+
+    @staticmethod
+    def _wanted(x: Node) -> str:
+        if x in LABELS:
+            return LABELS[x].name
+        match x.operation:
+            case nodes.Call(_, name, output):
+                return FUNCTIONS[name].outputs[output].name
+            case nodes.Invocation(_, name) | nodes.External(name):
+                return name
+            case nodes.Constant():
+                return "table"
+        return "value"
+
+
+_RESERVED = (
+    "desired",
+    "centre",
+    "nearest_thrusts",
+    "smallest_thrusts",
+    "i",
+    "j",
+    "k",
+    "l",
+    "sum",
+    "room",
+    "context",
+    "solve",
+    "same",
+    "real",
+    "number",
+)
+
+
+def literal(value: float) -> str:
+    """A real as C writes it."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    return f"R({value!r})" if math.copysign(1.0, value) > 0 else f"(-R({-value!r}))"
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"    {line}" if line else line for line in lines]
+
+
+def _listed(parameters: Sequence[str]) -> list[str]:
+    return [f"    {text}{',' if text is not parameters[-1] else ')'}" for text in parameters]
+
+
+def _output_of(x: Node) -> str:
+    """The name of a program's result."""
+    return x.operation.output if isinstance(x.operation, nodes.Invocation) else ""
+
+
+def _name_of(x: Node) -> str:
+    """The name of an elementary function."""
+    return x.operation.name if isinstance(x.operation, nodes.Elementary) else ""

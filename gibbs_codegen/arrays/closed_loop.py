@@ -1,0 +1,424 @@
+"""The closed loop dx/dt = f(t, x) as an array program: a plant, a law, motors, surroundings.
+
+The plant has its own parameters, the law those of the robot that it knows: calls have the owners
+`plant` and `model`. The state x is the entries of q and v, the work of all that acts, J, the
+thrusts of motors that lag, N, and the integrals of the errors that a law remembers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from gibbs_codegen.arrays import surroundings
+from gibbs_codegen.arrays.base import Motion, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.laws import (
+    CentrePath,
+    Gains,
+    Limits,
+    Rotors,
+    Weight,
+    computed_torque,
+    geometric,
+    inputs_of,
+    within_limits,
+)
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    Program,
+    absolute,
+    choose,
+    constant,
+    coordinates_of,
+    dot,
+    entries_of,
+    external,
+    join,
+    maximum,
+    minimum,
+    ordered,
+    total,
+    variable,
+    zeros,
+)
+
+# Time, s, over which thrusts are differenced for what makes up for the lag of motors.
+AHEAD = 1e-7
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A time, and the desired motion there; the centre of mass with the geometric law."""
+
+    time: Node
+    motion: Motion
+    centre: CentrePath | None
+    curves: Node
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Which kinds of things act on which frames of the plant; their figures are inputs.
+
+    `walls` and `payloads` have the frame of each, `spins` rotor and frame of each.
+    """
+
+    pushes: bool = False
+    drag: bool = False
+    gusts: int = 0
+    walls: tuple[int, ...] = ()
+    spins: tuple[tuple[int, int], ...] = ()
+    payloads: tuple[int, ...] = ()
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything does."""
+        return bool(self.pushes or self.drag or self.walls or self.spins or self.payloads)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """What a closed loop consists of, as far as its program depends on it.
+
+    `law` is "computed_torque", "geometric", "open_loop", "off" or "held"; `integral` tells that it
+    remembers errors, `limited` that inputs have limits, `shared` that thrusts have in the
+    allocation, `lags` and `compensates` whether motors lag, and commands make up for it, `moves`
+    that joints move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each`
+    are names of inputs that differ from state to state; `frames` is the number of the plant's.
+    """
+
+    module: object
+    law: str
+    frames: int
+    integral: bool = False
+    limited: bool = False
+    shared: bool = False
+    lags: bool = False
+    compensates: bool = False
+    moves: bool = False
+    refuses: bool = False
+    around: Surroundings = Surroundings()
+    each: Collection[str] = ()
+    inputs: dict[str, Node] = field(default_factory=dict)
+
+    @cached_property
+    def plant(self) -> Functions:
+        """The robot that flies."""
+        return Functions(self.module, "plant")
+
+    @cached_property
+    def model(self) -> Functions:
+        """The robot that the law knows."""
+        return Functions(self.module, "model")
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        plant = self.plant
+        memory = plant.space.velocities if self.integral else 0
+        return self._work + 1 + (plant.rotors if self.lags else 0) + memory
+
+    @property
+    def _work(self) -> int:
+        """Place of the work in the state."""
+        return self.plant.space.coordinates + self.plant.space.velocities
+
+    @property
+    def _memory(self) -> int:
+        """Place of what the law remembers."""
+        return self._work + 1 + (self.plant.rotors if self.lags else 0)
+
+    def given(self, name: str, *shape: int) -> Node:
+        """An input by its name, which is made when it is first asked for."""
+        if name not in self.inputs:
+            self.inputs[name] = variable(name, *shape, uniform=name not in self.each)
+        return self.inputs[name]
+
+    def step(self) -> Program:
+        """A step of the classical method of Runge and Kutta: time, h and x to x_next.
+
+        Where `refused` is not 0 or less, rotors cannot produce what the law asks for; nor can a
+        flight go on where `ended` is not after the step. `inputs` (2 nu) are those that are
+        commanded at its start and those that act.
+        """
+        time, h = (variable(name, uniform=True) for name in ("time", "h"))
+        x, rate = variable("x", self.size), self.rate_program
+        given = rate.inputs[3:]
+
+        def slope(t: Node, y: Node) -> dict[str, Node]:
+            return rate.results(t, self._curves_at(t), y, *given)
+
+        half, after = time + 0.5 * h, time + h
+        first = slope(time, x)
+        k1 = first["rate"]
+        second = slope(half, x + 0.5 * h * k1)
+        third = slope(half, x + 0.5 * h * second["rate"])
+        fourth = slope(after, x + h * third["rate"])
+        middle = second["rate"] + third["rate"]
+        x_next = x + h / 6.0 * (k1 + 2.0 * middle + fourth["rate"])
+        ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
+        outputs = {"x_next": x_next, "ended": ended}
+        outputs["inputs"] = join(first["commanded"], first["acting"])
+        outputs["refused"] = first["refused"]
+        for stage in (second, third, fourth):
+            outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
+        needed = set(ordered(outputs.values()))
+        needed_inputs = [y for y in self.inputs.values() if y in needed]
+        return Program("step", (time, h, x, *needed_inputs), outputs)
+
+    @cached_property
+    def rate_program(self) -> Program:
+        """Time derivative of a state: of time, curves and x, and all else that it needs."""
+        time, x = variable("time", uniform=True), variable("x", self.size)
+        curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
+        outputs = self.rate(self._instant(time, curves), x)
+        needed = set(ordered(outputs.values()))
+        given = [y for y in self.inputs.values() if y in needed]
+        return Program("rate", (time, curves, x, *given), outputs)
+
+    def rate(self, at: Instant, x: Node) -> dict[str, Node]:
+        """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
+        plant = self.plant
+        q, v, thrusts, memory = self.parts(x)
+        wanted, refused = self.commanded(at, q, v, memory)
+        if self.compensates:
+            lead, later = self._lead(at, (q, v, memory), thrusts, wanted)
+            wanted, refused = wanted + lead, refused + maximum(later, 0.0)
+        aimed = within_limits(wanted, self.limits) if self.limited else wanted
+        u = self._acting(aimed, thrusts)
+        wrenches = self._wrenches(at.time, q, v, u) if self.around.acts else None
+        if wrenches is None:
+            a = plant.forward_dynamics(q, v, u)
+        else:
+            a = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
+        rates = [base_of(plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
+        if self.lags:
+            pace = self.given("pace", plant.rotors)
+            rates.append(pace * (aimed[: plant.rotors] - thrusts))
+        if self.integral:
+            rates.append(self._remembered(at, q, v, memory, wanted))
+        return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
+
+    def parts(self, x: Node) -> tuple[Node, Node, Node, Node]:
+        """Coordinates with a unit quaternion, velocities, thrusts and memory of a state."""
+        n, work, memory = self.plant.space.coordinates, self._work, self._memory
+        q = coordinates_of(unit_entries(self.plant, x[:n]), self.plant.space)
+        return q, x[n:work], x[work + 1 : memory], x[memory:]
+
+    # The desired motion.
+
+    def _instant(self, time: Node, curves: Node) -> Instant:
+        """A time with what the law follows there."""
+        n, m = self.plant.space.coordinates, self.plant.space.velocities
+        ends = n, n + m, n + 2 * m
+        q = coordinates_of(curves[: ends[0]], self.plant.space)
+        motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]])
+        path = curves[ends[2] :]
+        centre = CentrePath(path[:3], path[3:6], path[6:]) if self.law == "geometric" else None
+        return Instant(time, motion, centre, curves)
+
+    def _curves_at(self, time: Node) -> Node:
+        """Desired q, v and a, and with the geometric law the centre of mass, at a time."""
+        return self.curves(time)[0]
+
+    @cached_property
+    def curves(self) -> Program:
+        """The same as a program; tables of the curves are outside of it."""
+        time, n = variable("time", uniform=True), self.plant.space.coordinates
+        curve = external("desired", (3 * n,), time)
+        parts: tuple[Node, ...] = (curve[:n], curve[n : 2 * n], curve[2 * n :])
+        if self.plant.space.has_quaternion:
+            parts = quaternion_motion(self.plant, *parts)
+        centre = [external("centre", (9,), time)] if self.law == "geometric" else []
+        return Program("wanted", (time,), {"curves": join(*parts, *centre)})
+
+    # The law.
+
+    @cached_property
+    def gains(self) -> Gains:
+        """Gains of the law."""
+        size = self.plant.space.velocities
+        integral = self.given("integral") if self.integral else None
+        return Gains(self.given("stiffness", size), self.given("damping", size), integral)
+
+    @cached_property
+    def rotors(self) -> Rotors:
+        """Rotors as the law knows them, with the limits that allocation keeps."""
+        count = self.plant.rotors
+        return Rotors(
+            self.given("known_centre", 3),
+            self.given("distribution", count, 6),
+            self.given("known_wrenches", count, 6),
+            self.given("least_shared", count),
+            self.given("most_shared", count),
+            self.shared,
+            self.moves,
+            self.refuses,
+        )
+
+    @cached_property
+    def limits(self) -> Limits:
+        """Limits of the inputs that act."""
+        return Limits(*(self.given(name, self.plant.inputs) for name in ("least", "most")))
+
+    def commanded(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+        """Inputs (nu) that the law wants, and more than 0 where rotors cannot produce them."""
+        if self.law == "off":
+            return zeros(self.model.inputs), constant(0.0)
+        if self.law == "held":
+            return self.given("held", self.model.inputs), constant(0.0)
+        if not self.compensates:
+            return self._law(at, q, v, memory)
+        law = self._law_program
+        learnt = [memory] if self.integral else []
+        own = 4 + len(learnt)
+        found = law.results(at.time, at.curves, q, v, *learnt, *law.inputs[own:])
+        return found["wanted"], found["refused"]
+
+    @cached_property
+    def _law_program(self) -> Program:
+        """The law as a program of its own, since lag compensation calls it twice."""
+        time, (q, v) = variable("time", uniform=True), self.model.state()
+        curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
+        memory = variable("memory", v.size)
+        wanted, refused = self._law(self._instant(time, curves), q, v, memory)
+        needed = set(ordered([wanted, refused]))
+        given = [x for x in self.inputs.values() if x in needed]
+        learnt = [memory] if self.integral else []
+        outputs = {"wanted": wanted, "refused": refused}
+        return Program("law", (time, curves, q, v, *learnt, *given), outputs)
+
+    def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+        model, desired = self.model, at.motion
+        learnt = memory if self.integral else None
+        if self.law == "open_loop":
+            q = desired.q
+            force = model.inverse_dynamics(q, desired.v, desired.a)
+        elif at.centre is None:
+            force = computed_torque(model, q, v, desired, self.gains, learnt)
+        else:
+            robot = Weight(self.given("mass"), self.given("weight", 3), self.given("axis", 3))
+            force = geometric(model, q, v, desired, self.gains, at.centre, robot, learnt)
+        return inputs_of(model, q, force, self.rotors)
+
+    def _lead(
+        self, at: Instant, parts: Sequence[Node], thrusts: Node, wanted: Node
+    ) -> tuple[Node, Node]:
+        """What makes up for the lag (nu): time constants times rates of the thrusts wanted.
+
+        They are differenced along the motion as the law knows it, back at the end of the desired
+        one, after which it stands still. More than 0 where rotors cannot produce those wanted next.
+        """
+        q, v, memory = parts
+        model, count = self.model, self.plant.rotors
+        ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
+        acting = within_limits(wanted, self.limits) if self.limited else wanted
+        a = model.forward_dynamics(q, v, self._acting(acting, thrusts))
+        entries = entries_of(q)
+        moved = entries + ahead * base_of(model, q).rates(v, entries)
+        later = coordinates_of(unit_entries(model, moved), model.space)
+        learnt = memory + ahead * self._errors(at, q, v) if self.integral else memory
+        time = at.time + ahead
+        then = self._instant(time, self._curves_at(time))
+        next_wanted, refused = self.commanded(then, later, v + ahead * a, learnt)
+        rates = (next_wanted - wanted)[:count] / ahead
+        return join(self.given("lag", count) * rates, zeros(model.inputs - count)), refused
+
+    def _errors(self, at: Instant, q: Node, v: Node) -> Node:
+        """Errors (nv) that are integrated."""
+        if at.centre is None:
+            return base_of(self.model, q).errors(v, at.motion)[0]
+        own = self.model.layout.q.joints
+        off = at.centre.position - self.model.centre_of_mass(q)
+        joints = (entries_of(at.motion.q) - entries_of(q))[own]
+        return placed(self.model, zeros(3), off, joints)
+
+    def _remembered(self, at: Instant, q: Node, v: Node, memory: Node, wanted: Node) -> Node:
+        """Rates (nv) of what is remembered, none away from 0 while an input is at a limit."""
+        growth = self._errors(at, q, v)
+        if not self.limited:
+            return growth
+        # Allocation within limits comes to them but for rounding.
+        (least, most), margin = self.limits, self.given("margin", self.plant.inputs)
+        inside = _least(minimum(wanted - (least + margin), (most - margin) - wanted))
+        wound = choose(0.0, growth * memory, growth, 0.0)
+        return choose(inside, 0.0, growth, wound)
+
+    def _ended(self, at: Instant, x: Node) -> Node:
+        """More than 0, or no number, where a flight cannot go on from a state."""
+        q, v, *_ = self.parts(x)
+        errors = join(*base_of(self.plant, q).errors(v, at.motion))
+        within = self.given("bounds", errors.size) - absolute(errors)
+        if not self.plant.space.has_quaternion:
+            angle = absolute(x[self.plant.layout.middle_angle])
+            within = join(within, self.given("largest_lean") - angle)
+        # A number that is not finite leaves its mark in the sum.
+        return -_least(within) + 0.0 * total(x)
+
+    # Motors and what acts on the plant.
+
+    def _acting(self, aimed: Node, thrusts: Node) -> Node:
+        """Inputs (nu) that act, of those that motors aim for."""
+        if not self.lags:
+            return aimed
+        count = self.plant.rotors
+        settled = choose(self.given("lag", count), 0.0, thrusts, aimed[:count])
+        return join(settled, aimed[count:])
+
+    def _wrenches(self, time: Node, q: Node, v: Node, u: Node) -> Node:
+        """Wrenches (f, 6) on the frames of the plant."""
+        around, plant, frames = self.around, self.plant, self.frames
+        found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
+        if around.drag or around.walls or around.spins:
+            velocities = plant.frame_velocities(q, v)
+        if around.drag:
+            gusts = self.given("gusts", around.gusts, 5)
+            wind = surroundings.wind_velocity(time, self.given("wind", 3), gusts)
+            found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
+        parts: list[tuple[int, Node]] = []
+        if around.walls or around.spins:
+            poses = plant.frame_poses(q)
+        for k, frame in enumerate(around.walls):
+            wall = self.given("walls", len(around.walls), 8)[k]
+            force = surroundings.wall_force(wall, poses[frame], velocities[frame])
+            parts.append((frame, join(force, zeros(3))))
+        for k, (rotor, frame) in enumerate(around.spins):
+            spin = self.given("spins", len(around.spins), 4)[k]
+            moving = poses[frame], velocities[frame]
+            torque = surroundings.spin_torque(spin[:3], spin[3], u[rotor], *moving)
+            parts.append((frame, join(zeros(3), torque)))
+        if parts:
+            found = found + surroundings.on_frames(parts, frames)
+        if around.payloads:
+            masses, gravity = self.given("payloads", len(around.payloads)), self.given("gravity", 3)
+            forces = surroundings.payload_forces(
+                plant, (q, v, u), found, around.payloads, masses, gravity
+            )
+            carried = [
+                (frame, join(force, zeros(3)))
+                for frame, force in zip(around.payloads, forces, strict=True)
+            ]
+            found = found + surroundings.on_frames(carried, frames)
+        return found
+
+    def _power(self, q: Node, v: Node, u: Node, wrenches: Node | None) -> Node:
+        """Power, W, of all that acts less what damping takes."""
+        plant, count = self.plant, self.plant.rotors
+        if self.moves:
+            power = dot(v, plant.input_matrix(q) @ u)
+        else:
+            twist = base_of(plant, q).twist(self.given("centre", 3), v)
+            power = dot(u[:count], self.given("wrenches", count, 6) @ twist)
+            power = power + dot(u[count:], v[plant.layout.v.joints])
+        power = power - dot(self.given("losses", v.size) * v, v)
+        return power if wrenches is None else power + dot(plant.wrench_forces(q, wrenches), v)
+
+
+def _least(x: Node) -> Node:
+    """The least entry of a vector."""
+    found = x[0]
+    for k in range(1, x.size):
+        found = minimum(found, x[k])
+    return found

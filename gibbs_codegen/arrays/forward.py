@@ -1,0 +1,165 @@
+"""Forward derivatives: a program's results and their matrices by some of its inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+
+import numpy as np
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.arrays.slopes import (
+    call_slopes,
+    coordinates_slope,
+    elementary_slopes,
+    entries_slope,
+)
+from gibbs_codegen.errors import UsageError
+
+
+def jacobian(program: Program, by: str | Iterable[str]) -> Program:
+    """A program's results and their derivatives by some inputs.
+
+    Args:
+        program: The program.
+        by: Names of inputs, or one name.
+
+    Returns:
+        A program of the same inputs whose outputs are those of the program and, for each of them
+        and each input, `<output>_by_<input>`: the derivatives of each entry, in the last axis by
+        the entries of the input. Those by coordinates are by a displacement in the tangent space,
+        and those of coordinates are displacements.
+
+    Raises:
+        UsageError: If what is called in the program has no derivatives, or an input is unknown.
+        MissingFunctionError: If the module was generated without the derivatives that it needs.
+    """
+    return _jacobian(program, program.chosen(by))
+
+
+@lru_cache(maxsize=256)
+def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
+    inputs = dict(zip(program.names, program.inputs, strict=True))
+    outputs = dict(program.outputs)
+    for name in by:
+        derivatives = _derivatives(program, inputs[name])
+        for output, x in program.outputs.items():
+            shape = (*x.tangent, math.prod(inputs[name].tangent))
+            outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
+    return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, outputs)
+
+
+def _derivatives(program: Program, by: Node) -> dict[Node, Node]:
+    """Derivatives of all nodes that depend on an input, by its entries or displacements."""
+    columns = math.prod(by.tangent)
+    found = {by: nodes.reshaped(nodes.constant(np.eye(columns)), (*by.tangent, columns))}
+    for x in program.nodes:
+        inner = {place: found[y] for place, y in enumerate(x.arguments) if y in found}
+        if inner and x not in found:
+            terms = [term for term in _terms(x, inner) if not nodes.is_all(term, 0.0)]
+            if terms:
+                found[x] = sum(terms[1:], terms[0])
+                assert found[x].shape == (*x.tangent, columns)  # noqa: S101 - see `_terms`
+    return found
+
+
+def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
+    """The derivative of a node, in terms whose sum it is, given those of its arguments."""
+    columns = next(iter(inner.values())).shape[-1]
+    match x.operation:
+        case nodes.Elementary(name):
+            slopes = elementary_slopes(name, x)
+            every = nodes.constant(np.ones((*x.shape, columns)))  # Where arguments are repeated.
+            return [
+                _column(_spread(slopes[place], x)) * _aligned(d, x) * every
+                for place, d in inner.items()
+            ]
+        case nodes.Call() as call:
+            call_slope = call_slopes(call, x, [*inner])
+            return [_through(call_slope[place], d) for place, d in inner.items()]
+        case nodes.Invocation(program, output):
+            names = tuple(program.names[place] for place in inner)
+            results = jacobian(program, names).results(*x.arguments)
+            slopes_by = {place: results[f"{output}_by_{program.names[place]}"] for place in inner}
+            return [_through(slopes_by[place], d) for place, d in inner.items()]
+        case nodes.Product():
+            return [_product_term(x, place, d) for place, d in inner.items()]
+        case nodes.Solution():
+            return [_solution_term(x, place, d) for place, d in inner.items()]
+        case nodes.Joining():
+            pieces = [
+                inner.get(place) or nodes.zeros(*y.shape, columns)
+                for place, y in enumerate(x.arguments)
+            ]
+            return [nodes.join(*pieces)]
+        case _:
+            return [_alone(x, next(iter(inner.values())))]
+
+
+def _alone(x: Node, d: Node) -> Node:
+    """The derivative of what rearranges its one argument, given that of the argument."""
+    argument = x.arguments[0]
+    match x.operation:
+        case nodes.Part(begin, end):
+            return nodes.part(d, begin, end)
+        case nodes.Reshaping():
+            return nodes.reshaped(d, (*x.shape, d.shape[-1]))
+        case nodes.Transposition(axes):
+            return nodes.transposed(d, (*axes, len(axes)))
+        case nodes.Total(axes):
+            return nodes.total(d, *axes)
+        case nodes.Entries(space):
+            slope = entries_slope(x, space)
+        case nodes.Coordinates(space):
+            slope = coordinates_slope(argument, space)
+        case _:
+            raise UsageError(f"{x} has no derivative")
+    return d if slope is None else slope @ d
+
+
+def _through(slope: Node, d: Node) -> Node:
+    """A derivative by an argument, times that of the argument."""
+    return slope @ nodes.reshaped(d, (slope.shape[-1], d.shape[-1]))
+
+
+def _column(x: Node) -> Node:
+    """The same with one more axis, of one entry."""
+    return nodes.reshaped(x, (*x.shape, 1))
+
+
+def _spread(x: Node, like: Node) -> Node:
+    """A number with as many axes, of one entry, as an array has."""
+    return nodes.reshaped(x, (1,) * len(like.shape)) if x.shape == () else x
+
+
+def _aligned(d: Node, x: Node) -> Node:
+    """The derivative of an argument with the axes of the node's."""
+    axes = len(x.shape) + 1
+    return nodes.reshaped(d, (*(1,) * (axes - len(d.shape)), *d.shape))
+
+
+def _product_term(x: Node, place: int, d: Node) -> Node:
+    """The derivative of a product by one of its factors."""
+    matrix, other = x.arguments
+    if place == 1:
+        return matrix @ d
+    # (..., n, k) to (..., k, n), times the other factor; then k goes to the end again.
+    lead = len(matrix.shape) - 1
+    turned = nodes.transposed(d, (*range(lead), lead + 1, lead)) @ other
+    axes = (*range(lead), *range(lead + 1, len(turned.shape)), lead)
+    return nodes.transposed(turned, axes)
+
+
+def _solution_term(x: Node, place: int, d: Node) -> Node:
+    """The derivative of x in A x = b: that of b, or -dA x in its place, divided by A."""
+    matrix, _ = x.arguments
+    columns = d.shape[-1]
+    if place == 0:
+        moved = nodes.transposed(d, (0, 2, 1)) @ x
+        axes = (0, 2, 1) if len(moved.shape) == 3 else (0, 1)
+        d = -nodes.transposed(moved, axes)
+    rows = x.shape[0]
+    flat = nodes.reshaped(d, (rows, d.size // rows))
+    return nodes.reshaped(nodes.solve(matrix, flat), (*x.shape, columns))

@@ -1,0 +1,118 @@
+"""The functions of a module as nodes of array programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from gibbs_codegen.arrays.nodes import Call, Node, Space, node, variable
+from gibbs_codegen.errors import MissingFunctionError, UsageError
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
+from gibbs_codegen.interface.choice import option_with
+from gibbs_codegen.robot.layout import Layout
+
+
+class Functions:
+    """Calls of a module's functions, each under its name: `robot.forward_dynamics(q, v, u)`.
+
+    A function of one output gives a node, one of several a tuple of them.
+
+    Args:
+        module: A loaded module, or what lists the same constants.
+        owner: Whose parameters they are called with, as those of a plant and of its model in a law.
+    """
+
+    def __init__(self, module: Any, owner: str = "robot") -> None:
+        self.name: str = module.NAME
+        self.owner = owner
+        self.signatures = {signature.name: signature for signature in module_signatures(module)}
+        self.space = Space(len(module.COORDINATES), len(module.VELOCITIES))
+        self.inputs = len(module.INPUTS)
+        self.layout = Layout.listed(
+            module.ATTITUDE,
+            module.COORDINATES,
+            module.COORDINATE_UNITS,
+            (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
+        )
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors: inputs that no joint has."""
+        joints = self.layout.v.joints
+        return self.inputs - (joints.stop - joints.start)
+
+    def coordinates(self, name: str = "q", uniform: bool = False) -> Node:
+        """Coordinates (nq) as an input of a program.
+
+        Args:
+            name: Name by which they are given.
+            uniform: Whether all states share them.
+
+        Returns:
+            The node.
+        """
+        return variable(name, self.space.coordinates, uniform=uniform, space=self.space)
+
+    def velocities(self, name: str = "v", uniform: bool = False) -> Node:
+        """Velocities (nv), or accelerations or displacements, as an input of a program.
+
+        Args:
+            name: Name by which they are given.
+            uniform: Whether all states share them.
+
+        Returns:
+            The node.
+        """
+        return variable(name, self.space.velocities, uniform=uniform)
+
+    def state(self) -> tuple[Node, Node]:
+        """The inputs q and v."""
+        return self.coordinates(), self.velocities()
+
+    def outputs(self, name: str, *arguments: Node) -> tuple[Node, ...]:
+        """The outputs of a function, as many as it has.
+
+        Args:
+            name: Name of the function.
+            arguments: Nodes for its arguments, in their order.
+
+        Returns:
+            A node for each output.
+
+        Raises:
+            MissingFunctionError: If the module was generated without the function.
+            UsageError: If the arguments are not those of the function.
+        """
+        if name not in self.signatures:
+            raise MissingFunctionError(self.name, name, *option_with(name, [*self.signatures]))
+        signature = self.signatures[name]
+        expected = list(zip(signature.arguments, signature.argument_shapes, strict=True))
+        if len(arguments) != len(expected):
+            raise UsageError(f"{name} takes {', '.join(signature.arguments)}")
+        for x, (argument, shape) in zip(arguments, expected, strict=True):
+            space = self.space if ARGUMENTS[argument].is_coordinates else None
+            if (x.shape, x.space) != (shape, space):
+                kind = "coordinates" if space else "a vector"
+                raise UsageError(f"{name}: {argument} is {kind} of shape {shape}, not {x}")
+        return tuple(
+            node(
+                Call(self, name, place),
+                arguments,
+                shape,
+                self.space if output.is_coordinates else None,
+            )
+            for place, (output, shape) in enumerate(
+                zip(FUNCTIONS[name].outputs, signature.shapes, strict=True)
+            )
+        )
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """What calls a function of the table."""
+        if name not in FUNCTIONS:
+            raise AttributeError(name)
+        return partial(self._call, name)
+
+    def _call(self, name: str, *arguments: Node) -> Node | tuple[Node, ...]:
+        outputs = self.outputs(name, *arguments)
+        return outputs[0] if len(outputs) == 1 else outputs

@@ -1,0 +1,24 @@
+"""Names and words of nodes, which text in other languages shows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+from gibbs_codegen.arrays.nodes import Node
+
+
+class Label(NamedTuple):
+    """The name of a variable, and a sentence on what it is."""
+
+    name: str
+    words: str = ""
+
+
+LABELS: WeakKeyDictionary[Node, Label] = WeakKeyDictionary()
+
+
+def named(x: Node, name: str, words: str = "") -> Node:
+    """A node, with the name of its variable elsewhere and a sentence that stands before it."""
+    LABELS.setdefault(x, Label(name, words))
+    return x

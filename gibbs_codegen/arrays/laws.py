@@ -1,0 +1,303 @@
+"""Control laws as array programs: the generalised force that a motion needs, then inputs.
+
+Computed torque is the inverse dynamics of the desired acceleration, corrected by the errors: each
+error e then obeys ë + d ė + k e = 0. The geometric law is for rotors that push along one axis (Lee,
+Leok and McClamroch, 2010): it tracks the centre of mass, and turns the base so that its thrust axis
+is where the force must be. `flight.control` says more on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gibbs_codegen.arrays.base import Motion, base_of, length, placed
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.labels import named
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    arctan2,
+    choose,
+    clip,
+    constant,
+    cross,
+    dot,
+    external,
+    join,
+    maximum,
+    reshaped,
+    square_root,
+    total,
+    zeros,
+)
+
+# Greatest force that corrects errors, as a share of the desired one: the sum never turns round.
+_AUTHORITY = 0.8
+# Least sum of 1 and the cosine of an angle by which a direction is turned: none is turned round.
+_LEAST = 1e-9
+# Share of a wrench that thrusts may fail to produce and still count as exact.
+_EXACT = 1e-9
+# Squares of sines below this one are those of angles that are their sines but for rounding.
+_NO_ANGLE = 1e-16
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Stiffness k (nv), 1/s², and damping d (nv), 1/s, of the tracking errors.
+
+    `integral`, 1/s, is the rate of integral action, None without.
+    """
+
+    stiffness: Node
+    damping: Node
+    integral: Node | None = None
+
+
+class Limits(NamedTuple):
+    """Least and greatest inputs (nu)."""
+
+    least: Node
+    most: Node
+
+
+class Weight(NamedTuple):
+    """What the geometric law knows of a robot: mass, kg, weight (3), N, and thrust axis (3).
+
+    The weight is the force that holds it, in world axes; the axis is a unit vector of the base's
+    frame along which rotors push.
+    """
+
+    mass: Node
+    weight: Node
+    axis: Node
+
+
+@dataclass(frozen=True)
+class Rotors:
+    """The rotors as a law knows them: what shares a wrench among them, and their limits.
+
+    `centre` (3), m, is the base centre from where x, y, z are, in the base's frame; `distribution`
+    (N, 6) the least thrusts of a wrench about it, `wrenches` (N, 6) those of unit thrusts; `least`
+    and `most` (N) are limits of the thrusts, if they are `limited`. `move`: joints move them.
+    `refuse`: a wrench that they cannot produce is refused.
+    """
+
+    centre: Node
+    distribution: Node
+    wrenches: Node
+    least: Node
+    most: Node
+    limited: bool = True
+    move: bool = False
+    refuse: bool = False
+
+
+@dataclass(frozen=True)
+class CentrePath:
+    """Desired position, velocity and acceleration (3 each) of the centre of mass."""
+
+    position: Node
+    velocity: Node
+    acceleration: Node
+
+
+def computed_torque(
+    robot: Functions,
+    q: Node,
+    v: Node,
+    desired: Motion,
+    gains: Gains,
+    memory: Node | None = None,
+) -> Node:
+    """Generalised force (nv) of the desired acceleration, corrected by the errors.
+
+    `memory` (nv) are the integrals of the errors, if the law remembers them.
+    """
+    base = base_of(robot, q)
+    error, rate = base.errors(v, desired)
+    error = named(error, "error", "Errors of the base and of the joints, desired less actual.")
+    rate = named(rate, "error_rate", "How fast the errors change.")
+    if memory is not None:
+        error = error + _learnt(gains, memory)
+    pull = gains.stiffness * error + gains.damping * rate
+    a = base.corrected(v, desired, named(pull, "pull", "What the gains make of the errors."))
+    return robot.inverse_dynamics(q, v, named(a, "a", "Accelerations by which errors decay."))
+
+
+def geometric(
+    robot: Functions,
+    q: Node,
+    v: Node,
+    desired: Motion,
+    gains: Gains,
+    path: CentrePath,
+    weight: Weight,
+    memory: Node | None = None,
+) -> Node:
+    """Generalised force (nv) by which centre of mass, thrust axis and joints follow a motion.
+
+    `memory` (nv) are the integrals of the errors, if the law remembers them: of joints and of the
+    centre of mass, in the places of the position.
+    """
+    axis = weight.axis
+    base, places = base_of(robot, q), robot.layout.v
+    along = named(base.to_world(axis), "along", "The thrust axis in world axes.")
+    jacobian = robot.centre_of_mass_jacobian(q)
+    moving = robot.centre_of_mass(q), jacobian @ v
+    learnt = zeros(gains.damping.size) if memory is None else _learnt(gains, memory)
+    needed = _needed(moving, path, along, places.position, gains, weight, learnt)
+    turning = _turning(robot, q, v, desired, axis, needed, gains)
+    turning = named(turning, "turning", "Angular acceleration by which the base leans.")
+    at, rates = robot.layout.q.joints, places.joints
+    error = (_entries(desired.q) - _entries(q))[at] + learnt[rates]
+    joints = desired.a[rates] + gains.stiffness[rates] * error
+    joints = joints + gains.damping[rates] * (desired.v[rates] - v[rates])
+    attitude = base.attitude_entries(v, turning)
+    generalised = robot.inverse_dynamics(q, v, placed(robot, attitude, zeros(3), joints))
+    # Another acceleration of the machine as a whole makes up for what this force is not.
+    exerted = base.to_world(base.wrench(zeros(3), generalised)[:3])
+    lacking = maximum(dot(needed[0], along), 0.0) * along - exerted
+    return generalised + jacobian.transposed @ lacking
+
+
+def _learnt(gains: Gains, memory: Node) -> Node:
+    """What integral action adds to the errors (nv)."""
+    return memory if gains.integral is None else gains.integral * memory
+
+
+def _entries(q: Node) -> Node:
+    """Entries of coordinates as a vector."""
+    return join(q)
+
+
+def _needed(
+    moving: tuple[Node, Node],
+    path: CentrePath,
+    along: Node,
+    place: slice,
+    gains: Gains,
+    robot: Weight,
+    learnt: Node,
+) -> tuple[Node, Node, Node]:
+    """Force (3) that the centre of mass needs, the part that corrects errors, the rate of that."""
+    stiffness, damping = gains.stiffness[place], gains.damping[place]
+    mass, off = robot.mass, path.position - moving[0]
+    desired = mass * path.acceleration + robot.weight
+    drift = path.velocity - moving[1]
+    wish = mass * (stiffness * (off + learnt[place]) + damping * drift)
+    most = _AUTHORITY**2 * dot(desired, desired)
+    share = 1.0 / square_root(1.0 + dot(wish, wish) / most)
+    correction = share * wish
+    force = named(desired + correction, "force", "Force that the centre of mass needs, N.")
+    thrust = maximum(dot(force, along), 0.0)
+    learning = drift if gains.integral is None else drift + gains.integral * off
+    growth = mass * (stiffness * learning) + damping * (desired - thrust * along)
+    bend = dot(wish, growth) * (share * share * share) / most
+    return force, correction, share * growth - bend * wish
+
+
+def _turning(
+    robot: Functions,
+    q: Node,
+    v: Node,
+    desired: Motion,
+    axis: Node,
+    needed: tuple[Node, Node, Node],
+    gains: Gains,
+) -> Node:
+    """Angular acceleration (3), base's frame, by which the base leans as the force needs it."""
+    base, wanted = base_of(robot, q), base_of(robot, desired.q)
+    spin, _ = base.angular(v, 0.0 * v)
+    spin_desired, acceleration = wanted.angular(desired.v, desired.a)
+    force, correction, rate = map(wanted.to_base, needed)
+    size = length(force)
+    unit = force / size
+    # How fast the force turns, seen from the desired base, in which the desired one does not.
+    moving = (rate - cross(spin_desired, correction)) / size
+    about = cross(unit, moving)
+    leaning = about - dot(about, axis) / maximum(1.0 + dot(axis, unit), _LEAST) * unit
+    ahead = base.to_base(wanted.to_world(spin_desired + leaning))
+    growth = base.to_base(wanted.to_world(acceleration + cross(spin_desired, leaning)))
+    swing, scalar = cross(axis, unit), maximum(1.0 + dot(axis, unit), _LEAST)
+    columns = [_turned(swing, scalar, constant(np.eye(3)[k])) for k in range(3)]
+    there, *columns = (base.to_base(wanted.to_world(x)) for x in (unit, *columns))
+    error = named(
+        _attitude_error(axis, there, columns), "attitude_error", "How the base must turn, rad."
+    )
+    weighed = _weighed(robot, gains.stiffness, error, axis)
+    return (
+        growth - cross(spin, ahead) + weighed + _weighed(robot, gains.damping, ahead - spin, axis)
+    )
+
+
+def _turned(swing: Node, scalar: Node, x: Node) -> Node:
+    """A vector (3), turned by the quaternion of any length with these parts."""
+    once = cross(swing, x)
+    return x + 2.0 / (scalar * scalar + dot(swing, swing)) * (scalar * once + cross(swing, once))
+
+
+def _attitude_error(axis: Node, there: Node, columns: Sequence[Node]) -> Node:
+    """How the base must turn: its thrust axis by the shortest way, then about that axis.
+
+    The two rotation vectors added (3), in the base's frame. The more the axis is off, the less the
+    heading counts, and where it is opposite, not at all. `there` (3) is where the axis must be, and
+    `columns` (3 of 3) are the rotation that is left once the axis is there.
+    """
+    swing, cosine_of = cross(axis, there), dot(axis, there)
+    square = dot(swing, swing)
+    sine_of = square_root(maximum(square, _NO_ANGLE))
+    # Near no angle it is its sine, so that there is a derivative where the axis is in its place.
+    near = choose(cosine_of, 0.0, choose(_NO_ANGLE, square, 1.0, 0.0), 0.0)
+    share = choose(near, 0.5, 1.0 + square / 6.0, arctan2(sine_of, cosine_of) / sine_of)
+    kept = sum((axis[k] * dot(axis, columns[k]) for k in range(3)), constant(0.0))
+    cosines = columns[0][0] + columns[1][1] + columns[2][2] - kept
+    about = join(
+        columns[1][2] - columns[2][1], columns[2][0] - columns[0][2], columns[0][1] - columns[1][0]
+    )
+    heading = arctan2(dot(axis, about), cosines)
+    return share * swing + 0.5 * (1.0 + kept) * heading * axis
+
+
+def _weighed(robot: Functions, gains: Node, error: Node, axis: Node) -> Node:
+    """Attitude errors (3) times gains (nv): about the axis (3) those of the position."""
+    places = robot.layout.v
+    heading = dot(axis, error) * axis
+    return gains[places.attitude] * (error - heading) + gains[places.position] * heading
+
+
+def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[Node, Node]:
+    """Inputs (nu) of a generalised force (nv): least thrusts of its wrench, efforts of the joints.
+
+    Where thrusts exceed their limits, those within them that come nearest to the wrench. The other
+    result is more than 0, or no number, where rotors cannot produce the wrench at all.
+    """
+    base, count = base_of(robot, q), robot.rotors
+    wrench = base.wrench(rotors.centre, force)
+    wrench = named(wrench, "wrench", "Force and torque that the rotors must exert on the base.")
+    columns, efforts, refused = rotors.wrenches, force[robot.layout.v.joints], constant(0.0)
+    if rotors.move:
+        loads = robot.input_matrix(q).transposed[:count]
+        moved = (base.wrench(rotors.centre, loads[k]) for k in range(count))
+        columns = join(*(reshaped(column, (1, 6)) for column in moved))
+        thrusts = external("smallest_thrusts", (count,), columns, wrench)
+    else:
+        thrusts = rotors.distribution @ wrench
+    if rotors.refuse:
+        left = wrench - columns.transposed @ thrusts
+        refused = length(left) - _EXACT * (1.0 + length(wrench))
+    if rotors.limited:
+        given = (thrusts, wrench, columns, rotors.least, rotors.most)
+        thrusts = external("nearest_thrusts", (count,), *given)
+        # It returns no numbers where it finds none.
+        refused = refused + 0.0 * total(thrusts)
+    if rotors.move:
+        efforts = efforts - loads.transposed[robot.layout.v.joints] @ thrusts
+    return join(thrusts, efforts), refused
+
+
+def within_limits(inputs: Node, limits: Limits) -> Node:
+    """Inputs (nu) within their limits."""
+    return clip(inputs, limits.least, limits.most)

@@ -1,0 +1,153 @@
+"""Slopes: what derivatives of nodes are made of, forward and backward.
+
+The derivative of a node of shape S by a vector of n entries has the shape (*S, n); by coordinates
+it is that by a displacement in the tangent space, and of coordinates it is a displacement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gibbs_codegen.arrays.nodes import (
+    Call,
+    Node,
+    Space,
+    Value,
+    choose,
+    constant,
+    cosine,
+    elementary,
+    join,
+    reshaped,
+    sine,
+    transposed,
+    zeros,
+)
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import FUNCTIONS, derivative
+from gibbs_codegen.interface.rows import Kind
+
+# Slopes of the elementary functions by their arguments, of their value y and these. Where two
+# arguments of a minimum or maximum are equal, the second is taken.
+ELEMENTARY_SLOPES: dict[str, Callable[..., Sequence[Value]]] = {
+    "add": lambda y, a, b: (1.0, 1.0),
+    "subtract": lambda y, a, b: (1.0, -1.0),
+    "multiply": lambda y, a, b: (b, a),
+    "divide": lambda y, a, b: (1.0 / b, -y / b),
+    "minimum": lambda y, a, b: (choose(b, a, 1.0, 0.0), choose(b, a, 0.0, 1.0)),
+    "maximum": lambda y, a, b: (choose(a, b, 1.0, 0.0), choose(a, b, 0.0, 1.0)),
+    "absolute": lambda y, a: (elementary("copysign", 1.0, a),),
+    "copysign": lambda y, a, b: (
+        elementary("copysign", 1.0, a) * elementary("copysign", 1.0, b),
+        0.0,
+    ),
+    "sqrt": lambda y, a: (0.5 / y,),
+    "exp": lambda y, a: (y,),
+    "sin": lambda y, a: (cosine(a),),
+    "cos": lambda y, a: (-sine(a),),
+    "arctan2": lambda y, a, b: (b / (a * a + b * b), -a / (a * a + b * b)),
+    "choose": lambda y, a, b, c, d: (0.0, 0.0, choose(a, b, 1.0, 0.0), choose(a, b, 0.0, 1.0)),
+}
+
+
+# Functions whose derivative by q has a name of its own.
+_JACOBIANS = {"centre_of_mass": "centre_of_mass_jacobian"}
+# Functions that derivatives of a call are made of, the better ones first.
+_KINDS: tuple[Kind, ...] = ("jacobian", "jvp")
+
+
+def elementary_slopes(name: str, x: Node) -> list[Node]:
+    """Slopes of an elementary function by its arguments, entry by entry."""
+    slopes = ELEMENTARY_SLOPES[name](x, *x.arguments)
+    return [slope if isinstance(slope, Node) else constant(slope) for slope in slopes]
+
+
+def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
+    """Derivatives of a call by its arguments at some places, which its function must have.
+
+    They are what a function of the module gives with a matrix for each argument, or else, direction
+    by direction, what one gives with products.
+    """
+    row = FUNCTIONS[call.name]
+    if call.name in _JACOBIANS:
+        return {0: call.functions.outputs(_JACOBIANS[call.name], *x.arguments)[0]}
+    names = [name for kind in _KINDS if (name := derivative(call.name, kind))]
+    if not names or len(row.outputs) > 1:
+        argument = row.arguments[places[0]]
+        raise UsageError(f"no function of a module gives derivatives of {call.name} by {argument}")
+    # Of none of them the module says which option brings the first.
+    name = next((name for name in names if name in call.functions.signatures), names[0])
+    if FUNCTIONS[name].kind == "jvp":
+        return {place: _by_products(call, x, place, name) for place in places}
+    outputs = call.functions.outputs(name, *x.arguments)
+    slopes = {
+        row.arguments.index(output.by): slope
+        for output, slope in zip(FUNCTIONS[name].outputs, outputs, strict=True)
+        if output.by
+    }
+    return {
+        place: reshaped(slopes[place], (*x.tangent, math.prod(x.arguments[place].tangent)))
+        for place in places
+    }
+
+
+def _by_products(call: Call, x: Node, place: int, name: str) -> Node:
+    """The derivative by the argument at a place, from products with unit directions of it."""
+    still = [zeros(*argument.tangent) for argument in x.arguments]
+    rows = [zeros(0, *x.tangent)]
+    for unit in np.eye(still[place].size):
+        moved = constant(unit.reshape(still[place].shape))
+        directions = [*still[:place], moved, *still[place + 1 :]]
+        (product,) = call.functions.outputs(name, *x.arguments, *directions)
+        rows.append(reshaped(product, (1, *x.tangent)))
+    axes = (*range(1, len(x.tangent) + 1), 0)
+    return transposed(join(*rows), axes)
+
+
+def entries_slope(entries: Node, space: Space) -> Node | None:
+    """Derivative of the entries of coordinates by displacements; None where they are the same."""
+    if not space.has_quaternion:
+        return None
+    rotation, rates = _attitude(entries[3:7])
+    return _diagonal(rotation, 0.5 * rates, space.velocities - 6)
+
+
+def coordinates_slope(entries: Node, space: Space) -> Node | None:
+    """Derivative of displacements by the entries of coordinates, which keep the unit length."""
+    if not space.has_quaternion:
+        return None
+    rotation, rates = _attitude(entries[3:7])
+    return _diagonal(rotation.transposed, 2.0 * rates.transposed, space.velocities - 6)
+
+
+def _attitude(quaternion: Node) -> tuple[Node, Node]:
+    """The rotation (3, 3) of a unit quaternion, and twice the rates (4, 3) of its entries."""
+    x, y, z, w = (quaternion[i] for i in range(4))
+    rotation = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    rates = ((w, -z, y), (z, w, -x), (-y, x, w), (-x, -y, -z))
+    return _rows(rotation), _rows(rates)
+
+
+def _rows(rows: Sequence[Sequence[Node]]) -> Node:
+    """A matrix of its entries."""
+    return join(*(reshaped(join(*row), (1, len(row))) for row in rows))
+
+
+def _diagonal(position: Node, attitude: Node, joints: int) -> Node:
+    """A matrix of blocks on the diagonal, the last of which is the identity."""
+    blocks = (position, attitude, constant(np.eye(joints)))
+    width = sum(block.shape[1] for block in blocks)
+    rows, first = [], 0
+    for block in blocks:
+        after = width - first - block.shape[1]
+        columns = (zeros(first, block.shape[0]), block.transposed, zeros(after, block.shape[0]))
+        rows.append(join(*columns).transposed)
+        first += block.shape[1]
+    return join(*rows)

@@ -1,0 +1,116 @@
+"""What acts on a robot besides its inputs, as array programs: wrenches (f, 6) on its frames.
+
+A wrench is the force, N, and the torque about the frame's origin, N m, in world axes. Frames are
+given by their numbers. `flight.plant.environment` says more on each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    absolute,
+    choose,
+    clip,
+    constant,
+    copysign,
+    cosine,
+    cross,
+    dot,
+    join,
+    maximum,
+    reshaped,
+    solve,
+    square_root,
+    zeros,
+)
+
+
+def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
+    """Velocity (3) of the wind, m/s, with gusts (g, 5) that rise and fall as 1 - cos.
+
+    Of each: begin and duration, s, and half of the greatest velocity (3).
+    """
+    found = steady
+    for k in range(gusts.shape[0]):
+        gust = gusts[k]
+        share = clip((time - gust[0]) / gust[1], 0.0, 1.0)
+        found = found + (1.0 - cosine(2.0 * math.pi * share)) * gust[2:]
+    return found
+
+
+def drag(coefficients: Node, wind: Node, velocities: Node) -> Node:
+    """Wrenches (f, 6) of drag with coefficients (f, 6), on frames that have velocities (f, 6)."""
+    return coefficients * (reshaped(join(wind, zeros(3)), (1, 6)) - velocities)
+
+
+def wall_force(wall: Node, pose: Node, velocity: Node) -> Node:
+    """Force (3) of a wall on a frame with a pose (4, 4) and a velocity (6).
+
+    The wall (8) is a point (3), a unit normal (3), stiffness, N/m, and damping, N s/m.
+    """
+    normal = wall[3:6]
+    depth = dot(normal, wall[:3] - _origin(pose))
+    speed = -dot(normal, velocity[:3])
+    pressed = maximum(wall[6] * depth + wall[7] * speed, 0.0)
+    return choose(depth, 0.0, pressed, 0.0) * normal
+
+
+def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: Node) -> Node:
+    """Gyroscopic torque (3) of a rotor with a thrust, N, about `axis` (3) of a frame.
+
+    `momentum` is its angular momentum by the square root of the thrust; a thrust the other way is
+    that of a rotor that turns the other way.
+    """
+    size = momentum * copysign(square_root(absolute(thrust)), thrust)
+    return cross(size * (_rotation(pose) @ axis), velocity[3:])
+
+
+def payload_forces(
+    robot: Functions,
+    motion: tuple[Node, Node, Node],
+    wrenches: Node,
+    frames: Sequence[int],
+    masses: Node,
+    gravity: Node,
+) -> list[Node]:
+    """Forces (3 each) of payloads on their frames, of states q, v and inputs u in `motion`.
+
+    `wrenches` (f, 6) are all others, `masses` (p), kg, of which 0 is no payload, and `gravity` (3),
+    m/s². The forces f of all solve (1 + m J M⁻¹ Jᵀ) f = m (g - c - J a), where a is the
+    acceleration without them, J the Jacobian of the frames and c their bias acceleration.
+    """
+    q, v, u = motion
+    free = robot.forward_dynamics_with_wrenches(q, v, u, wrenches)
+    jacobians, bias = robot.frame_jacobians(q), robot.frame_bias_accelerations(q, v)
+    jacobian = join(*(jacobians[frame][:3] for frame in frames))
+    drift = join(*(bias[frame][:3] for frame in frames)) + jacobian @ free
+    weights = join(*(masses[k] * constant(np.ones(3)) for k in range(len(frames))))
+    column = reshaped(weights, (weights.size, 1))
+    yielding = jacobian @ solve(robot.mass_matrix(q), jacobian.transposed)
+    matrix = constant(np.eye(weights.size)) + column * yielding
+    forces = solve(matrix, weights * (join(*[gravity] * len(frames)) - drift))
+    return [forces[3 * k : 3 * k + 3] for k in range(len(frames))]
+
+
+def on_frames(parts: Sequence[tuple[int, Node]], frames: int) -> Node:
+    """Wrenches (f, 6) of which each part (6) acts on the frame of a number."""
+    rows = [zeros(6)] * frames
+    for frame, wrench in parts:
+        rows[frame] = rows[frame] + wrench
+    return join(*(reshaped(row, (1, 6)) for row in rows))
+
+
+def _origin(pose: Node) -> Node:
+    """Position (3) of a frame with a pose (4, 4)."""
+    return join(*(pose[i][3] for i in range(3)))
+
+
+def _rotation(pose: Node) -> Node:
+    """Rotation (3, 3) of a frame with a pose (4, 4)."""
+    return join(*(reshaped(pose[i][:3], (1, 3)) for i in range(3)))

@@ -1,0 +1,302 @@
+"""The parser of the command line: every command with its arguments, each declared once.
+
+Nothing here takes time to import, so that `--help` and wrong usage are answered at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, NoReturn
+
+from gibbs_codegen.errors import printable
+from gibbs_codegen.files.shipped import shipped_names
+from gibbs_codegen.version import __version__
+
+# What may stand before brackets in --vary; the functions of these names in `sweeps.cases`.
+DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
+
+_PLACES = (
+    "a robot file, the name of a robot that ships, or a generated module, given by its folder or "
+    "by its name in generated/"
+)
+_DERIVES = f"{_PLACES}; if a name is both, the robot that ships is taken"
+_SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that wants options in full, and shows printably what it does not understand."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage and the message, and exit with 2."""
+        super().error(printable(message, 400))
+
+    def add(self, name: str, metavar: str | None, meaning: str, **settings: Any) -> None:
+        """Add an argument that has a value; a default of one word or number is told."""
+        if isinstance(default := settings.get("default"), str | int):
+            meaning = f"{meaning} (default: {default})"
+        self.add_argument(name, metavar=metavar, help=meaning, **settings)
+
+    def flag(self, name: str, meaning: str, **settings: Any) -> None:
+        """Add an option without a value."""
+        self.add_argument(name, action="store_true", help=meaning, **settings)
+
+
+def _add_robot(parser: Parser) -> None:
+    """Add ROBOT, or --rotors and --links, to a command that derives."""
+    parser.add("robot", "ROBOT", _DERIVES, nargs="?")
+    family = "of a member of the paper's family, whose base arms and links are those of its Table 1"
+    meaning = f"number of rotors, 2 to 256, {family}; requires --links"
+    parser.add("--rotors", "N", meaning, type=int)
+    parser.add("--links", "n", "number of links of its arm, 0 to 64; requires --rotors", type=int)
+
+
+def _add_module(parser: Parser) -> None:
+    """Add ROBOT to a command that runs a module."""
+    which = "if a name is both, the module is taken; if there is no module, one is generated"
+    parser.add("robot", "ROBOT", f"{_PLACES}; {which} and not kept")
+
+
+def _add_choice(parser: Parser, meaning: str) -> None:
+    """Add --functions and --derivatives to a command; their meaning there has {which} for them."""
+    functions = (
+        "the functions of those names and groups (default, dynamics, hybrid, kinematics, energies, "
+        "loads, tip, derivatives, parameters, steps), with what they are composed of"
+    )
+    derivatives = (
+        "the derivatives of those names, too, or without a name all but the Hessians, which are "
+        "long; the name all stands for every one, none for none"
+    )
+    parser.add(
+        *("--functions", "NAME,...", meaning.format(which=functions)),
+        type=lambda names: names.split(","),
+    )
+    parser.add(
+        *("--derivatives", "NAME,...", meaning.format(which=derivatives)),
+        nargs="?",
+        const=True,
+        type=lambda names: True if not names else [] if names == "none" else names.split(","),
+    )
+
+
+def add_kept(parser: Parser) -> None:
+    """Add the options that choose what is generated, which a module keeps."""
+    targets = "numpy, c, casadi, which needs c, rollout, which needs c, matlab, or acados, which"
+    meaning = f"a target to emit: {targets} needs c; may be repeated (default: numpy and c)"
+    parser.add("--target", "TARGET", meaning, action="append")
+    parser.add_argument(
+        "--all-parameters",
+        action=argparse.BooleanOptionalAction,
+        help="keep parameters that are zero in the robot file, so that they can be changed at run "
+        "time",
+    )
+    _add_choice(parser, "emit {which}")
+
+
+def _generate(parser: Parser) -> None:
+    _add_robot(parser)
+    add_kept(parser)
+    parser.add("--out", "DIR", "folder in which modules are written", default="generated")
+    parser.flag(
+        "--check",
+        "write nothing, and exit with 1 if the module on disk differs from what would be written",
+    )
+    parser.flag(
+        "--force",
+        "if the module's folder holds files that were not generated, or were changed since, keep "
+        "it under another name instead of refusing",
+    )
+    parser.flag("--no-verify", "write the module without checking its functions first")
+
+
+def _info(parser: Parser) -> None:
+    _add_robot(parser)
+    _add_json(parser)
+    also = "of a module, those that it has are counted, too"
+    _add_choice(parser, f"count the operations of {{which}}; {also}")
+
+
+def _add_json(parser: Parser) -> None:
+    parser.flag("--json", "print JSON instead of tables")
+
+
+def _show(parser: Parser) -> None:
+    _add_robot(parser)
+    meaning = "number of the chain, as `info` lists them"
+    parser.add("--chain", "J", meaning, type=int, required=True)
+    parser.add(
+        *("--equation", "E"),
+        "number of an equation: 2 (Gibbs function), 5 (its partial derivatives), 6 (the two "
+        "vectors of a link), 15 (equations of motion) or 18 (places in the hybrid system); may be "
+        "repeated (default: 15 and 18)",
+        action="append",
+        type=int,
+    )
+    formats = ("text", "latex")
+    parser.add("--format", None, "how to print the equations", choices=formats, default="text")
+
+
+def _verify(parser: Parser) -> None:
+    _add_module(parser)
+    parser.add("--states", "K", "number of random states to compare at", type=int, default=20)
+    parser.add("--seed", None, "seed of the states", type=int, default=0)
+    meaning = "a back end to verify; may be repeated (default: both)"
+    parser.add("--backend", None, meaning, choices=("numpy", "c"), action="append")
+    _add_json(parser)
+
+
+def _simulate(parser: Parser) -> None:
+    _add_module(parser)
+    parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
+    parser.add("--out", "DIR", "folder in which the results are written", default="flight")
+    parser.add(
+        *("--backend", None),
+        "back end to compute with; c is compiled once, and replaced by numpy if that is not "
+        "possible",
+        choices=("numpy", "c"),
+        default="c",
+    )
+    _add_changes(parser, "")
+    parser.flag("--no-figures", "write the time series only")
+    meaning = "write an animation as well, in this format"
+    parser.add("--animate", None, meaning, choices=("gif", "mp4"))
+
+
+def _add_changes(parser: Parser, flights: str) -> None:
+    """Add --set; `flights` says of which flights."""
+    meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
+    parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
+
+
+def _sweep(parser: Parser) -> None:
+    meaning = f"{_PLACES}, which comes first; of others a module is generated"
+    parser.add("robots", "ROBOT", meaning, nargs="+")
+    meaning = f"a scenario to fly: {_SCENARIOS}; may be repeated (default: paper)"
+    parser.add("--scenario", "NAME|FILE", meaning, action="append")
+    parser.add(
+        *("--vary", "KEY=VALUES"),
+        "what an entry of the scenario takes on: values with commas between them, which cross with "
+        f"those of other keys, or one of {', '.join(DISTRIBUTIONS)} of numbers in brackets, such "
+        "as uniform(0.8,1.2); may be repeated",
+        action="append",
+        default=[],
+    )
+    meaning = "how many times numbers are drawn for each combination of values"
+    parser.add("--samples", "N", meaning, type=int, default=1)
+    parser.add("--seed", "N", "of what is drawn", type=int, default=0)
+    _add_changes(parser, " in all flights")
+    parser.add(
+        *("--measure", "NAME=SERIES.STATISTIC"),
+        "what is measured of a flight, such as worst=tip_error.max; may be repeated (default: "
+        "worst and last errors of base centre and tip)",
+        action="append",
+        default=[],
+    )
+    meaning = "processes that fly (default: one for each processor)"
+    parser.add("--workers", "N", meaning, type=int)
+    meaning = "folder in which the results are kept; the same command goes on with what is there"
+    parser.add("--out", "DIR", meaning, default="sweep")
+    parser.flag("--no-figures", "draw no figures")
+
+
+def _view(parser: Parser) -> None:
+    flight = "a folder that `simulate` wrote, or its flight.npz"
+    parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")
+    meaning = "write one file that any browser opens without a request, instead of serving"
+    parser.add("--html", "FILE", meaning)
+    parser.add("--port", "P", "port of the server, or the next free one", type=_port, default=8080)
+    parser.flag("--no-browser", "do not open the browser")
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
+    return int(text)
+
+
+def _new(parser: Parser) -> None:
+    parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
+    parser.flag(
+        "--placed",
+        "place rotors and joints by positions and axes; without it the base has rods with a rotor "
+        "at the end of each, and links have Denavit-Hartenberg parameters, as in the paper",
+    )
+
+
+def _import(parser: Parser) -> None:
+    extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
+    parser.add("file", "FILE", f"a .urdf, .xacro or .xml file; {extras}")
+    parser.add(
+        *("--rotors", "ROTORS"),
+        "file that says where the rotors are, in place of those found: [[rotor]] tables in TOML as "
+        "in a robot file, `on` a link of FILE; or a platform of eagle_mpc in YAML",
+    )
+    parser.add(
+        *("--attitude", "WORD"),
+        "what describes the attitude of the base: quaternion (default), or a sequence of angles "
+        "such as xyz",
+    )
+    meaning = "link that is to be the flying base (default: the root of FILE)"
+    parser.add("--base", "LINK", meaning)
+    meaning = "robot file to write (default: the robot's name and .toml)"
+    parser.add("--out", "ROBOT.toml", meaning)
+    meaning = "hold a joint fast, at 0 or at VALUE in rad or m; may be repeated"
+    parser.add("--lock", "JOINT[=VALUE]", meaning, action="append", default=[])
+    parser.flag(
+        "--no-snap",
+        "keep angles as they are, even within 2e-5 rad of a multiple of 15 degrees, and numbers "
+        "that are rounding",
+    )
+    parser.flag("--force", "replace ROBOT.toml if it exists")
+
+
+def _export(parser: Parser) -> None:
+    parser.add("robot", "ROBOT", _DERIVES)
+    parser.add("--format", None, "format of the file", choices=("urdf", "mjcf"), required=True)
+    meaning = "file to write (default: the robot's name and .urdf or .xml)"
+    parser.add("--out", "FILE", meaning)
+    parser.flag("--force", "replace FILE if it exists")
+
+
+def _schema(parser: Parser) -> None:
+    parser.add("file", None, "kind of file that the schema is for", choices=("robot", "scenario"))
+
+
+# In the order of the help: what adds the arguments, and what the command does.
+_COMMANDS = {
+    "generate": (_generate, "derive a robot's equations of motion and write its module"),
+    "info": (_info, "show a robot's base, chains, coordinates, motors and operation counts"),
+    "show": (_show, "print the paper's equations of one chain as text or LaTeX"),
+    "verify": (
+        _verify,
+        "compare a module with formulations that share no code with the derivation",
+    ),
+    "simulate": (_simulate, "fly a scenario with a module, and write time series and figures"),
+    "sweep": (_sweep, "fly scenarios in many variants, and measure every flight"),
+    "view": (_view, "show a robot or a flight in the browser, live or as one file"),
+    "new": (_new, "write a commented robot file to start from"),
+    "import": (_import, "write a robot file from a robot in URDF, xacro or MJCF"),
+    "export": (_export, "write a robot in URDF or MJCF"),
+    "schema": (
+        _schema,
+        "print the JSON schema of robot or scenario files, with which editors complete keys",
+    ),
+}
+
+
+def argument_parser() -> Parser:
+    """Parser of the command line; `module` of what it returns is that of the command."""
+    parser = Parser(
+        prog="gibbs-codegen",
+        description="Derive the equations of motion of flying robots with arms, and write them as "
+        "fast functions in NumPy and C.",
+    )
+    parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for name, (add_arguments, meaning) in _COMMANDS.items():
+        command = commands.add_parser(name, help=meaning)
+        add_arguments(command)
+        command.set_defaults(module="import_robot" if name == "import" else name)
+    return parser

@@ -1,0 +1,199 @@
+/*
+ * Thrusts within limits whose wrench is nearest to a wanted one: bounded least squares.
+ *
+ * It is solved for one state at a time. Torques are divided by a lever, so that they compare with
+ * forces, and thrusts count a little, so that there is one solution. Which thrusts are at a limit
+ * is guessed, at first as it was found the last time, and all wrong guesses are changed at once;
+ * where that does not lead to fewer, the last of them alone, which comes to an end (Judice and
+ * Pires 1994).
+ */
+enum { BASE = 6 };
+/* Rounds in which wrong guesses may not have become fewer before only one is changed. */
+enum { PATIENCE = 3 };
+
+typedef struct {
+    real columns[ROTORS][BASE]; /* what unit thrusts do */
+    real target[BASE];
+    real preference; /* of small thrusts */
+    real least[ROTORS];
+    real most[ROTORS];
+} Nearest;
+
+static INLINE real product_of(const int n, const real *a, const real *b)
+{
+    real sum = R(0.0);
+    for (int i = 0; i < n; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+/* Weigh a problem whose force and torque do not yet compare, and how much small thrusts count. */
+static void weigh_torques(Nearest *p)
+{
+    real force = R(0.0), torque = R(0.0);
+    for (int k = 0; k < ROTORS; ++k) {
+        force += product_of(3, p->columns[k], p->columns[k]);
+        torque += product_of(3, p->columns[k] + 3, p->columns[k] + 3);
+    }
+    /* Torque is divided by the mean lever arm, so that it compares with force. */
+    const int both = force > R(0.0) && torque > R(0.0);
+    const real weight = both ? LIBRARY(sqrt)(force / torque) : R(1.0);
+    for (int i = 3; i < BASE; ++i) {
+        p->target[i] *= weight;
+        for (int k = 0; k < ROTORS; ++k) {
+            p->columns[k][i] *= weight;
+        }
+    }
+    p->preference = R(1e-5) * LIBRARY(sqrt)(force + weight * weight * torque);
+}
+
+/* Least squares for the free thrusts, the others as they are, by reflections of Householder. */
+static void solve_free(const Nearest *p, const real *sides, real *x)
+{
+    real columns[ROTORS][BASE], upper[ROTORS][ROTORS], left[BASE];
+    memcpy(columns, p->columns, sizeof columns);
+    memcpy(left, p->target, sizeof left);
+    for (int k = 0; k < ROTORS; ++k) {
+        for (int i = 0; i < BASE && sides[k] != R(0.0); ++i) {
+            left[i] -= columns[k][i] * x[k];
+        }
+    }
+    for (int k = 0; k < ROTORS; ++k) {
+        if (sides[k] != R(0.0)) {
+            continue;
+        }
+        const real *const own = columns[k];
+        const real norm = LIBRARY(sqrt)(p->preference * p->preference + product_of(BASE, own, own));
+        const real share = R(1.0) / norm, scale = share / (norm + p->preference);
+        upper[k][k] = norm;
+        x[k] = share * product_of(BASE, own, left);
+        const real kept = scale * product_of(BASE, own, left);
+        for (int i = 0; i < BASE; ++i) {
+            left[i] -= kept * own[i];
+        }
+        for (int l = k + 1; l < ROTORS; ++l) {
+            if (sides[l] == R(0.0)) {
+                const real along = product_of(BASE, own, columns[l]);
+                upper[k][l] = share * along;
+                for (int i = 0; i < BASE; ++i) {
+                    columns[l][i] -= scale * along * own[i];
+                }
+            }
+        }
+    }
+    for (int k = ROTORS; k-- > 0;) {
+        if (sides[k] == R(0.0)) {
+            for (int l = k + 1; l < ROTORS; ++l) {
+                x[k] -= sides[l] == R(0.0) ? upper[k][l] * x[l] : R(0.0);
+            }
+            x[k] /= upper[k][k];
+        }
+    }
+}
+
+/* Better guesses than `sides`, with which x was found. Returns how many are others; `last` is the
+ * last of them. */
+static int guess_again(const Nearest *p, const real *sides, const real *x, real *better, int *last)
+{
+    real off[BASE];
+    int changed = 0;
+    for (int i = 0; i < BASE; ++i) {
+        off[i] = -p->target[i];
+        for (int k = 0; k < ROTORS; ++k) {
+            off[i] += p->columns[k][i] * x[k];
+        }
+    }
+    for (int k = 0; k < ROTORS; ++k) {
+        const real slope =
+            product_of(BASE, p->columns[k], off) + p->preference * p->preference * x[k];
+        if (sides[k] == R(0.0)) {
+            better[k] = (real)(x[k] > p->most[k]) - (real)(x[k] < p->least[k]);
+        } else {
+            better[k] = slope * sides[k] > R(0.0) ? R(0.0) : sides[k];
+        }
+        if (better[k] != sides[k]) {
+            *last = k;
+            ++changed;
+        }
+    }
+    return changed;
+}
+
+/* Thrusts x; of each side, -1 is its least, 1 its greatest and 0 neither: first guesses, and then
+ * what was found. Returns whether anything was. */
+static int find_nearest(const Nearest *p, real *sides, real *x)
+{
+    real better[ROTORS];
+    int fewest = ROTORS + 1, last = 0, patience = PATIENCE;
+    for (int round = 0; round < 10 * (ROTORS + 3); ++round) {
+        for (int k = 0; k < ROTORS; ++k) {
+            if (sides[k] != R(0.0)) {
+                x[k] = sides[k] < R(0.0) ? p->least[k] : p->most[k];
+            }
+        }
+        solve_free(p, sides, x);
+        const int changed = guess_again(p, sides, x, better, &last);
+        if (changed == 0) {
+            return 1;
+        }
+        patience = changed < fewest ? PATIENCE : patience - 1;
+        fewest = changed < fewest ? changed : fewest;
+        if (patience >= 0) {
+            memcpy(sides, better, sizeof better);
+        } else {
+            sides[last] = better[last];
+        }
+    }
+    return 0;
+}
+
+/* Entry i of a lane of what differs from state to state. */
+#define OF_LANE(array, i, lane) ((const real *)(array))[(size_t)(i) * LANES + (size_t)(lane)]
+
+/* Thrusts of a wrench, or those within limits that come nearest to it; no numbers where none are
+ * found. Rows of `columns` are wrenches of unit thrusts. */
+static void nearest_thrusts(
+    const void *const *context,
+    const number *thrusts,
+    const number *wrench,
+    const number *columns,
+    const number *least,
+    const number *most,
+    number *found)
+{
+    real *const guesses = (real *)context[GUESSES];
+    memcpy(found, thrusts, ROTORS * sizeof *found);
+    for (int lane = 0; lane < LANES; ++lane) {
+        int beyond = 0;
+        for (int k = 0; k < ROTORS; ++k) {
+            const real thrust = OF_LANE(thrusts, k, lane);
+            beyond |= thrust < OF_LANE(least, k, lane) || thrust > OF_LANE(most, k, lane);
+        }
+        if (!beyond) {
+            continue;
+        }
+        Nearest problem;
+        real x[ROTORS], sides[ROTORS];
+        for (int k = 0; k < ROTORS; ++k) {
+            for (int i = 0; i < BASE; ++i) {
+                problem.columns[k][i] = OF_LANE(columns, k * BASE + i, lane);
+            }
+            problem.least[k] = OF_LANE(least, k, lane);
+            problem.most[k] = OF_LANE(most, k, lane);
+            x[k] = OF_LANE(thrusts, k, lane);
+            sides[k] = guesses ? guesses[k * LANES + lane] : R(0.0);
+        }
+        for (int i = 0; i < BASE; ++i) {
+            problem.target[i] = OF_LANE(wrench, i, lane);
+        }
+        weigh_torques(&problem);
+        const int done = find_nearest(&problem, sides, x);
+        for (int k = 0; k < ROTORS; ++k) {
+            ((real *)found)[k * LANES + lane] = done ? x[k] : (real)NAN;
+            if (guesses) {
+                guesses[k * LANES + lane] = sides[k];
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+#ifndef LANES
+#define LANES 1
+#endif
+
+/* What differs from state to state is a number, what all states share is a real. */
+#if LANES == 1
+typedef real number;
+#define same(value) (value)
+#define EACH(function) function
+#else
+/* No function that takes or returns vectors is called from elsewhere: no convention matters. */
+#pragma GCC diagnostic ignored "-Wpsabi"
+typedef real number __attribute__((vector_size(LANES * sizeof(real)), may_alias));
+#ifdef SINGLE
+typedef int32_t flags __attribute__((vector_size(LANES * sizeof(int32_t)), may_alias));
+#else
+typedef int64_t flags __attribute__((vector_size(LANES * sizeof(int64_t)), may_alias));
+#endif
+#define same(value) ((value) - (number){R(0.0)})
+#define EACH(function) function##_block
+#endif
+
+static INLINE real minimum_real(const real a, const real b)
+{
+    return b < a ? b : a;
+}
+
+static INLINE real maximum_real(const real a, const real b)
+{
+    return b > a ? b : a;
+}
+
+static INLINE real choose_real(const real a, const real b, const real above, const real otherwise)
+{
+    return a > b ? above : otherwise;
+}
+
+static INLINE real absolute_real(const real a)
+{
+    return LIBRARY(fabs)(a);
+}
+
+static INLINE real signed_as_real(const real a, const real sign)
+{
+    return LIBRARY(copysign)(a, sign);
+}
+
+static INLINE real square_root_real(const real a)
+{
+    return LIBRARY(sqrt)(a);
+}
+
+static INLINE real exponential_real(const real a)
+{
+    return LIBRARY(exp)(a);
+}
+
+static INLINE real sine_real(const real a)
+{
+    return LIBRARY(sin)(a);
+}
+
+static INLINE real cosine_real(const real a)
+{
+    return LIBRARY(cos)(a);
+}
+
+static INLINE real arctan2_real(const real a, const real b)
+{
+    return LIBRARY(atan2)(a, b);
+}
+
+#if LANES == 1
+#define minimum minimum_real
+#define maximum maximum_real
+#define choose choose_real
+#define absolute absolute_real
+#define signed_as signed_as_real
+#define square_root square_root_real
+#define exponential exponential_real
+#define sine sine_real
+#define cosine cosine_real
+#define arctan2 arctan2_real
+#else
+/* One of two numbers in each lane. */
+static INLINE number chosen(const flags which, const number yes, const number no)
+{
+    return (number)(((flags)yes & which) | ((flags)no & ~which));
+}
+
+static INLINE number minimum(const number a, const number b)
+{
+    return chosen((flags)(b < a), b, a);
+}
+
+static INLINE number maximum(const number a, const number b)
+{
+    return chosen((flags)(b > a), b, a);
+}
+
+static INLINE number choose(
+    const number a, const number b, const number above, const number otherwise)
+{
+    return chosen((flags)(a > b), above, otherwise);
+}
+
+static INLINE number absolute(const number a)
+{
+    return (number)((flags)a & ~(flags)same(R(-0.0)));
+}
+
+static INLINE number signed_as(const number a, const number sign)
+{
+    const flags minus = (flags)same(R(-0.0));
+    return (number)(((flags)a & ~minus) | ((flags)sign & minus));
+}
+
+/* A function of the library in each lane. */
+#define IN_LANES(name, each) \
+    static INLINE number name(const number a) \
+    { \
+        number found; \
+        for (int lane = 0; lane < LANES; ++lane) { \
+            found[lane] = each(a[lane]); \
+        } \
+        return found; \
+    }
+
+IN_LANES(square_root, square_root_real)
+IN_LANES(exponential, exponential_real)
+IN_LANES(sine, sine_real)
+IN_LANES(cosine, cosine_real)
+
+static INLINE number arctan2(const number a, const number b)
+{
+    number found;
+    for (int lane = 0; lane < LANES; ++lane) {
+        found[lane] = arctan2_real(a[lane], b[lane]);
+    }
+    return found;
+}
+#endif
+
+/* The inverse of a matrix (n, n) times another (n, width), by elimination without exchanges. */
+static INLINE void solve(
+    const int n, const int width, const number *matrix, const number *right, number *solution)
+{
+    number left[SOLVE_ROOM];
+    memcpy(left, matrix, sizeof(number) * (size_t)(n * n));
+    memcpy(solution, right, sizeof(number) * (size_t)(n * width));
+    for (int k = 0; k < n; ++k) {
+        for (int i = k + 1; i < n; ++i) {
+            const number share = left[n * i + k] / left[n * k + k];
+            for (int j = k + 1; j < n; ++j) {
+                left[n * i + j] -= share * left[n * k + j];
+            }
+            for (int j = 0; j < width; ++j) {
+                solution[width * i + j] -= share * solution[width * k + j];
+            }
+        }
+    }
+    for (int k = n; k-- > 0;) {
+        for (int j = 0; j < width; ++j) {
+            number rest = solution[width * k + j];
+            for (int i = k + 1; i < n; ++i) {
+                rest -= left[n * k + i] * solution[width * i + j];
+            }
+            solution[width * k + j] = rest / left[n * k + k];
+        }
+    }
+}

@@ -1,0 +1,273 @@
+"""What a URDF or MJCF file says, as plain data: links, joints, rotors, frames, before any welding.
+
+Links and joints are named as in the file. Placements are in m and degrees, axes are unit vectors.
+
+Angles that were meant to be multiples of 15°, and numbers that are rounding or CAD noise, are
+snapped: a robot file's angles are structural, and 1.5708 for 90° makes terms of 1e-6 that the
+equations then carry everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from gibbs_codegen.errors import Fault, RefusedFileError
+from gibbs_codegen.exchange.placement import HERE, Placement, snapped_angle, vector
+from gibbs_codegen.robot.model import AXES, JointLimits, Passive, Vector3
+from gibbs_codegen.robot.placement import Array
+
+JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
+# A joint that may turn ten times either way, rad, turns a rotor or a wheel. Files that come from
+# Gazebo give ±1e16 where URDF has the type continuous.
+_MANY_TURNS = 20.0 * math.pi
+NO_PASSIVE, NO_LIMITS = Passive(), JointLimits()
+Kind = Literal["base", "locked", "welded", "snapped", "rotor", "left out", "note"]
+
+
+def endless(limits: JointLimits) -> bool:
+    """Whether the limits of a revolute joint let it turn without end."""
+    low, high = limits.low, limits.high
+    return (low is None or low <= -_MANY_TURNS) and (high is None or high >= _MANY_TURNS)
+
+
+class SourceFileError(RefusedFileError):
+    """A URDF, xacro or MJCF file, or a file of rotors, that is rejected."""
+
+    kind = "file to import"
+
+
+def refusal(
+    file: str | Path, message: str, line: int | None = None, where: str = ""
+) -> SourceFileError:
+    """The error, to be raised, for a single fault of a file."""
+    return SourceFileError(str(file), [Fault(where, message, line)])
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """Mass in kg, its frame in the link's, and the inertia (3, 3) about that frame in kg m²."""
+
+    mass: float = 0.0
+    pose: Placement = HERE
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @property
+    def weighs(self) -> bool:
+        """Whether there is any mass or inertia."""
+        return self.mass != 0.0 or bool(self.inertia.any())
+
+
+NO_MASS = Inertial()
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link; `line` is where the file has it, if that is known."""
+
+    name: str
+    inertial: Inertial = NO_MASS
+    line: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint between two links.
+
+    The child's frame is that of the parent after `pose`, the motion about or along `axis`, and
+    `offset`. `continuous` tells a revolute joint that turns without end.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    pose: Placement = HERE
+    axis: Vector3 = AXES["z"]
+    offset: Placement = HERE
+    passive: Passive = NO_PASSIVE
+    limits: JointLimits = NO_LIMITS
+    continuous: bool = False
+    line: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """A rotor on a link: as `Rotor`, with the joint that lets it spin, and by what it was found."""
+
+    name: str
+    on: str
+    position: Vector3 = (0.0, 0.0, 0.0)
+    direction: Vector3 = AXES["z"]
+    drag: float = 0.0
+    limits: tuple[float, float] | None = None
+    time_constant: float | None = None
+    joint: str | None = None
+    found_by: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame on a link, such as a site."""
+
+    name: str
+    on: str
+    pose: Placement = HERE
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A line of the report: what was done with what, and why."""
+
+    kind: Kind
+    subject: str
+    detail: str
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A file: its name for messages, the robot's name, and what it holds in the file's order.
+
+    `spinning` names joints that let rotors spin, whether or not these rotors are replaced,
+    `anchors` those that were left out with a root in the world, and `root` the link that all
+    others hang on, once this has been checked.
+    """
+
+    file: str
+    name: str
+    links: dict[str, Link]
+    joints: tuple[Joint, ...]
+    rotors: tuple[Rotor, ...] = ()
+    spinning: frozenset[str] = frozenset()
+    anchors: frozenset[str] = frozenset()
+    frames: tuple[Frame, ...] = ()
+    gravity: float = 9.81
+    findings: tuple[Finding, ...] = ()
+    root: str = ""
+
+    @cached_property
+    def below(self) -> dict[str, list[Joint]]:
+        """The joints that each link carries, in the order of the file."""
+        joints: dict[str, list[Joint]] = {name: [] for name in self.links}
+        for joint in self.joints:
+            joints.setdefault(joint.parent, []).append(joint)
+        return joints
+
+    def found(self, *findings: Finding, **changes: Any) -> Source:
+        """The file with changes, and with findings added to those of its report."""
+        return replace(self, findings=(*self.findings, *findings), **changes)
+
+    def refused(self, message: str, line: int | None = None, where: str = "") -> SourceFileError:
+        """The error, to be raised, for a fault: what is wrong, and what would be right."""
+        return refusal(self.file, message, line, where)
+
+
+AnyPlace = TypeVar("AnyPlace", Placement, Vector3)
+SNAP = 2e-5
+_SNAP_DEG = Fraction(math.degrees(SNAP))
+# Lengths in m, and products of inertia in parts of the trace, that nobody has measured.
+_NOISE = 1e-12
+
+
+def snapped_source(source: Source) -> Source:
+    """A file with every angle and axis exact; it tells of each that changes."""
+    findings: list[Finding] = []
+
+    def exact(name: str, value: AnyPlace) -> AnyPlace:
+        snap: Any = snapped if isinstance(value, Placement) else _snapped_axis
+        made: AnyPlace = snap(value)
+        if (old := _shown(value)) != (new := _shown(made)):
+            findings.append(Finding("snapped", name, f"{old} to {new}"))
+        return made
+
+    joints = [
+        replace(
+            joint,
+            pose=exact(joint.name, joint.pose),
+            axis=joint.axis if joint.kind == "fixed" else exact(joint.name, joint.axis),
+            offset=snapped(joint.offset),
+        )
+        for joint in source.joints
+    ]
+    links = {}
+    for name, link in source.links.items():
+        pose = exact(f"inertia of {name}", link.inertial.pose)
+        links[name] = replace(link, inertial=replace(link.inertial, pose=pose))
+    frames = [replace(frame, pose=exact(frame.name, frame.pose)) for frame in source.frames]
+    rotors = [replace(r, direction=exact(r.name, r.direction)) for r in source.rotors]
+    return source.found(
+        *findings,
+        joints=tuple(joints),
+        links=links,
+        frames=tuple(frames),
+        rotors=tuple(rotors),
+    )
+
+
+def snapped(pose: Placement) -> Placement:
+    """The pose, its angles that are all but multiples of 15° made exact; itself if none is."""
+    roll, pitch, yaw = (snapped_angle(angle, _SNAP_DEG) for angle in pose.rpy_deg)
+    exact = (roll, pitch, yaw)
+    if abs(pitch) == 90 and not all(angle % 15 == 0 for angle in exact):
+        # Here roll and yaw turn about one axis: what counts is their sum or difference.
+        roll = snapped_angle(roll - yaw if pitch == 90 else roll + yaw, _SNAP_DEG)
+        exact = (roll, pitch, Fraction(0))
+    return pose if exact == pose.rpy_deg else Placement(pose.xyz, exact)
+
+
+def _snapped_axis(axis: Vector3) -> Vector3:
+    """The axis, or the coordinate axis that it all but is."""
+    k = int(np.argmax(np.abs(axis)))
+    if sum(abs(value) > SNAP for value in axis) > 1:
+        return quiet(axis)
+    exact = [0.0, 0.0, 0.0]
+    exact[k] = math.copysign(1.0, axis[k])
+    return vector(exact)
+
+
+def quiet(values: Vector3) -> Vector3:
+    """Lengths in m, or components of a unit vector, (3): what is below 1e-12 is set to 0."""
+    return vector([0.0 if abs(value) < _NOISE else value for value in values])
+
+
+def quiet_inertia(matrix: Array) -> Array:
+    """An inertia (3, 3) whose products below 1e-12 of its trace are set to 0."""
+    noise = np.abs(matrix) < _NOISE * abs(np.trace(matrix))
+    return np.where(noise & ~np.eye(3, dtype=bool), 0.0, matrix)
+
+
+def _shown(value: Placement | Vector3) -> str:
+    """The angles of a pose in degrees, or an axis."""
+    if isinstance(value, Placement):
+        return "rpy_deg " + " ".join(f"{float(angle):.9g}" for angle in value.rpy_deg)
+    return "axis " + " ".join(f"{number:.9g}" for number in value)
+
+
+# What a robot file takes, 128 characters, less the room for a number.
+_LONGEST = 120
+
+
+class Names:
+    """Names of one kind of thing in a file."""
+
+    def __init__(self, used: Iterable[str] = ()) -> None:
+        self._taken = set(used)
+
+    def free(self, name: str) -> str:
+        """A name as near as can be that no other thing of the kind has, which takes it.
+
+        Its characters are printable, and XML can hold them.
+        """
+        readable = "".join(c if c.isprintable() else "_" for c in name).strip() or "_"
+        free, number = readable, 2
+        while free in self._taken:
+            free, number = f"{readable[:_LONGEST]}_{number}", number + 1
+        self._taken.add(free)
+        return free

@@ -1,0 +1,273 @@
+"""The text of URDF and MJCF files of a robot, in forms that `import` finds again.
+
+In URDF rotors are frames that push along z. In MJCF they are sites with motors whose gears are a
+force and the torque with it. MuJoCo has no moving body without mass: such links give their joints
+to the link that follows.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange import sources
+from gibbs_codegen.exchange.placement import HERE, Placement, degrees
+from gibbs_codegen.robot.model import Angles3, Vector3
+from gibbs_codegen.robot.rigid_body import inertia_fault
+
+# Readers demand limits; what has none gets some that nothing reaches.
+_ENDLESS = 1e16
+
+
+def urdf_text(source: sources.Source) -> str:
+    """The text of a URDF file of a robot with names that a file can hold.
+
+    A rotor is a massless link on a fixed joint that has an `<m_f_rate>`, its drag, and whose limits
+    are those of the thrust. A frame is a massless link on a fixed joint.
+    """
+    root = ET.Element("robot", name=source.name)
+    links = sources.Names([*source.links, *(frame.name for frame in source.frames)])
+    joints = sources.Names([*(j.name for j in source.joints), *(r.name for r in source.rotors)])
+    for link in source.links.values():
+        _urdf_link(root, link.name, link.inertial)
+    for joint in source.joints:
+        _urdf_joint(root, joint)
+    for number, rotor in enumerate(source.rotors, start=1):
+        thrust = links.free(f"thrust{number}")
+        _urdf_link(root, thrust)
+        pose = Placement(rotor.position, _along(rotor.direction))
+        element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.on, thrust))
+        ET.SubElement(element, "axis", xyz="0 0 1")
+        ET.SubElement(element, "m_f_rate", value=repr(rotor.drag))
+        if rotor.limits is not None:
+            low, high = map(repr, rotor.limits)
+            ET.SubElement(element, "limit", lower=low, upper=high, effort="0", velocity="0")
+    for frame in source.frames:
+        _urdf_link(root, frame.name)
+        mount = joints.free(f"{frame.name}_mount")
+        _urdf_mount(root, mount, "fixed", frame.pose, (frame.on, frame.name))
+    ET.indent(root)
+    return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _urdf_link(root: ET.Element, name: str, inertial: sources.Inertial = sources.NO_MASS) -> None:
+    element = ET.SubElement(root, "link", name=name)
+    if not inertial.weighs:
+        return
+    found = ET.SubElement(element, "inertial")
+    _origin(found, inertial.pose)
+    ET.SubElement(found, "mass", value=repr(inertial.mass))
+    i = inertial.inertia
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    values = (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])
+    pairs = {name: repr(float(value)) for name, value in zip(names, values, strict=True)}
+    ET.SubElement(found, "inertia", pairs)
+
+
+def _origin(element: ET.Element, pose: Placement) -> None:
+    angles = [math.radians(float(angle)) for angle in pose.rpy_deg]
+    ET.SubElement(element, "origin", xyz=numbers(pose.xyz), rpy=numbers(angles))
+
+
+def _urdf_mount(
+    root: ET.Element, name: str, kind: str, pose: Placement, ends: tuple[str, str]
+) -> ET.Element:
+    """Write a joint between two links, parent and child, with its place."""
+    element = ET.SubElement(root, "joint", name=name, type=kind)
+    _origin(element, pose)
+    ET.SubElement(element, "parent", link=ends[0])
+    ET.SubElement(element, "child", link=ends[1])
+    return element
+
+
+def _urdf_joint(root: ET.Element, joint: sources.Joint) -> None:
+    limits, ends = joint.limits, (joint.parent, joint.child)
+    kind = "continuous" if joint.continuous else joint.kind
+    element = _urdf_mount(root, joint.name, kind, joint.pose, ends)
+    if joint.kind == "fixed":
+        return
+    ET.SubElement(element, "axis", xyz=numbers(joint.axis))
+    bounds = {} if joint.continuous else {"lower": limits.low, "upper": limits.high}
+    bounds |= {"effort": limits.effort, "velocity": limits.velocity}
+    endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
+    texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
+    ET.SubElement(element, "limit", texts)
+    if joint.passive.damping:
+        ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
+
+
+def _along(direction: Vector3) -> Angles3:
+    """Angles of a frame whose z points in a direction."""
+    x, y, z = direction
+    return degrees(math.atan2(-y, math.hypot(x, z))), degrees(math.atan2(x, z)), degrees(0.0)
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers in full, with spaces between them."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def mjcf_text(source: sources.Source, root: str) -> str:
+    """The text of an MJCF file of a robot with names that a file can hold."""
+    writer = _Writer(source)
+    top = ET.Element("mujoco", model=source.name)
+    ET.SubElement(top, "compiler", angle="radian", autolimits="true", fusestatic="false")
+    ET.SubElement(top, "option", gravity=f"0 0 {-source.gravity!r}")
+    world = ET.SubElement(top, "worldbody")
+    writer.body(world, root, [(None, HERE)])
+    actuator = ET.SubElement(top, "actuator")
+    for rotor in source.rotors:
+        writer.rotor(actuator, rotor)
+    for joint in source.joints:
+        if joint.kind != "fixed":
+            writer.motor(actuator, joint)
+    for frame in source.frames:
+        place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
+        site = {"name": frame.name, **place}
+        ET.SubElement(writer.place_of(frame.on, frame.name), "site", site)
+    ET.indent(top)
+    return ET.tostring(top, encoding="unicode") + "\n"
+
+
+# A joint with the placement of its frame in that of the carrying body; None for the root's.
+_Group = list[tuple[sources.Joint | None, Placement]]
+
+
+class _Writer:
+    """Writes bodies, and knows where they are in the document."""
+
+    def __init__(self, source: sources.Source) -> None:
+        self._source = source
+        self._bodies: dict[str, ET.Element] = {}
+        self._joints = sources.Names(joint.name for joint in source.joints)
+        self._sites = sources.Names(frame.name for frame in source.frames)
+        self._actuators = sources.Names(rotor.name for rotor in source.rotors)
+
+    def body(self, parent: ET.Element, name: str, group: _Group) -> None:
+        """Write a body and what hangs on it.
+
+        `group` are the joints that move it, its own last, each with its frame in the carrying
+        body's. Raises `UsageError` if the body moves and has no mass, and not one link follows it.
+        """
+        inertial, below = self._source.links[name].inertial, self._source.below[name]
+        (joint, frame) = group[-1]
+        if joint is not None and joint.kind != "fixed" and not inertial.weighs:
+            if len(below) == 1:
+                further = [*group, (below[0], frame @ below[0].pose)]
+                self.body(parent, below[0].child, further)
+                return
+            raise UsageError(
+                f"link {printable(name, 60)} moves and has no mass, and not one link follows it; "
+                "MuJoCo has no such body: give it mass, or export URDF"
+            )
+        place = {"pos": numbers(frame.xyz), "quat": _quaternion(frame)}
+        element = ET.SubElement(parent, "body", {"name": name, **place})
+        self._bodies[name] = element
+        if joint is None:
+            ET.SubElement(element, "freejoint", name=self._joints.free("root"))
+        _mjcf_inertial(element, name, inertial)
+        for moved, its_frame in group:
+            if moved is not None and moved.kind != "fixed":
+                _mjcf_joint(element, moved, frame.inverse @ its_frame)
+        for found in below:
+            self.body(element, found.child, [(found, found.pose)])
+
+    def rotor(self, actuator: ET.Element, rotor: sources.Rotor) -> None:
+        """Write a rotor as a site and a motor, this into the element that holds motors."""
+        site = self._sites.free(rotor.name)
+        element = self.place_of(rotor.on, rotor.name)
+        ET.SubElement(element, "site", name=site, pos=numbers(rotor.position))
+        push = np.array(rotor.direction)
+        attributes = {
+            "name": rotor.name,
+            "site": site,
+            "gear": numbers([*push, *(rotor.drag * push)]),
+        }
+        if rotor.limits is not None:
+            attributes["ctrlrange"] = numbers(rotor.limits)
+        if rotor.time_constant:
+            attributes |= {"dyntype": "filterexact", "dynprm": repr(rotor.time_constant)}
+        ET.SubElement(actuator, "general" if rotor.time_constant else "motor", attributes)
+
+    def motor(self, actuator: ET.Element, joint: sources.Joint) -> None:
+        """Write the motor of a joint into the element that holds motors."""
+        attributes = {"name": self._actuators.free(f"tau_{joint.name}"), "joint": joint.name}
+        if (effort := joint.limits.effort) is not None:
+            attributes["ctrlrange"] = numbers((-effort, effort))
+        ET.SubElement(actuator, "motor", attributes)
+
+    def place_of(self, link: str, what: str) -> ET.Element:
+        """The body of a link that `what` is to be placed on.
+
+        Raises `UsageError` if the link has no body of its own.
+        """
+        if link not in self._bodies:
+            raise UsageError(
+                f"{printable(what, 60)} is on link {printable(link, 60)}, which has no mass and no "
+                "body in MuJoCo; export URDF"
+            )
+        return self._bodies[link]
+
+
+def _mjcf_inertial(element: ET.Element, name: str, inertial: sources.Inertial) -> None:
+    """Write the inertia of a link into its body; raises `UsageError` if MuJoCo would refuse it."""
+    if not inertial.weighs:
+        return
+    i = inertial.inertia
+    entries = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+    if fault := inertia_fault(inertial.mass, entries):
+        raise UsageError(
+            f"the inertia of link {printable(name, 60)} {fault}, and MuJoCo refuses it; export URDF"
+        )
+    moments, axes = np.linalg.eigh(i)
+    place = inertial.pose.matrix @ axes * np.linalg.det(axes)
+    attributes = {
+        "pos": numbers(inertial.pose.xyz),
+        "mass": repr(inertial.mass),
+        "diaginertia": numbers(np.maximum(moments, 0.0)),
+        "xyaxes": numbers(place.T[:2].ravel()),
+    }
+    ET.SubElement(element, "inertial", attributes)
+
+
+def _mjcf_joint(element: ET.Element, joint: sources.Joint, frame: Placement) -> None:
+    """Write a joint into the body that it moves.
+
+    `frame` is its frame in the body's, its coordinate and those after it at zero.
+    """
+    passive, limits = joint.passive, joint.limits
+    attributes = {
+        "name": joint.name,
+        "type": "slide" if joint.kind == "prismatic" else "hinge",
+        "axis": numbers(frame.matrix @ np.array(joint.axis)),
+        "pos": numbers(frame.xyz),
+    }
+    for key, value in (
+        ("damping", passive.damping),
+        ("armature", passive.armature),
+        ("stiffness", passive.stiffness),
+        ("springref", passive.rest),
+    ):
+        if value:
+            attributes[key] = repr(value)
+    if limits.low is not None and limits.high is not None:
+        attributes["range"] = numbers((limits.low, limits.high))
+    ET.SubElement(element, "joint", attributes)
+
+
+def _quaternion(pose: Placement) -> str:
+    """The rotation as w x y z."""
+    half = [math.radians(float(angle)) / 2 for angle in pose.rpy_deg]
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, half), map(math.sin, half)
+    return numbers(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )

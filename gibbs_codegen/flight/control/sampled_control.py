@@ -1,0 +1,343 @@
+"""Laws of control, and controllers of users, that are evaluated at a rate: what they see and hold.
+
+Inputs are held from one command to the next, and a command takes effect a delay after it was given.
+Until the first one does, its value acts already: a flight begins as if it had been commanded for
+long. All commands are recorded, since whoever gave them may not be asked again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.control.laws import ControlLaw, Gains, anti_windup
+from gibbs_codegen.flight.plant.actuators import Actuators
+from gibbs_codegen.flight.plant.allocation import Allocation
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.scenario.orientation import rate_matrix
+from gibbs_codegen.flight.scenario.parts import Sensors
+from gibbs_codegen.flight.scenario.scenario import Scenario
+
+# Instants are the same, to this share of a millisecond, and of the time between two samples.
+_SAME = 1e-6
+# Samples a second where a law has to be sampled and nobody says how often.
+DEFAULT_RATE = 1000.0
+# Of a controller, Hz.
+_LOWEST_RATE = 0.1
+
+
+class ZeroOrderHold:
+    """A law of control that commands what it was last told.
+
+    A command takes effect `delay`, s, later; `rate` is commands a second, Hz, 0 if they come when
+    they come. `law` knows the robot, the desired motion and the decay of errors.
+    """
+
+    # Nothing that is remembered is integrated with the state.
+    memory = 0
+
+    def __init__(self, law: ControlLaw, name: str, delay: float = 0.0, rate: float = 0.0) -> None:
+        self.vehicle: Vehicle = law.vehicle
+        self.reference: Reference = law.reference
+        self.allocation: Allocation = law.allocation
+        self.gains: Gains = law.gains
+        self.law: str = name
+        self.delay, self.rate = delay, rate
+        # Time, s, by which instants may differ that count as the same.
+        self.same = _SAME * min(1e-3, 1.0 / rate if rate else 1.0)
+        # The inputs (nu) that act.
+        self.inputs: Array = np.zeros(len(law.vehicle.inputs))
+        self._pending: deque[tuple[float, Array]] = deque()
+        self._times: list[float] = []
+        self._commands: list[Array] = []
+
+    def fault(self, command: Any) -> str:
+        """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
+        names = self.vehicle.inputs
+        wanted = f"{len(names)} inputs: {', '.join(names)}"
+        if command is None:
+            return f"None, and not {wanted}"
+        try:
+            numbers = np.asarray(command, dtype=np.float64)
+        except (TypeError, ValueError):
+            return f"{printable(repr(command), 60)}, and not {wanted}"
+        if numbers.shape != (len(names),):
+            return f"an array of shape {numbers.shape}, and not {wanted}"
+        wrong = np.flatnonzero(~np.isfinite(numbers))
+        return f"{numbers[wrong[0]]} for {names[wrong[0]]}" if len(wrong) else ""
+
+    def command(self, time: float, inputs: Array) -> None:
+        """Give a command u (nu), which takes effect later by the delay."""
+        self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
+        if not self._times:
+            self._act(-np.inf, self._pending[0][1])
+
+    def start(self, q: Array, v: Array) -> None:
+        """Begin a flight, for which a first command was given."""
+
+    def forget(self) -> None:
+        """Forget all commands, before a flight."""
+        self._pending.clear()
+        self._times, self._commands = [], []
+        self.inputs = np.zeros_like(self.inputs)
+
+    def instants(self, begin: float, end: float) -> Array:
+        """Times after `begin` and before `end`, s, at which a command takes effect, in order."""
+        times = np.array([time for time, _ in self._pending], dtype=np.float64)
+        return self._inside(times, begin, end)
+
+    def _inside(self, times: Array, begin: float, end: float) -> Array:
+        """Times between two others, in order and without those that count as the same."""
+        times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
+        return times[np.diff(times, prepend=-np.inf) > self.same]
+
+    def begin(self, time: float, q: Array, v: Array) -> str:
+        """Let the commands that are due take effect; why the flight cannot go on, "" if it can.
+
+        Times must not decrease from call to call.
+        """
+        while self._pending and self._pending[0][0] <= time + self.same:
+            self._act(*self._pending.popleft())
+        return ""
+
+    def _act(self, time: float, command: Array) -> None:
+        self.inputs = command
+        self._times.append(time)
+        self._commands.append(command)
+
+    def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """Inputs u (…, nu) that were commanded at times (…), s, whatever state and memory were.
+
+        They are 0 where no command was given.
+        """
+        places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
+        return np.array(self._commands or [self.inputs])[places]
+
+    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """The time derivative (…, 0) of a memory of nothing."""
+        return memory
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a controller is told; its arrays are read-only.
+
+    - `time`: of the sample, s
+    - `q` (nq) and `v` (nv): the state as the sensors measure it
+    - `q_desired` (nq), `v_desired` and `a_desired` (nv): the desired motion at `time`
+    """
+
+    time: float
+    q: Array
+    v: Array
+    q_desired: Array
+    v_desired: Array
+    a_desired: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.q, self.v, self.q_desired, self.v_desired, self.a_desired):
+            array.setflags(write=False)
+
+
+class Sensing:
+    """Observations of states, each with noise of its own; a state as it is by default."""
+
+    def __init__(
+        self, vehicle: Vehicle, reference: Reference, sensors: Sensors | None = None
+    ) -> None:
+        found = sensors or Sensors()
+        self._vehicle, self._reference = vehicle, reference
+        self.delay = found.delay
+        self._seed: int | np.integer = found.seed
+        places = vehicle.layout.v
+        # Standard deviations of displacements, and of velocities (2, nv).
+        self._deviations = np.zeros((2, places.size))
+        self._deviations[:, places.attitude] = [[found.attitude], [found.angular_velocity]]
+        self._deviations[:, places.position] = [[found.position], [found.velocity]]
+        self._deviations[:, places.joints] = [[found.joints], [found.joint_rates]]
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Draw the noise of a flight again from its begin, with another seed if given.
+
+        Raises `UsageError` if it is no integer, or less than 0.
+        """
+        wanted = self._seed if seed is None else seed
+        if not (isinstance(wanted, int | np.integer) and wanted >= 0):
+            shown = printable(repr(seed), 60)
+            raise UsageError(f"seed: must be an integer of 0 or more, not {shown}")
+        self._seed, self._noise = wanted, np.random.default_rng(wanted)
+
+    def __call__(self, time: float, q: Array, v: Array) -> Observation:
+        """What a controller is told of a state.
+
+        The attitude is turned by a random rotation vector; rates of attitude angles are off by
+        those of a random angular velocity.
+        """
+        return Observation(time, *self._measured(q, v), *self._reference(time))
+
+    def _measured(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Coordinates (nq) and velocities (nv) with noise, in new arrays."""
+        if not np.any(self._deviations):
+            return q.copy(), v.copy()
+        moved, faster = self._deviations * self._noise.standard_normal(self._deviations.shape)
+        layout = self._vehicle.layout
+        if not layout.is_quaternion:
+            rates = rate_matrix(layout.attitude, q[layout.q.attitude])
+            for noise in (moved, faster):
+                noise[layout.v.attitude] = np.linalg.solve(rates, noise[layout.v.attitude])
+        return np.asarray(self._vehicle.integrate(q, moved)), v + faster
+
+
+class OwnController(Protocol):
+    """A controller of a user: any callable that takes an observation and returns inputs.
+
+    It may have attributes `rate`, Hz, and `delay`, s, which come before those of the scenario, and
+    a method `reset()`, which is called before a flight.
+    """
+
+    def __call__(self, observation: Observation, /) -> Any:
+        """Inputs u (nu) for an observation: thrusts, N, then torques and forces of the joints."""
+
+
+class LawController:
+    """A law of the package that is told observations, and remembers from sample to sample.
+
+    While an input is at a limit of `actuators`, nothing that is remembered grows.
+    """
+
+    def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
+        self._law, self._actuators, self._rate = law, actuators, rate
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was remembered."""
+        self._memory = np.zeros(self._law.memory)
+
+    def __call__(self, observation: Observation) -> Array:
+        """Inputs u (nu) for an observation; what is remembered grows as in the period after it."""
+        seen = observation.time, observation.q, observation.v, self._memory
+        inputs = self._law(*seen)
+        at_limit = np.any(self._actuators.reached(inputs))
+        growth = anti_windup(self._law.growth(*seen), self._memory, at_limit)
+        self._memory = self._memory + growth / self._rate
+        return inputs
+
+
+class SampledControl(ZeroOrderHold):
+    """A law of control that samples another, or a controller of a user.
+
+    A sample's command takes effect `delay`, s, later. `law` knows the robot, the desired motion and
+    the decay of errors; `controller` is what is sampled, at `rate`, Hz.
+    """
+
+    def __init__(
+        self,
+        law: ControlLaw,
+        rate: float,
+        delay: float,
+        sensing: Sensing,
+        controller: OwnController,
+        name: str = "own",
+    ) -> None:
+        super().__init__(law, name, delay, rate)
+        self._sensing, self._controller = sensing, controller
+        self._taken = 0
+
+    def start(self, q: Array, v: Array) -> None:
+        """Begin a flight: forget what was, and take the first sample.
+
+        Raises `UsageError` if the first command is not what inputs must be.
+        """
+        self.forget()
+        self._taken = 0
+        self._sensing.reset()
+        reset = getattr(self._controller, "reset", None)
+        if reset is not None:
+            reset()
+        if fault := self.begin(0.0, q, v):
+            raise UsageError(fault)
+
+    def instants(self, begin: float, end: float) -> Array:
+        """Times after `begin` and before `end`, s, of samples and effects of commands, in order."""
+        late = self._sensing.delay
+        first = max(int((begin - self.delay) * self.rate) - 1, 0)
+        last = int(np.ceil((end + late) * self.rate)) + 1
+        samples = np.arange(first, last) / self.rate
+        return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
+
+    def begin(self, time: float, q: Array, v: Array) -> str:
+        """Take due samples, and let due commands take effect; the fault of a command, "" if none.
+
+        A sample is taken of the state that its observation tells, which is earlier by the delay of
+        the sensors. Times must not decrease from call to call.
+        """
+        while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
+            self._taken += 1
+            inputs = self._controller(self._sensing(sampled, q, v))
+            if fault := self.fault(inputs):
+                return f"at t = {sampled:.6g} s the controller returned {fault}"
+            self.command(sampled, inputs)
+        return super().begin(time, q, v)
+
+
+def law_in_time(
+    law: ControlLaw,
+    scenario: Scenario,
+    actuators: Actuators,
+    controller: OwnController | None = None,
+) -> ControlLaw:
+    """A law as a scenario evaluates it: at all times, or at a rate.
+
+    `controller`, if given, commands instead of the law. The law itself if nothing has a rate:
+    neither scenario nor controller nor sensors. Raises `UsageError` if the controller is no
+    callable, or its rate or delay is not what it must be.
+    """
+    control, sensors = scenario.control, scenario.sensors
+    rate, delay = control.rate, control.delay
+    if controller is None:
+        if rate is None and sensors is None:
+            return law
+    else:
+        if isinstance(controller, type):
+            name = controller.__name__
+            raise UsageError(f"controller: {name} is a class: give an instance, such as {name}()")
+        if not callable(controller):
+            raise UsageError(
+                f"controller: {printable(repr(controller), 60)} cannot be called; give a function "
+                "or an object that takes an Observation and returns inputs"
+            )
+        rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
+        delay = _number(controller, "delay", delay, least=0.0) or 0.0
+    rate = rate or DEFAULT_RATE
+    sensing = Sensing(law.vehicle, law.reference, sensors)
+    if controller is None:
+        return SampledControl(
+            law, rate, delay, sensing, LawController(law, actuators, rate), law.law
+        )
+    return SampledControl(law, rate, delay, sensing, controller)
+
+
+def _number(
+    controller: OwnController, name: str, otherwise: float | None, least: float
+) -> float | None:
+    """A number that a controller may have as an attribute, `otherwise` if it has none.
+
+    Raises `UsageError` if it is no number, or less than `least`.
+    """
+    found = getattr(controller, name, None)
+    if found is None:
+        return otherwise
+    number = isinstance(found, int | float | np.number) and not isinstance(found, bool)
+    if not (number and least <= found < np.inf):
+        unit = {"rate": "Hz", "delay": "s"}[name]
+        raise UsageError(
+            f"controller: its {name} must be a number of {least:g} {unit} or more, not "
+            f"{printable(repr(found), 60)}"
+        )
+    return float(found)

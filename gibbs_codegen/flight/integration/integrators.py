@@ -1,0 +1,398 @@
+"""Integrators of the closed loop, and a flight from interval to interval until it cannot go on.
+
+In fixed steps: the classical method of Runge and Kutta, in C for the C back end. In steps of
+adaptive size: SciPy's method of eighth order by Dormand and Prince (DOP853).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoops
+from gibbs_codegen.flight.integration.envelope import Envelope, integration_burdens, stable_modes
+from gibbs_codegen.flight.integration.state_history import (
+    SAME_TIME,
+    InputRanges,
+    IntervalResult,
+    Loads,
+    SmoothInterval,
+    StateHistory,
+)
+from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.flight.scenario.parts import Settings
+
+# What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
+STEPS_A_CALL = 20_000
+
+
+class Stretch(NamedTuple):
+    """Steps of one size, s, after `first` steps of the grid; each `every`-th of all is a sample."""
+
+    first: int
+    steps: int
+    step: float
+    every: int
+
+
+class StepGrid:
+    """Equal steps on one grid of time, by the greatest step and the rate of samples."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.rate = settings.rate
+        # Steps to a sample, and their size, s.
+        self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - SAME_TIME)), 1)
+        self.size = 1.0 / (settings.rate * self.every)
+
+    def stretches(self, interval: SmoothInterval) -> list[Stretch]:
+        """Whole steps on the grid, after a step up to it and before one from it where need be."""
+        begin, end, size, every = interval.begin, interval.end, self.size, self.every
+        first, last = (_on_grid(time / size) for time in (begin, end))
+        whole, cut = math.ceil(first), math.floor(last)
+        never = cut + 2  # What ends off the grid is no sample.
+        if whole > cut:
+            return [Stretch(cut, 1, end - begin, never)]
+        stretches = [
+            Stretch(whole - 1, 1, whole * size - begin, every),
+            Stretch(whole, cut - whole, size, every),
+            Stretch(cut, 1, end - cut * size, never),
+        ]
+        return stretches[whole == first : 2 + (cut < last)]
+
+    def sample_times(self, interval: SmoothInterval) -> Array:
+        """Times of samples after an interval's begin, s; its end too if it is on the grid."""
+        first, last = (_on_grid(t / self.size) for t in (interval.begin, interval.end))
+        count = self.every
+        times = np.arange(math.floor(first) // count + 1, math.floor(last) // count + 1)
+        sampled: Array = times / self.rate
+        if len(times) and times[-1] * count == last:
+            sampled[-1] = interval.end
+        return sampled
+
+
+def _on_grid(steps: float) -> float:
+    """A number of steps, whole if it is so but for rounding."""
+    return float(round(steps)) if abs(steps - round(steps)) <= SAME_TIME else steps
+
+
+class FixedStepIntegrator:
+    """Equal steps on one grid of time, of which a whole number makes a sample interval.
+
+    A push that begins or ends between instants of the grid ends a step early.
+    """
+
+    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+        self.loop, self.envelope = loop, envelope
+        self.grid = StepGrid(settings)
+        self.compiled = CompiledLoops(loop, envelope.bounds)
+        check_stability(loop, self.grid.size)
+
+    def __call__(
+        self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
+    ) -> IntervalResult:
+        """Integrate from a state (size) over an interval; `progress` is told the time, s."""
+        samples, inputs = [np.zeros((0, len(start)))], InputRecord(self.loop, interval.loads)
+        time, state, stopped = interval.begin, start, ""
+        for stretch in self.grid.stretches(interval):
+            done = 0
+            while done < stretch.steps and not stopped:
+                taken, kept, state = self._advance(stretch, done, time, state, inputs)
+                samples.append(kept)
+                done += taken
+                time = min((stretch.first + done) * self.grid.size, interval.end)
+                stopped = self.envelope.reason(time, state)
+                progress(time)
+        states, times = np.concatenate(samples), self.grid.sample_times(interval)
+        history = StateHistory(times[: len(states)], states, stopped, inputs.found())
+        return IntervalResult(history, time if stopped else interval.end, state)
+
+    def _advance(
+        self, stretch: Stretch, done: int, time: float, state: Array, inputs: InputRecord
+    ) -> tuple[int, Array, Array]:
+        """Take steps of a stretch, of which `done` were taken: many in C, or one in Python.
+
+        Returns how many, samples (s, size), and the last state.
+        """
+        number, loads = stretch.first + done, inputs.loads
+        if (compiled := self.compiled.at(loads)) is not None:
+            count = min(STEPS_A_CALL, stretch.steps - done)
+            taken, kept, last = compiled(
+                time, state, stretch.step, count, stretch.every, number, inputs.ranges
+            )
+            if taken:
+                return taken, kept, last
+        inputs.state(time, state)
+        with np.errstate(all="ignore"):
+            state = rk4_step(self.loop, time, state, stretch.step, loads)
+        return 1, state[np.newaxis][: (number + 1) % stretch.every == 0], state
+
+
+def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, loads: Loads) -> Array:
+    """The state (size) after one step of the classical method of Runge and Kutta."""
+    first = loop.derivative(time, state, loads)
+    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, loads)
+    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, loads)
+    fourth = loop.derivative(time + size, state + size * third, loads)
+    return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+
+
+def check_stability(loop: ClosedLoop, size: float) -> None:
+    """Raise `UsageError` for steps in which what should decay grows."""
+    for mode in stable_modes(loop):
+        z = size * mode.eigenvalue
+        if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:
+            raise UsageError(
+                f"integration.step: in steps of {size:.3g} s rk4 makes errors grow, because of "
+                f"{mode.cause}; use steps of at most {mode.longest_step:.2g} s, or {mode.remedy}"
+            )
+
+
+# States whose inputs are computed at once: bounds the memory.
+_BATCH = 4096
+
+
+class InputRecord:
+    """Gathers the inputs of the states that an integrator comes to while the same acts."""
+
+    def __init__(self, loop: ClosedLoop, loads: Loads) -> None:
+        self.loop, self.loads = loop, loads
+        self._found = [InputRanges.none(len(loop.vehicle.inputs))]
+        self._times: list[float] = []
+        self._states: list[Array] = []
+
+    def state(self, time: float, state: Array) -> None:
+        """Take a state (size) at a time, s."""
+        if np.all(np.isfinite(state)):
+            self._times.append(time)
+            self._states.append(state)
+        if len(self._times) >= _BATCH:
+            self._compute()
+
+    def ranges(self, ranges: InputRanges) -> None:
+        """Take ranges that are known already."""
+        self._found.append(ranges)
+
+    def found(self) -> InputRanges:
+        """The ranges of all that was taken; a state is a stretch of its own."""
+        if self._times:
+            self._compute()
+        return InputRanges.joined(self._found)
+
+    def _compute(self) -> None:
+        time, states = np.array(self._times), np.stack(self._states)
+        parts = self.loop.parts(states)
+        known = self.loads.inputs
+        if known is None:
+            commanded = self.loop.commanded(time, parts)
+        else:
+            commanded = np.tile(np.array(known), (len(time), 1))
+        inputs = np.stack([commanded, self.loop.applied(commanded, parts.thrusts)], axis=1)
+        self._found.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
+        self._times.clear()
+        self._states.clear()
+
+
+# Work, in J, next to angles and lengths: a vehicle of some kg at some m/s.
+_WORK_SCALE = 100.0
+# Evaluations that may be spent: so many for each second flown, and so many ahead of that. Smooth
+# flights take 500 a second, 2000 at the tightest tolerances.
+_EVALUATIONS_A_SECOND = 20_000
+_EVALUATIONS_AHEAD = 10_000
+# How many the start of an interval may take besides, which is with a step of its own.
+_EVALUATIONS_AN_INTERVAL = 40
+# Least tolerances where no order helps: rates have kinks while an input is saturated, and where the
+# motors' lag is compensated they jump a little at each knot of the desired motion.
+_NOT_SMOOTH = (1e-6, 1e-7)
+# A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
+_STIFF = 0.5
+# Shares of a step at which inputs are looked at.
+_SHARES = np.array([0.25, 0.5, 0.75, 1.0])
+# Steps, in s, that a flight can be waited for.
+_SHORTEST = 1e-6
+
+
+class AdaptiveIntegrator:
+    """Steps of adaptive size, sampled by their dense output."""
+
+    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+        self.loop, self.settings, self.envelope = loop, settings, envelope
+        self.compiled = CompiledLoops(loop, envelope.bounds)
+        # Evaluations that may still be spent; a smooth second saves up no more than this.
+        self.budget: float = _EVALUATIONS_AHEAD
+        # The step, s, that the interval before would have gone on with.
+        self.ahead: float | None = None
+
+    def __call__(
+        self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
+    ) -> IntervalResult:
+        """Integrate from a state (size) over an interval; `progress` is told the time, s."""
+        loop, envelope = self.loop, self.envelope
+        self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
+        solver = DOP853(
+            self.compiled.derivative(interval.loads),
+            interval.begin,
+            start,
+            interval.end,
+            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
+        )
+        samples, stopped = [np.zeros((0, len(start)))], ""
+        inputs = InputRecord(loop, interval.loads)
+        sample_times = interval.sample_times(self.settings.rate)
+        time, state, spent = interval.begin, start, 0
+        while solver.status == "running" and not stopped:
+            self._set_tolerances(solver)
+            with np.errstate(all="ignore"):
+                message = solver.step()
+            if solver.status == "failed":
+                stopped = f"at t = {time:.6g} s: no step is small enough ({message})"
+                stopped += integration_burdens(loop, time, state)
+                break
+            path = solver.dense_output()
+            before, time, state = time, solver.t, solver.y
+            if stopped := envelope.reason(time, state):
+                time = _first_violation(envelope, path, before, time)
+                state = path(time)
+                stopped = envelope.reason(time, state)
+            for instant in (before + _SHARES * (time - before)).tolist():
+                inputs.state(instant, path(instant))
+            inside = sample_times[(sample_times > before) & (sample_times <= time)]
+            if len(inside):
+                samples.append(path(inside).T)
+            earned = self.budget + (time - before) * _EVALUATIONS_A_SECOND
+            self.budget = min(earned, _EVALUATIONS_AHEAD) - (solver.nfev - spent)
+            spent = solver.nfev
+            if not stopped and self.budget < 0.0:
+                stopped = self._too_slow(time, time - before, state)
+            progress(solver.t)
+        self.ahead = solver.h_abs
+        states = np.concatenate(samples)
+        history = StateHistory(sample_times[: len(states)], states, stopped, inputs.found())
+        return IntervalResult(history, time, state)
+
+    def _set_tolerances(self, solver: DOP853) -> None:
+        """Set tolerances for the next step."""
+        settings, loop = self.settings, self.loop
+        relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
+        if loop.compensates or (loop.hold is None and loop.saturated(solver.t, solver.y)):
+            relative, absolute = max(relative, _NOT_SMOOTH[0]), max(absolute, _NOT_SMOOTH[1])
+        solver.rtol = relative
+        solver.atol = np.full(len(solver.y), absolute)
+        solver.atol[loop.work_place] *= _WORK_SCALE
+
+    def _too_slow(self, time: float, step: float, state: Array) -> str:
+        """Why a flight takes too many evaluations, and what to do about it."""
+        reason = f"at t = {time:.6g} s: steps of {step:.2g} s are needed"
+        fastest = next(iter(stable_modes(self.loop)), None)
+        if fastest is not None and fastest.rate * step > _STIFF:
+            longest = fastest.longest_step
+            rk4 = f"rk4 with steps of {longest:.2g} s, or " if longest > _SHORTEST else ""
+            reason += f" (stiff: {fastest.cause}); use {rk4}{fastest.remedy}"
+            return reason + integration_burdens(self.loop, time, state, lag=False)
+        lag = " or a shorter time constant of the motors" if self.loop.lags else ""
+        reason += integration_burdens(self.loop, time, state)
+        return f"{reason}; use rk4, looser tolerances{lag}"
+
+
+def _first_violation(
+    envelope: Envelope, path: Callable[[float], Array], good: float, bad: float
+) -> float:
+    """A time, s, at which the flight cannot go on, to a millionth of the step the first one.
+
+    `path` gives the state (size) at times of the step, from `good` to `bad`, s, where it cannot.
+    """
+    for _ in range(20):
+        middle = 0.5 * (good + bad)
+        if envelope.reason(middle, path(middle)):
+            bad = middle
+        else:
+            good = middle
+    return bad
+
+
+class Integration:
+    """A flight that is integrated from interval to interval, as far as it is wanted.
+
+    Stops early at a singularity, where control is lost, where "adaptive" needs more evaluations
+    than can be waited for, and where a controller commands what inputs cannot be. `duration`, s, is
+    what errors may take to grow. Raises `UsageError` for steps of "rk4" so long that errors under
+    control, or of lagging motors, would grow.
+    """
+
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        start: Array,
+        settings: Settings,
+        duration: float,
+        begin: float = 0.0,
+    ) -> None:
+        self._loop = loop
+        self._envelope = Envelope(loop, settings.divergence, duration)
+        method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
+        self._integrator = method(loop, settings, self._envelope)
+        self._times, self._states = [np.array([begin])], [start[np.newaxis]]
+        self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
+        self.time, self.state = begin, start
+        self.stopped = self._envelope.reason(begin, start)
+
+    def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
+        """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
+        for interval in self._loop.smooth_intervals(self.time, end):
+            if not self.stopped:
+                begun, self.stopped = self._loop.begun(interval, self.state)
+            if self.stopped:
+                break
+            result = self._integrator(begun, self.state, progress)
+            self._times.append(result.samples.time)
+            self._states.append(result.samples.states)
+            self._inputs.append(result.samples.inputs)
+            self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
+
+    def history(self) -> StateHistory:
+        """Samples of the state at multiples of 1 / rate, and at the last instant."""
+        samples = StateHistory(
+            np.concatenate(self._times),
+            np.concatenate(self._states),
+            self.stopped,
+            InputRanges.joined(self._inputs),
+        )
+        return whole_history(samples, self.time, self.state, self._envelope)
+
+
+def whole_history(
+    samples: StateHistory, end: float, state: Array, envelope: Envelope
+) -> StateHistory:
+    """The samples of a flight and its last instant, without those in which control is lost.
+
+    The first is kept in any case. `end`, s, and `state` (size) are of the last instant.
+    """
+    time, states = samples.time, samples.states
+    if end > time[-1]:
+        time, states = np.append(time, end), np.concatenate([states, state[np.newaxis]])
+    # Samples in which control was lost would dwarf all others.
+    kept = envelope.holds(time, states)
+    kept[0] = True
+    return StateHistory(time[kept], states[kept], samples.stopped, samples.inputs)
+
+
+def integrate(
+    loop: ClosedLoop,
+    start: Array,
+    duration: float,
+    settings: Settings,
+    progress: Callable[[float, float], None] = lambda time, duration: None,
+) -> StateHistory:
+    """Integrate the state of a closed loop from time 0 on, as `Integration` does.
+
+    Samples are at multiples of 1 / rate and the last instant; `progress` is told time and duration.
+    Raises `UsageError` for steps of "rk4" so long that errors would grow.
+    """
+    integration = Integration(loop, start, settings, duration)
+    integration.advance(duration, lambda time: progress(time, duration))
+    return integration.history()

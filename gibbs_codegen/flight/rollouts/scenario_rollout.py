@@ -1,0 +1,201 @@
+"""Rollouts of a scenario's closed loop: flights side by side, of plants that differ."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.flight.integration.block_loop import BlockIntegration
+from gibbs_codegen.flight.integration.closed_loop import ClosedLoop, Parts
+from gibbs_codegen.flight.integration.envelope import NOT_FINITE
+from gibbs_codegen.flight.integration.integrators import check_stability, integrate
+from gibbs_codegen.flight.integration.state_history import StateHistory
+from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import Settings
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.simulation import FlightStart, flight_start
+from gibbs_codegen.runtime.rollouts import DIVERGED, OUT_OF_BOUNDS, RUNNING, Array, Rollout
+
+
+@dataclass(frozen=True)
+class ScenarioLoops:
+    """Closed loops of a scenario that differ in parameters of the plant and in the lag of motors.
+
+    - `parameters`: those of the plant, by name, arrays (n), or (1) for all
+    - `lag` (1 or n, rotors): time constants, s; None for those of the scenario
+    """
+
+    start: FlightStart
+    parameters: Mapping[str, Array]
+    lag: Array | None
+
+    def loop(self, state: int | None = None) -> ClosedLoop:
+        """The closed loop of one state or, with an axis of the states where they differ, of all."""
+        loop, scenario = self.start.loop, self.start.scenario
+        parameters = {name: _of(values, state) for name, values in self.parameters.items()}
+        if parameters:
+            parameters = {**scenario.plant, **parameters}
+        lag = loop.actuators.lag if self.lag is None else _of(self.lag, state)
+        return loop.with_plant(parameters, lag, scenario, "parameters")
+
+
+def _of(values: Array, state: int | None) -> Any:
+    """Values of a state, or of all, without an axis of the states if they are the same."""
+    if state is None:
+        return values if len(values) > 1 else values[0]
+    return values[state if len(values) > 1 else 0]
+
+
+def scenario_rollout(
+    arguments: RolloutArguments,
+    scenario: Scenario | str | os.PathLike[str],
+    begin: tuple[Any, Any],
+    grid: tuple[float, int],
+    varied: tuple[Mapping[str, Any], Any],
+    threads: int,
+    progress: Callable[[str, float], None],
+) -> Rollout:
+    """Roll states out under the control of a scenario, in its surroundings.
+
+    `begin` are q0 and v0 or None, `varied` parameters and time constants, as of `rollout`; `grid`
+    is the size of a step, s, and how many make a sample. A state in which control is lost is out of
+    bounds. Raises `UsageError` if a flight cannot begin or go on.
+    """
+    (dt, every), (parameters, lag) = grid, varied
+    duration = arguments.steps * dt
+    start = _scenario_start(arguments, scenario, dt, every)
+    q, v = arguments.start(
+        *(a if b is None else b for a, b in zip((start.q, start.v), begin, strict=True))
+    )
+    own = arguments.parameters(parameters)
+    loops = ScenarioLoops(start, own, None if lag is None else arguments.lag(lag))
+    count = arguments.count()
+    loop, settings = loops.loop(), start.scenario.integration
+    _check_steps(loops, count, dt)
+    starts = _starts(loop, np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
+    fly = BlockIntegration(loop, loops.loop, settings, duration, threads)
+    found = fly(starts, lambda time: progress("rolling out", time / duration))
+    histories = _with_others(loops, found, starts, duration, progress)
+    parts = loop.parts(
+        np.stack([_on_grid(each, dt * every, 1 + arguments.steps // every) for each in histories])
+    )
+    time = np.arange(parts.q.shape[1], dtype=np.float64) * (dt * every)
+    ends = np.array([each.time[-1] if each.stopped else duration for each in histories])
+    thrusts = _thrusts(loops, parts, np.minimum(time, ends[:, None])) if loop.lags else None
+    reasons = [DIVERGED if NOT_FINITE in each.stopped else OUT_OF_BOUNDS for each in histories]
+    ended = np.where([each.stopped != "" for each in histories], reasons, RUNNING)
+    return Rollout(
+        time, parts.q, parts.v, thrusts, np.rint(ends / dt).astype(np.int64), ended.astype(np.int8)
+    )
+
+
+def _scenario_start(
+    arguments: RolloutArguments, scenario: Scenario | str | os.PathLike[str], dt: float, every: int
+) -> FlightStart:
+    """Motion, closed loop and start of a scenario, in steps of `dt`, `every` of them a sample.
+
+    Raises `UsageError` if it cannot begin, or its law is sampled.
+    """
+    scene = scenario if isinstance(scenario, Scenario) else read_scenario(os.fspath(scenario))
+    if scene.control.rate is not None or scene.sensors is not None:
+        raise UsageError(
+            "control: a rollout is under laws that act at all times, without control.rate and "
+            "sensors; simulate_many flies such scenarios"
+        )
+    settings: Settings = replace(scene.integration, method="rk4", step=dt, rate=1.0 / (dt * every))
+    scene = replace(scene, integration=settings)
+    return flight_start(arguments.module, scene, lambda what, share: None, own=False)
+
+
+def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
+    """Raise `UsageError` for steps in which what should decay grows in one of the states."""
+    loop = loops.loop()
+    lag = np.atleast_2d(loop.actuators.lag)
+    # The shortest lag decides, but where parameters do too: about walls and drag.
+    states = [int(np.where(lag > 0.0, lag, np.inf).min(axis=1, initial=np.inf).argmin())]
+    if loop.environment is not None and (loop.environment.wall or loop.environment.wind):
+        own = [np.broadcast_to(each, count) for each in (*lag.T, *loops.parameters.values())]
+        states = np.unique(np.stack(own), axis=1, return_index=True)[1].tolist()
+    for state in states:
+        try:
+            check_stability(loops.loop(state), dt)
+        except UsageError as error:
+            words = str(error).removeprefix("integration.step: ")
+            raise UsageError(f"dt: state {state}: {words}") from None
+
+
+def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
+    """States (n, size) of the closed loop of all at the start, with motors that have settled."""
+    memory = np.zeros((len(q), loop.controller.memory))
+    wanted = loop.controller(np.zeros(len(q)), q, v, memory)
+    thrusts = np.clip(wanted, *loop.actuators.inputs)[:, : loop.vehicle.rotors if loop.lags else 0]
+    return np.concatenate([q, v, np.zeros((len(q), 1)), thrusts, memory], axis=1)
+
+
+def _with_others(
+    loops: ScenarioLoops,
+    found: list[StateHistory | None],
+    starts: Array,
+    duration: float,
+    progress: Callable[[str, float], None],
+) -> list[StateHistory]:
+    """Histories of all states: those that have none are integrated by themselves.
+
+    `starts` (n, size) are states of the closed loops. Raises `UsageError` if one cannot go on.
+    """
+    missing, done, histories = found.count(None), 0, []
+    for i, history in enumerate(found):
+        if history is None:
+
+            def tell(share: float, before: int = done) -> None:
+                progress("rolling out states by themselves", (before + share) / missing)
+
+            history, done = _single(loops, i, starts[i], duration, tell), done + 1
+        histories.append(history)
+    return histories
+
+
+def _single(
+    loops: ScenarioLoops, state: int, start: Array, duration: float, tell: Callable[[float], None]
+) -> StateHistory:
+    """The history (samples, size) of a state that is integrated by itself.
+
+    `start` (size) has thrusts if any state lags. Raises `UsageError` if it cannot go on.
+    """
+    loop, size = loops.loop(state), len(start)
+    first = loop.work_place + 1
+    places = np.delete(np.arange(size), slice(first, first + size - loop.size))
+    settings = loops.start.scenario.integration
+    try:
+        own = integrate(loop, start[places], duration, settings, lambda t, end: tell(t / end))
+    except GibbsCodegenError as error:
+        raise UsageError(f"state {state}: {error}") from None
+    states = np.zeros((len(own.states), size))
+    states[:, places] = own.states
+    return replace(own, states=states)
+
+
+def _thrusts(loops: ScenarioLoops, parts: Parts, time: Array) -> Array:
+    """Thrusts (n, samples, rotors), N, of motors of which some lag, of parts (n, samples)."""
+    thrusts = parts.thrusts.copy()
+    lag = np.broadcast_to(loops.loop().actuators.lag, thrusts[:, 0].shape)
+    for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
+        # A command acts at once where nothing lags, and then the state has no thrust.
+        loop, own = loops.loop(i), Parts(*(each[i] for each in parts))
+        applied = loop.applied(loop.commanded(time[i], own), own.thrusts)
+        thrusts[i] = applied[:, : thrusts.shape[-1]]
+    return thrusts
+
+
+def _on_grid(history: StateHistory, between: float, count: int) -> Array:
+    """Samples (count, size) of a history, of which the last is repeated after its end."""
+    places = history.time / between
+    whole = history.states[np.abs(places - np.rint(places)) < 1e-6]
+    rest = np.broadcast_to(history.states[-1], (count - len(whole), len(history.states[-1])))
+    return np.concatenate([whole, rest])

@@ -1,0 +1,331 @@
+"""Parts of a scenario: laws, motors, sensors, what acts from outside, the start, integration.
+
+A part is one class, whose fields are the keys of its table in a scenario file; see `files.table`.
+Angles are in rad here, and in degrees in a file, under keys that end in `_deg`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+from typing import Annotated, Any, ClassVar, Literal
+
+from gibbs_codegen.files.table import (
+    Bounds,
+    Flag,
+    Place,
+    Table,
+    Tables,
+    Whole,
+    key,
+    listed,
+    needed,
+    table,
+)
+from gibbs_codegen.flight.scenario.numbers import (
+    IN_DEGREES,
+    LEAST,
+    Angles,
+    Direction,
+    Endless,
+    JointName,
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+)
+
+MAX_DURATION = 3600.0  # s
+Law = Literal["tracking", "computed_torque", "geometric", "open_loop", "off"]
+Method = Literal["adaptive", "rk4"]
+TimingLaw = Literal["uniform", "fastest"]
+Thrusts = Annotated[
+    tuple[Number, Number],
+    listed(2),
+    needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
+]
+_Frequency = Annotated[Number, Bounds(LEAST, 1e4)]
+_Rate = Annotated[Number, Bounds(0.0, 1e4)]
+_Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]
+_ZERO = (0.0, 0.0, 0.0)
+_FRAME = "a name in the module's FRAMES"
+
+
+@table
+class Control(Table):
+    """The control law, and for laws that correct errors how the errors are to decay.
+
+    "tracking" is computed torque where the rotors command all six directions of a wrench, and the
+    geometric law where they command the force along one axis and three moments. The inputs of a law
+    with a rate are held in between.
+    """
+
+    law: Annotated[Law, key("what commands the motors and joints")] = "tracking"
+    frequency: Annotated[
+        _Frequency, key("natural frequency of the error dynamics of position and joints, rad/s")
+    ] = 5.0
+    damping_ratio: Annotated[_Rate, key("damping ratio of the error dynamics")] = 1.0
+    attitude_frequency: Annotated[
+        _Frequency | None,
+        key(
+            "natural frequency of the error dynamics of the attitude, rad/s; default: frequency "
+            "under computed torque, four times frequency under the geometric law"
+        ),
+    ] = None
+    integral: Annotated[
+        _Rate,
+        key("rate at which a constant disturbance is learned, 1/s; 0: not at all"),
+    ] = 0.0
+    rate: Annotated[
+        Annotated[Number, Bounds(0.1, 1e6)] | None,
+        key("how often the law is evaluated, Hz; default: at all times"),
+    ] = None
+    delay: Annotated[
+        _Delay, key("how much later than the law is evaluated its inputs act, s; needs a rate")
+    ] = 0.0
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """The fault of a delay of a law that is evaluated at all times."""
+        if values.get("delay") and "rate" not in values:
+            yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
+
+
+@table
+class Motors(Table):
+    """Limits and lag of every motor."""
+
+    limits: Annotated[
+        Thrusts | None, key("least and greatest thrust, N; default: those of the robot file")
+    ] = None
+    time_constant: Annotated[
+        NotNegative | None,
+        key("time constant of the lag, s; 0: no lag; default: that of the robot file"),
+    ] = None
+    compensation: Annotated[Flag, key("whether a law that has the means compensates the lag")] = (
+        True
+    )
+
+
+@table
+class Sensors(Table):
+    """White noise and delay of what a sampled law of control observes."""
+
+    position: Annotated[
+        NotNegative, key("standard deviation of each coordinate of the base, m")
+    ] = 0.0
+    attitude: Annotated[
+        Number,
+        Bounds(0.0, 90.0, "°"),
+        IN_DEGREES,
+        key("standard deviation of the attitude about each axis, degrees", "attitude_deg"),
+    ] = 0.0
+    joints: Annotated[NotNegative, key("standard deviation of each joint, rad or m")] = 0.0
+    velocity: Annotated[
+        NotNegative, key("standard deviation of the base's velocity along each axis, m/s")
+    ] = 0.0
+    angular_velocity: Annotated[
+        NotNegative, key("standard deviation of the base's angular velocity about each axis, rad/s")
+    ] = 0.0
+    joint_rates: Annotated[
+        NotNegative, key("standard deviation of the rate of each joint, rad/s or m/s")
+    ] = 0.0
+    delay: Annotated[_Delay, key("how old the state is that is observed, s")] = 0.0
+    seed: Annotated[
+        Whole, Bounds(0, 2**63 - 1), key("flights of the same seed have the same noise")
+    ] = 0
+
+    synonyms: ClassVar[Mapping[str, str]] = {
+        "pos": "position",
+        "vel": "velocity",
+        "gyro": "angular_velocity",
+    }
+
+
+@table
+class Timing(Table):
+    """When the paths are flown: as they say, or as fast as limits allow.
+
+    Limits are kept beside those of the robot.
+    """
+
+    law: Annotated[
+        TimingLaw, key("uniform: the paths at their times; fastest: as fast as limits allow")
+    ] = "uniform"
+    limits: Annotated[
+        Thrusts | None,
+        key("least and greatest thrust of the desired motion, N; default: of the motors"),
+    ] = None
+    thrust_rate: Annotated[
+        Positive | None, key("greatest rate of every thrust, N/s; default: no limit")
+    ] = None
+    effort: Annotated[
+        Mapping[JointName, Positive],
+        key("greatest torque or force of joints, N m or N; default: of the arm"),
+    ] = field(default_factory=dict)
+    velocity: Annotated[
+        Mapping[JointName, Positive],
+        key("greatest desired rate of joints, rad/s or m/s; default: of the arm"),
+    ] = field(default_factory=dict)
+
+    synonyms: ClassVar[Mapping[str, str]] = {
+        "rate": "thrust_rate",
+        "thrust": "limits",
+        "torque": "effort",
+    }
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of limits that nothing would keep."""
+        if values.get("law", "uniform") == "uniform":
+            for each in ("limits", "thrust_rate", "effort", "velocity"):
+                if each in values:
+                    yield each, 'is a limit of the law "fastest"; with "uniform" leave it out'
+
+
+@table
+class StartOffset(Table):
+    """What is off at the start: deviation from the desired motion."""
+
+    position: Annotated[Vector, key("deviation of the base centre, world axes, m", "offset")] = (
+        _ZERO
+    )
+    rotation: Annotated[
+        Angles,
+        key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg"),
+    ] = _ZERO
+
+
+@table
+class Settings(Table):
+    """How the motion is integrated, and how much of it is kept.
+
+    Samples are kept at whole multiples of 1 / rate, and at the last instant. Tolerances are 1e-6
+    and 1e-7 at least while thrusts are at their limits. A coordinate that is off by the divergence,
+    or has a rate that would carry it as far off even under control, ends the flight, unless nothing
+    is controlled.
+    """
+
+    method: Annotated[Method, key("steps that adapt, or of one length")] = "adaptive"
+    step: Annotated[Number, Bounds(1e-6), key("greatest step of rk4, s")] = 1e-3
+    # SciPy raises smaller ones to about this.
+    relative_tolerance: Annotated[
+        Number, Bounds(3e-14, 0.1), key("relative tolerance of adaptive steps")
+    ] = 1e-10
+    absolute_tolerance: Annotated[
+        Number,
+        Bounds(1e-16, 0.1),
+        key("absolute tolerance of adaptive steps; m, rad, m/s and rad/s"),
+    ] = 1e-11
+    rate: Annotated[Number, Bounds(0.1), key("samples that are kept per second")] = 100.0
+    divergence: Annotated[
+        Endless,
+        Bounds(LEAST),
+        key("deviation from the desired motion at which control counts as lost, m or rad"),
+    ] = 20.0
+
+
+class _ForATime:
+    """What acts from `begin` to `end`, s."""
+
+    begin: float
+    end: float
+
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """The fault of an end that is not after the begin."""
+        if not self.end > self.begin:
+            yield ("end",), f"must be after begin, {self.begin:g} s"
+
+
+@table
+class TipForce(_ForATime, Table):
+    """A force on the tip for a time: what `push` was before it had a frame and a torque."""
+
+    force: Annotated[Vector, key("[x, y, z] in N, world axes")]
+    begin: Annotated[NotNegative, key("when it begins, s")] = 0.0
+    end: Annotated[Endless, key("when it ends, s")] = MAX_DURATION
+
+
+@table
+class Push(TipForce):
+    """A force and a torque at a frame for a time."""
+
+    force: Annotated[Vector, key("[x, y, z] in N, world axes")] = _ZERO
+    torque: Annotated[Vector, key("[x, y, z] in N m, world axes")] = _ZERO
+    frame: Annotated[
+        str,
+        key(
+            f"the frame at whose origin they act: {_FRAME}, such as base, tip, or that of a "
+            "[[frame]] of the robot file"
+        ),
+    ] = "tip"
+
+
+@table
+class Payload(_ForATime, Table):
+    """A point mass at a frame, for a time. The controller does not know of it."""
+
+    frame: Annotated[str, key(f"the frame at whose origin it is: {_FRAME}")]
+    mass: Annotated[NotNegative, key("the mass, kg")]
+    begin: Annotated[NotNegative, key("when it is there first, s")] = 0.0
+    end: Annotated[Endless, key("when it is there no more, s; default: it stays")] = math.inf
+
+
+@table
+class Gust(Table):
+    """Wind that rises and falls once: amplitude · (1 − cos 2πs) / 2, s from 0 to 1."""
+
+    amplitude: Annotated[Vector, key("greatest velocity of the gust, [x, y, z] in m/s")]
+    duration: Annotated[Positive, key("how long it lasts, s")]
+    begin: Annotated[NotNegative, key("when it begins, s")] = 0.0
+
+
+@table
+class Wind(Table):
+    """Steady wind and gusts, and the drag of the frames that they blow on.
+
+    A frame is dragged by the force −c (v − w): its velocity is v, the wind's is w, both in world
+    axes, and c its coefficient.
+    """
+
+    drag: Annotated[
+        Mapping[str, NotNegative],
+        needed(bool, "names no frame; give frames and their coefficients, such as base = 0.3"),
+        key("coefficients of drag, N s/m, by frame: base = 0.3, say, in [wind.drag]"),
+    ]
+    velocity: Annotated[Vector, key("velocity of the steady wind, [x, y, z] in m/s")] = _ZERO
+    gusts: Annotated[
+        tuple[Gust, ...],
+        Tables("wind.gusts", 1000, "gusts"),
+        key("gusts on top of the steady wind"),
+    ] = ()
+    rotational_drag: Annotated[
+        Mapping[str, NotNegative],
+        key("coefficients of drag against turning, N m s/rad, by frame"),
+    ] = field(default_factory=dict)
+
+
+@table
+class Wall(Table):
+    """A plane that a frame may lean on: a spring and a damper, without friction.
+
+    At a depth of d behind the plane it pushes with stiffness · d + damping · ḋ, and never pulls.
+    """
+
+    frame: Annotated[str, key(f"the frame whose origin meets the wall: {_FRAME}")]
+    point: Annotated[Vector, key("a point of the plane, [x, y, z] in m")]
+    normal: Annotated[
+        Direction, key("the direction in which the wall pushes, out of it, [x, y, z]")
+    ]
+    stiffness: Annotated[Positive, key("force for each metre of depth, N/m")]
+    damping: Annotated[NotNegative, key("force for each m/s of speed into the wall, N s/m")] = 0.0
+
+
+@table
+class Move(Table):
+    """A move of a joint from rest to rest, with minimum jerk; in a task it is in m or rad."""
+
+    to: Annotated[Number, key("where the joint moves, m or degrees")]
+    duration: Annotated[Positive, key("how long the move takes, s")]
+    begin: Annotated[NotNegative, key("when the move begins, s")] = 0.0

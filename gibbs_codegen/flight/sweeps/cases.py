@@ -1,0 +1,450 @@
+"""The cases of a sweep: what its keys take on, and each case, made when it is asked for.
+
+Cases are numbered through robots, then scenarios, then combinations of listed values, then samples.
+A sample has the same numbers in all combinations, scenarios and robots: what differs between them
+is then due to them alone.
+
+Numbers are drawn together, from the scrambled sequence of Sobol: its points fill the space of all
+keys evenly, with errors of averages that fall faster than those of independent draws; and unlike a
+Latin hypercube it can be gone on with, so that more samples keep those that are there.
+"""
+
+from __future__ import annotations
+
+import bisect
+import difflib
+import fnmatch
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.sweeps import sources
+from gibbs_codegen.flight.vectors import Array
+
+Kind = Literal["uniform", "normal", "log_uniform"]
+
+# Points of Sobol's sequence lie on multiples of 2^-30, 0 among them, where a normal distribution
+# has no number: they are moved by half of that.
+_HALF_STEP = 2.0**-31
+# Tables of the scenario file whose keys are parameters of the robot's module.
+_OF_PARAMETERS = ("parameters", "plant")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A distribution by its two numbers: the ends, or mean and standard deviation."""
+
+    kind: Kind
+    first: float
+    second: float
+
+    def at(self, shares: Array) -> Array:
+        """Numbers (s) below which shares (s) of the distribution lie, above 0 and below 1."""
+        if self.kind == "normal":
+            from scipy.special import ndtri  # Late, as SciPy takes long to import.
+
+            return self.first + self.second * ndtri(shares)
+        if self.kind == "log_uniform":
+            drawn = np.exp(math.log(self.first) + shares * math.log(self.second / self.first))
+            return drawn
+        return self.first + shares * (self.second - self.first)
+
+
+@dataclass(frozen=True)
+class Varied:
+    """What a key takes on.
+
+    These are `levels`, which cross with those of other keys, or what a distribution draws. They are
+    factors of what robot or scenario says where they are `relative`. A key with * stands for all
+    keys that match, each of which varies by itself, or all of them `together`.
+    """
+
+    levels: tuple[Any, ...] = ()
+    draw: Draw | None = None
+    relative: bool = False
+    together: bool = False
+
+    def ppf(self, shares: Array) -> Array:
+        """Numbers (s) below which shares (s), 0 to 1, of all lie; levels are equally likely.
+
+        It has the name that distributions of SciPy have for it.
+        """
+        if self.draw is not None:
+            return self.draw.at(shares)
+        levels = np.asarray(self.levels, dtype=np.float64)
+        return levels[(shares * len(levels)).astype(np.int64)]
+
+
+def uniform(low: float, high: float) -> Varied:
+    """Numbers that are equally likely between two.
+
+    Args:
+        low, high: The ends.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not below `high`.
+    """
+    return _drawn("uniform", low, high, low < high, "the first number must be below the second")
+
+
+def log_uniform(low: float, high: float) -> Varied:
+    """Numbers whose logarithms are equally likely between those of two, which are above 0.
+
+    Args:
+        low, high: The ends.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not above 0 and below `high`.
+    """
+    right = "the numbers must be above 0, and the first below the second"
+    return _drawn("log_uniform", low, high, 0.0 < low < high, right)
+
+
+def normal(mean: float, deviation: float) -> Varied:
+    """Numbers of a normal distribution.
+
+    Args:
+        mean: Its mean.
+        deviation: Its standard deviation, above 0.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If the standard deviation is not above 0.
+    """
+    right = "the second number, the standard deviation, must be above 0"
+    return _drawn("normal", mean, deviation, deviation > 0.0, right)
+
+
+def scaled(low: float | Varied | Sequence[float], high: float | None = None) -> Varied:
+    """Factors of what robot or scenario says: `scaled(0.8, 1.2)` is within 20 % of it.
+
+    Args:
+        low: The least factor; or without `high` a distribution of factors, or a list of them.
+        high: The greatest factor.
+
+    Returns:
+        What a key of `sweep` takes on.
+
+    Raises:
+        UsageError: If `low` is not below `high`.
+    """
+    if high is not None:
+        return replace(uniform(low, high), relative=True)  # type: ignore[arg-type]
+    return replace(varied(low), relative=True)
+
+
+def together(values: Varied | Sequence[Any]) -> Varied:
+    """One draw, or one value of a list, for all keys that match a key with `*`.
+
+    Args:
+        values: A distribution or a list.
+
+    Returns:
+        What a key of `sweep` takes on.
+    """
+    return replace(varied(values), together=True)
+
+
+def varied(values: Any) -> Varied:
+    """What a value of `parameters` of `sweep` means: a distribution, a list, or one value.
+
+    Raises `UsageError` if the list is empty.
+    """
+    if isinstance(values, Varied):
+        return values
+    values = _as_python(values)
+    listed = values if isinstance(values, list | tuple | range) else (values,)
+    if not listed:
+        raise UsageError("an empty list: give at least one value")
+    return Varied(tuple(listed))
+
+
+def _as_python(value: Any) -> Any:
+    """A value in which numbers and arrays of NumPy are Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _as_python(inner) for key, inner in value.items()}
+    return type(value)(map(_as_python, value)) if type(value) in (list, tuple) else value
+
+
+def shares(samples: int, keys: int, seed: int) -> Array:
+    """Points (samples, keys) of Sobol's sequence, above 0 and below 1, scrambled by the seed.
+
+    The first points do not depend on how many there are.
+    """
+    if keys == 0:
+        return np.zeros((samples, 0))
+    from scipy.stats import qmc  # Late, as SciPy takes long to import.
+
+    sequence = qmc.Sobol(keys, seed=np.random.default_rng(seed))
+    points: Array = sequence.random_base2(math.ceil(math.log2(max(samples, 2))))
+    return points[:samples] + _HALF_STEP
+
+
+def noise_seed(seed: int, sample: int) -> int:
+    """The seed, 0 to 2^63 − 1, of what is random in a flight itself.
+
+    It comes from the sweep's seed and the sample's number.
+    """
+    return int(np.random.SeedSequence((seed, sample)).generate_state(1, np.uint64)[0] >> 1)
+
+
+def _drawn(kind: Kind, first: float, second: float, right: bool, words: str) -> Varied:
+    """A distribution; `UsageError` with what its numbers must be if these are not `right`."""
+    numbers = (first, second)
+    call = f"{kind}({', '.join(printable(repr(n), 40) for n in numbers)})"
+    if not all(isinstance(n, float | int) and math.isfinite(n) for n in numbers):
+        raise UsageError(f"{call}: two finite numbers are needed")
+    if not right:
+        raise UsageError(f"{call}: {words}")
+    return Varied(draw=Draw(kind, float(first), float(second)))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One thing that varies: a column of the table, and the entries that it sets.
+
+    `targets` are the keys of the entries in full, of which relative values are factors of `bases`.
+    """
+
+    column: str
+    targets: tuple[str, ...]
+    bases: tuple[float, ...]
+    varied: Varied
+
+    def shown(self, value: Any) -> Any:
+        """What the column says of a level or a draw: what is set, or the factor of several."""
+        if isinstance(value, list | tuple | Mapping):  # A cell holds a number or a text.
+            return json.dumps(value)
+        relative = self.varied.relative and len(self.targets) == 1
+        return value * self.bases[0] if relative else value
+
+    def entries(self, value: Any) -> dict[str, Any]:
+        """Values of entries by key that a level, or a number that was drawn, sets."""
+        if not self.varied.relative:
+            return dict.fromkeys(self.targets, value)
+        return {key: value * base for key, base in zip(self.targets, self.bases, strict=True)}
+
+
+def axes_of(
+    parameters: Mapping[str, Varied], robot: sources.RobotSource, scenario: sources.ScenarioSource
+) -> list[Axis]:
+    """What the keys of a sweep vary of one robot and scenario, by keys and the robot's parameters.
+
+    A bare name, or pattern, of parameters of the module stands for those of the table [parameters].
+    Raises `UsageError` if a key names no parameter of the robot, or nothing is known that a factor
+    could be one of, or two keys are for one entry.
+    """
+    found: list[Axis] = []
+    of_target: dict[str, str] = {}
+    for key, varied in parameters.items():
+        columns = _entries_of(key, robot)
+        if varied.together:
+            columns = {key: [target for targets in columns.values() for target in targets]}
+        for column, targets in columns.items():
+            bases = [_base(key, robot, scenario) for key in targets if varied.relative]
+            found.append(Axis(column, tuple(targets), tuple(bases), varied))
+            _refuse_twice(of_target, targets, key)
+            of_target |= dict.fromkeys(targets, key)
+    return found
+
+
+def _refuse_twice(of_target: Mapping[str, str], targets: Sequence[str], key: str) -> None:
+    """Refuse a key for an entry that another key is for, or that is in one, or that one is in.
+
+    `of_target` has the keys so far, by those of their entries in full.
+    """
+    for new, (old, other) in itertools.product(targets, of_target.items()):
+        short, long = sorted((new, old), key=len)
+        if long.startswith(short) and long[len(short) :][:1] in ("", ".", "["):
+            raise UsageError(
+                f"{printable(other)} and {printable(key)} both set {printable(long)}; let one of "
+                "them do so"
+            )
+
+
+def _entries_of(key: str, robot: sources.RobotSource) -> dict[str, list[str]]:
+    """The entries that a key stands for, each in a list, by their columns in the table."""
+    table, dot, name = key.partition(".")
+    if not dot and (key in robot.parameters or "*" in key):
+        table, name = "parameters", key
+    if table not in _OF_PARAMETERS or not name:
+        sources.steps_of(key)  # Refuses what is no key.
+        return {key: [key]}
+    head = key.removesuffix(name)
+    return {head + each: [f"{table}.{each}"] for each in _matching(name, robot)}
+
+
+def _base(key: str, robot: sources.RobotSource, scenario: sources.ScenarioSource) -> float:
+    """What a factor of an entry, by its key in full, is a factor of.
+
+    It is what the scenario says; of a parameter else what the controller has, or the robot. Raises
+    `UsageError` if nothing is known.
+    """
+    table, _, name = key.partition(".")
+    found = scenario.says(key)
+    if found is None and table in _OF_PARAMETERS:
+        found = scenario.says(f"parameters.{name}")
+        found = robot.parameters[name] if found is None else found
+    if isinstance(found, bool) or not isinstance(found, float | int):
+        raise UsageError(
+            f"{printable(key)}: the scenario {scenario.word} has no number there that scaled() "
+            "could be a factor of; give the values themselves"
+        )
+    return float(found)
+
+
+def _matching(name: str, robot: sources.RobotSource) -> list[str]:
+    """Parameters of a robot that match a name, in which * stands for anything.
+
+    Raises `UsageError` if there is none.
+    """
+    known = list(robot.parameters)
+    if found := fnmatch.filter(known, name) if "*" in name else [n for n in known if n == name]:
+        return found
+    near = difflib.get_close_matches(name[:80], known, n=3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"they are {', '.join(known)}"
+    raise UsageError(
+        f"{printable(name)}: no such parameter of {robot.word}; {printable(hint, 600)}"
+    )
+
+
+_NOISE = "sensors.seed"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One flight of a sweep, by its number from 0; robot and scenario are as `sweep` got them.
+
+    `values` are what varies, by the keys that `sweep` was given: the columns of the table.
+    `changes` replace entries of the scenario file, by their keys in full
+    (`plant.link1_mass_per_length`), as `simulate --set` takes them.
+    """
+
+    index: int
+    robot: str
+    scenario: str
+    values: Mapping[str, Any]
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cases of one robot and scenario: those of all combinations and samples."""
+
+    robot: sources.RobotSource
+    scenario: sources.ScenarioSource
+    axes: tuple[Axis, ...]
+    samples: int
+    # By column, what is drawn for each sample.
+    drawn: Mapping[str, Array]
+    # The sweep's seed where the scenario has noise that is drawn too.
+    seed: int | None
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
+
+    def columns(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
+        """What each of its cases has of its own, by column."""
+        combination, sample = np.divmod(np.arange(len(self)), self.samples)
+        found: dict[str, Sequence[Any] | NDArray[Any]] = {}
+        for axis in reversed(self.axes):
+            if axis.varied.draw is None:
+                combination, level = np.divmod(combination, len(axis.varied.levels))
+                shown = [axis.shown(value) for value in axis.varied.levels]
+                found[axis.column] = [shown[each] for each in level.tolist()]
+            else:
+                found[axis.column] = axis.shown(self.drawn[axis.column])[sample]
+        return found
+
+    def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What the case at such a place has of its own: values by column, and entries by key."""
+        combination, sample = divmod(place, self.samples)
+        columns: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
+        for axis in reversed(self.axes):  # The last listed key changes fastest.
+            if axis.varied.draw is None:
+                combination, level = divmod(combination, len(axis.varied.levels))
+                value = axis.varied.levels[level]
+            else:
+                value = float(self.drawn[axis.column][sample])
+            columns[axis.column] = axis.shown(value)
+            entries = {**axis.entries(value), **entries}
+        if self.seed is not None and _NOISE not in entries:
+            entries[_NOISE] = noise_seed(self.seed, sample)
+        return columns, sources.with_places_filled(self.scenario.says, entries)
+
+
+class Cases(Sequence[Case]):
+    """The cases of all blocks, one after the other."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self.blocks = tuple(blocks)
+        # The first case of each block, and the number of all.
+        self.begins = list(itertools.accumulate(map(len, blocks), initial=0))
+        self.columns = tuple(dict.fromkeys(axis.column for b in blocks for axis in b.axes))
+
+    def __len__(self) -> int:
+        """How many cases there are."""
+        return self.begins[-1]
+
+    @overload
+    def __getitem__(self, index: int) -> Case: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Case]: ...
+
+    def __getitem__(self, index: int | slice) -> Case | list[Case]:
+        """The case of a number, or those of a slice."""
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(len(self)))]
+        number = index + len(self) if index < 0 else index
+        if not 0 <= number < len(self):
+            raise IndexError(f"there are {len(self)} cases")
+        place = bisect.bisect_right(self.begins, number) - 1
+        block = self.blocks[place]
+        columns, entries = block.chosen(number - self.begins[place])
+        values = {name: columns.get(name, math.nan) for name in self.columns}
+        return Case(number, block.robot.word, block.scenario.word, values, entries)
+
+
+def cases_of(
+    robots: Sequence[sources.RobotSource],
+    scenarios: Sequence[sources.ScenarioSource],
+    parameters: Mapping[str, Varied],
+    samples: int,
+    seed: int,
+) -> Cases:
+    """The cases of a sweep: robots and scenarios cross with what each key takes on.
+
+    Numbers are drawn `samples` times. Raises `UsageError` if a key means nothing.
+    """
+    pairs = list(itertools.product(robots, scenarios))
+    axes = [axes_of(parameters, robot, scenario) for robot, scenario in pairs]
+    drawn = dict.fromkeys(a.column for some in axes for a in some if a.varied.draw)
+    points = shares(samples, len(drawn), seed)
+    of_column = dict(zip(drawn, np.transpose(points), strict=True))
+    sensed = any(key.startswith("sensors.") for key in parameters)
+    noisy = [sensed or s.says("sensors") is not None for s in scenarios] * len(robots)
+    blocks = []
+    for (robot, scenario), some, noise in zip(pairs, axes, noisy, strict=True):
+        numbers = {a.column: a.varied.draw.at(of_column[a.column]) for a in some if a.varied.draw}
+        noise_of = seed if noise else None
+        blocks.append(Block(robot, scenario, tuple(some), samples, numbers, noise_of))
+    return Cases(blocks)

@@ -1,0 +1,250 @@
+"""Chunks of a sweep on an executor, until each is in the store.
+
+A chunk whose worker dies is tried again. If it dies again it is flown by itself, in a process of
+this machine, and halved until the one case is found that no process survives, which is recorded. So
+no case is blamed for what another did.
+
+Without an executor processes of this machine fly chunks: those of the standard library, made anew
+if one dies. They start as new programs, without what the caller's program is made of: it may be a
+notebook, or a script that would call `sweep` again if it were imported.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent import futures
+from contextlib import contextmanager
+from typing import Any
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.flight.sweeps.chunks import Chunk, Job, Rows, Store, fly, joined, rows_of
+
+# How often a worker looks whether the program that it works for is still there, s.
+_LOOK_SECONDS = 1.0
+# How often the process of a chunk may die before the chunk is flown by itself, and of one case by
+# itself before it is given up.
+_DEATHS = 2
+# So many chunks in a row that die are the fault of the executor.
+_MOST_IN_A_ROW = 20
+# Chunks that are with an executor at a time, of which it is not known how many workers it has.
+_MANY = 1000
+# What is raised not because a worker died but because nothing can be computed there.
+_NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
+_DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
+
+_log = logging.getLogger("gibbs_codegen")
+
+
+class Workers:
+    """At most so many processes that compute calls."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._pool: futures.ProcessPoolExecutor | None = None
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> futures.Future[Any]:
+        """Have a call of a module's function computed."""
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = futures.ProcessPoolExecutor(self.count, context, _begin, (os.getpid(),))
+        with _without_main():
+            return self._pool.submit(function, *arguments)
+
+    def end(self) -> None:
+        """End the processes, whatever they are at; the next call starts new ones."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            processes = list((pool._processes or {}).values())
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in processes:
+                process.kill()
+            for process in processes:
+                process.join()
+
+
+def own_count() -> int:
+    """How many processors this program may use."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Keep a process that starts meanwhile from importing the caller's main program."""
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    names: list[str] = [name for name in ("__spec__", "__file__") if name in main]
+    removed = {name: main.pop(name) for name in names}
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(removed)
+
+
+def _begin(parent: int) -> None:
+    """What a worker does first: Ctrl-C is the caller's, without whom there is nothing to do.
+
+    `parent` is the number of the caller's process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class Execution:
+    """The run of a sweep.
+
+    `executor` computes, or if None so many processes of this machine; `tell` is told how many cases
+    more are done; `kept` says how many cases of each chunk are in the store already, by the chunk's
+    first case.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        store: Store,
+        executor: futures.Executor | None,
+        workers: int,
+        tell: Callable[[int], None],
+        kept: Mapping[int, int],
+    ) -> None:
+        self._job, self._store, self._tell, self._kept = job, store, tell, Counter(kept)
+        self._own, self._executor = Workers(workers), executor
+        known = getattr(executor, "_max_workers", None) if executor else workers
+        self._window = 2 * known if isinstance(known, int) else _MANY
+        self._deaths: Counter[int] = Counter()
+        self._in_a_row = 0
+
+    def run(self, chunks: Sequence[Chunk]) -> None:
+        """Fly chunks, and keep them; `GibbsCodegenError` if nothing can be computed, or kept."""
+        try:
+            suspects = self._on_all_workers(deque(chunks))
+            self._own.end()
+            for chunk in suspects:
+                self._isolate(chunk)
+        finally:
+            self._own.end()
+
+    def _on_all_workers(self, waiting: deque[Chunk]) -> list[Chunk]:
+        """Fly chunks on all workers; return those that died too often."""
+        running: dict[futures.Future[Rows], Chunk] = {}
+        suspects: list[Chunk] = []
+        try:
+            while waiting or running:
+                while waiting and len(running) < self._window:
+                    chunk = waiting.popleft()
+                    running[self._submit(chunk)] = chunk
+                for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
+                    chunk = running.pop(future)
+                    if not self._done(future, chunk):
+                        died = self._deaths[chunk.rows.start]
+                        (waiting if died < _DEATHS else suspects).append(chunk)
+                    elif self._kept[chunk.rows.start] < len(chunk):
+                        waiting.appendleft(chunk)
+        finally:
+            for future in running:
+                future.cancel()
+        return suspects
+
+    def _submit(self, chunk: Chunk) -> futures.Future[Rows]:
+        """Have the rest of a chunk flown; a pool that is broken answers like one that breaks."""
+        task = self._job.task(chunk.after(self._kept[chunk.rows.start]))
+        try:
+            return (self._executor or self._own).submit(fly, task)
+        except futures.BrokenExecutor as error:
+            broken: futures.Future[Rows] = futures.Future()
+            broken.set_exception(error)
+            return broken
+        except RuntimeError as error:  # So do executors of any kind refuse after they were ended.
+            raise UsageError(
+                f"the executor takes no work: {printable(error)}; what was done is kept: the same "
+                "call goes on from there, with an executor that works"
+            ) from None
+
+    def _done(self, future: futures.Future[Rows], chunk: Chunk) -> bool:
+        """Keep what was flown of a chunk, the next rows; False if its worker died.
+
+        Raises `GibbsCodegenError` if nothing can be computed, or kept.
+        """
+        try:
+            rows = future.result()
+        except _NOT_THERE as error:
+            raise _cannot_fly(error) from None
+        except GibbsCodegenError:
+            raise
+        except (Exception, futures.CancelledError) as error:  # Every executor has words of its own.
+            self._deaths[chunk.rows.start] += 1
+            self._in_a_row += 1
+            _log.info("a worker died: %s", printable(f"{type(error).__name__}: {error}"))
+            if self._executor is None:
+                self._own.end()
+            elif self._in_a_row > _MOST_IN_A_ROW:
+                raise UsageError(
+                    f"the executor has failed {self._in_a_row} times in a row, the last time with "
+                    f"{type(error).__name__}: {printable(error)}; what was done is kept: the same "
+                    "call goes on from there, with an executor that works"
+                ) from None
+            return False
+        self._in_a_row = 0
+        start = chunk.rows.start
+        self._store.add(self._job.digest(chunk), self._kept[start], rows)
+        self._kept[start] += len(rows)
+        self._tell(len(rows))
+        return True
+
+    def _isolate(self, chunk: Chunk) -> Rows:
+        """Fly a chunk with nothing beside it; of one that dies what is left is halved.
+
+        Returns its rows, which are kept, and raises as `_done` does.
+        """
+        digest = self._job.digest(chunk)
+        rows = self._store.read(digest)
+        if rows is not None:  # Of a half that an earlier call has kept nothing was told yet.
+            self._tell(len(rows) - self._kept[chunk.rows.start])
+        tries = 1 if len(chunk) > 1 else _DEATHS
+        while tries and (rows is None or len(rows) < len(chunk)):
+            kept = 0 if rows is None else len(rows)
+            try:
+                more = self._own.submit(fly, self._job.task(chunk.after(kept))).result()
+            except futures.BrokenExecutor:
+                self._own.end()
+                tries -= 1
+                continue
+            except GibbsCodegenError:
+                raise
+            except Exception as error:  # It did not die.
+                raise _cannot_fly(error) from None
+            rows = self._store.add(digest, kept, more)
+            self._tell(len(more))
+        kept = 0 if rows is None else len(rows)
+        if rows is not None and kept == len(chunk):
+            return rows
+        if len(chunk) == 1:
+            self._tell(1)
+            dead = rows_of([[math.nan] * len(self._job.measures)], [""], [_DEAD], [""])
+            return self._store.add(digest, 0, dead)
+        left = chunk.after(kept)
+        parts = left.halves() if len(left) > 1 else (left,)
+        return self._store.add(digest, kept, joined([self._isolate(part) for part in parts]))
+
+
+def _cannot_fly(error: Exception) -> UsageError:
+    """What is raised where a worker lives, and cannot compute."""
+    words = printable(f"{type(error).__name__}: {error}", 400)
+    return UsageError(f"a worker cannot fly: {words}")

@@ -1,0 +1,58 @@
+"""Which functions a module has: by default, and by the options that choose others."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from gibbs_codegen.interface.table import DERIVATIVE_GROUPS, FUNCTIONS, GROUPS
+
+DEFAULT = "default"
+
+
+def default_functions() -> tuple[str, ...]:
+    """What a module has where nothing else is chosen."""
+    return tuple(row.name for row in FUNCTIONS.values() if not row.on_request)
+
+
+def group(name: str) -> tuple[str, ...]:
+    """The functions of a group, less the long ones; those by default for that word."""
+    if name == DEFAULT:
+        return default_functions()
+    return tuple(row.name for row in FUNCTIONS.values() if row.group == name and not row.is_long)
+
+
+def derivatives_among(functions: Iterable[str]) -> tuple[str, ...]:
+    """Those of some functions that --derivatives chooses."""
+    return tuple(name for name in functions if FUNCTIONS[name].group in DERIVATIVE_GROUPS)
+
+
+def option_with(name: str, functions: Collection[str]) -> tuple[str, list[str]]:
+    """The option that brings a function, and its words with which others are kept."""
+    if FUNCTIONS[name].group in DERIVATIVE_GROUPS:
+        return "derivatives", [*derivatives_among(functions), name]
+    return "functions", _words([other for other in functions if other in FUNCTIONS] + [name])
+
+
+def _words(functions: Collection[str]) -> list[str]:
+    """Groups and names for functions, less the derivatives among them."""
+    derivatives = derivatives_among(functions)
+    rest = [name for name in functions if name not in derivatives]
+    words = []
+    for word in (DEFAULT, *GROUPS):
+        if rest and {*group(word)} <= {*rest}:
+            words.append(word)
+            rest = [name for name in rest if name not in group(word)]
+    return words + rest
+
+
+def options_for(functions: Collection[str]) -> list[str]:
+    """The options of the command line that choose exactly these functions, as short as may be."""
+    derivatives = derivatives_among(functions)
+    words = _words(functions) or [*derivatives]
+    options = [] if words == [DEFAULT] else [f"--functions={','.join(words)}"]
+    if derivatives and derivatives != tuple(functions):
+        every = derivatives_among(FUNCTIONS)
+        short = tuple(name for name in every if not FUNCTIONS[name].is_long)
+        listed = {short: "", every: "=all"}.get(derivatives, f"={','.join(derivatives)}")
+        options.append(f"--derivatives{listed}")
+    return options

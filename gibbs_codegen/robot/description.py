@@ -1,0 +1,378 @@
+"""What a module says of itself: names, units and meanings of entries, places, topology, limits.
+
+Everything is computed once, when it is first read, and handed on with the robot's symbols and its
+program. The constants of a generated module are `Description.constants`.
+
+Base parameters are the fewest numbers of the bodies that determine the equations of motion. Of a
+body's ten numbers, mass, first moment and second moments about its joint, a joint only feels some;
+the others are added to those of the parent, as `derivation.segment_tree` does it. What is left
+with each body is independent of all others, whatever the lengths: the base flies freely, so its ten
+can all be told apart, and from the leaves inwards so can what each joint feels. The dynamics is
+linear in these parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from gibbs_codegen.interface import FUNCTIONS, LISTS
+from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
+from gibbs_codegen.robot.model import BASE, LinkKind, Robot
+from gibbs_codegen.robot.names import (
+    coordinate_of,
+    default_prefix,
+    identifier,
+    joint_label,
+    link_label,
+    parameter_prefix,
+    rotor_identifier,
+)
+from gibbs_codegen.robot.posture import default_posture
+
+# The numbers of a body, ∫dm, ∫r dm and ∫rrᵀ dm, in the order of `derivation.inertia.Inertia`.
+NUMBERS = {
+    "mass": "kg",
+    **{f"moment_{axis}": "kg m" for axis in "xyz"},
+    **{f"second_{axes}": "kg m^2" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")},
+}
+# Those that are its parent's, by the joint along z that carries the body.
+PARENTS_NUMBERS: dict[LinkKind, tuple[str, ...]] = {
+    "revolute": ("mass", "moment_z", "second_zz"),
+    "prismatic": tuple(name for name in NUMBERS if name.startswith("second")),
+}
+# Components of a wrench.
+WRENCH_PARTS = ("fx", "fy", "fz", "tx", "ty", "tz")
+_ORIGINS = {"motor1": "motor 1 (O1)", "centre": "the base centre (O2)", "base": "the base's frame"}
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One entry of q, v, a, u or of the hybrid unknowns: its name, unit and meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Description:
+    """Entries of the arguments and results of a robot's functions, and what its module says.
+
+    In emitted functions an entry that the robot file gives no name is called as in the lists of a
+    module, such as theta_7 and v_theta_7. Names that people give may be anything: a word of C or
+    Python, or what another variable is called. They get endings that nothing else has: forearm_q,
+    forearm_v, forearm_F.
+    """
+
+    robot: Robot
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Places, names and units of the entries of q and v."""
+        return layout_of(self.robot)
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The nq entries of q: attitude and position of the base, and the arm's joints."""
+        layout = self.layout
+        if layout.is_quaternion:
+            parts = ("x", "y", "z", "scalar")
+            attitude = [f"{part} part of the attitude quaternion" for part in parts]
+        else:
+            places = zip(("first", "second", "third"), layout.attitude, strict=True)
+            attitude = [f"{place} attitude angle, about {axis}" for place, axis in places]
+        position = [f"world {axis} of {_ORIGINS[self.robot.base.origin]}" for axis in "xyz"]
+        units = layout.q.units[layout.q.joints]
+        what = ["travel" if unit == "m" else "angle" for unit in units]
+        return self._entries(layout.q, [*attitude, *position], what)
+
+    @cached_property
+    def velocities(self) -> tuple[Coordinate, ...]:
+        """The nv entries of v: rates of q, or of the base its velocities in its own frame."""
+        layout, origin = self.layout, _ORIGINS[self.robot.base.origin]
+        if layout.is_quaternion:
+            base = [f"angular velocity of the base, about its {axis} axis" for axis in "xyz"]
+            base += [f"velocity of {origin}, along the base's {axis} axis" for axis in "xyz"]
+        else:
+            base = [f"rate of {layout.q.names[place]}" for place in layout.q.base]
+        return self._entries(layout.v, base, ["rate"] * len(self.robot.moving))
+
+    def _entries(
+        self, entries: Entries, base: list[str], joints: list[str]
+    ) -> tuple[Coordinate, ...]:
+        """Entries of q or of v with meanings: the base's own, attitude first, and of the joints.
+
+        `joints` say what the entry of each is of it.
+        """
+        labels = (joint_label(self.robot, i) for i in self.robot.moving)
+        own = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
+        meanings = entries.joined(base, own)
+        return tuple(map(Coordinate, entries.names, entries.units, meanings))
+
+    @property
+    def free_unknowns(self) -> tuple[Coordinate, ...]:
+        """What the free unknowns of the hybrid system are the accelerations of.
+
+        The coordinates, or the velocities where the base has a quaternion.
+        """
+        return self.velocities if self.layout.is_quaternion else self.coordinates
+
+    @cached_property
+    def hybrid_coordinates(self) -> tuple[Coordinate, ...]:
+        """The 6 + n + 2c hybrid unknowns, of n joints that move and c constrained ones."""
+        free, first = self.free_unknowns, self.layout.constrained.start
+        own = (constrained_coordinate(self.robot, arm) for arm in constrained_arms(self.robot))
+        return (*free[:first], *own, *free[first:], *self.constraint_torques)
+
+    @cached_property
+    def constraint_torques(self) -> tuple[Coordinate, ...]:
+        """The torques that hold base rods 2 to N, then links."""
+        return tuple(constraint_torque(self.robot, arm) for arm in constrained_arms(self.robot))
+
+    @cached_property
+    def inputs(self) -> tuple[Coordinate, ...]:
+        """Entries of u: N thrusts, then n torques of joints that move (forces where prismatic)."""
+        robot, found = self.robot, []
+        for k in range(1, robot.rotors + 1):
+            label = rotor_identifier(robot, k)
+            found.append(Coordinate(f"F_{label}", "N", f"thrust of motor {label}"))
+        for i in robot.moving:
+            link, name = robot.links[i - 1], coordinate_of(robot, i)
+            unit = joint_terms(robot, i).effort_unit
+            kind = "force" if unit == "N" else "torque"
+            suffix = name if link.name or link.coordinate else name.partition("_")[2]
+            found.append(Coordinate(f"tau_{suffix}", unit, f"{kind} of {joint_label(robot, i)}"))
+        return tuple(found)
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Names of points, in the order of `positions`.
+
+        No two are of one name: the later of two says what it is as well.
+        """
+        robot = self.robot
+        names = ["O1", "O2"] if robot.base.rotors else ["base"]
+        names += [f"motor{k}" for k in range(1, robot.base.rotors + 1)]
+        placed = [
+            ("rotor", identifier(rotor.name) if rotor.name else default_prefix("rotor", k))
+            for k, rotor in enumerate(robot.thrusters, start=1)
+        ]
+        for i in robot.moving:
+            link = robot.links[i - 1].name
+            joint = f"joint_{identifier(link)}" if link else f"joint{robot.rotors + i}"
+            placed.append(("joint", joint))
+        placed += [("frame", name) for name in self.frames[1:]]
+        # No rotor may pass for the tip, nor a frame for the base centre.
+        own = {"O1", "O2", "base"}
+        for kind, name in placed:
+            reserved = own if kind == "frame" else own | {"tip"}
+            while name in reserved or name in names:
+                name = f"{kind}_{name}"
+            names.append(name)
+        return tuple(names)
+
+    @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Identifiers of the frames, in the order of `frames_of`."""
+        return tuple(identifier(frame.name) for frame in frames_of(self.robot))
+
+    @cached_property
+    def bodies(self) -> tuple[str, ...]:
+        """Identifiers of bodies that a joint, which may be held or welded, connects to another.
+
+        They are the base's rods base_arm2 … base_armN, then the links.
+        """
+        rods = (f"base_arm{k}" for k in range(2, self.robot.base.rotors + 1))
+        links = (
+            identifier(link.name) if link.name else default_prefix("link", i)
+            for i, link in enumerate(self.robot.links, start=1)
+        )
+        return (*rods, *links)
+
+    @property
+    def base_parameters(self) -> tuple[Coordinate, ...]:
+        """The base parameters: of the base, then of each link whose joint moves."""
+        robot = self.robot
+        found = [Coordinate(f"base_{name}", unit, "") for name, unit in NUMBERS.items()]
+        for i in robot.moving:
+            prefix, parents = parameter_prefix(robot, i), PARENTS_NUMBERS[robot.links[i - 1].joint]
+            own = {name: unit for name, unit in NUMBERS.items() if name not in parents}
+            found += [Coordinate(f"{prefix}_{name}", unit, "") for name, unit in own.items()]
+        return tuple(found)
+
+    def lists(self, functions: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
+        """Names of what arguments and results have entries or rows for, by the module's constants.
+
+        Base parameters are among them where one of `functions` has entries for them.
+        """
+        lists = {
+            "COORDINATES": self.layout.q.names,
+            "VELOCITIES": self.layout.v.names,
+            "HYBRID_COORDINATES": tuple(c.name for c in self.hybrid_coordinates),
+            "INPUTS": tuple(c.name for c in self.inputs),
+            "POINTS": self.points,
+            "FRAMES": self.frames,
+            "BODIES": self.bodies,
+        }
+        outputs = [output for name in functions for output in FUNCTIONS[name].outputs]
+        if any(LISTS.get(letter) == "BASE_PARAMETERS" for o in outputs for letter in o.shape):
+            lists["BASE_PARAMETERS"] = tuple(entry.name for entry in self.base_parameters)
+        return lists
+
+    @cached_property
+    def local_names(self) -> dict[str, tuple[str, ...]]:
+        """Names of the entries of all arguments, by the names of `interface.ARGUMENTS`."""
+        robot, layout = self.robot, self.layout
+        links = {coordinate_of(robot, i): robot.links[i - 1] for i in robot.moving}
+        own = {name for name, link in links.items() if link.coordinate or link.name}
+        names = {}
+        for argument in ("q", "q0", "q1", "v", "a", "w", "q_dot", "v_dot", "a_dot"):
+            entries = layout.q if argument in ("q", "q0", "q1") else layout.v
+            ending = {"a": "rate"}.get(argument, argument)
+            beginning = "" if argument == "q" else f"{argument}_"
+            names[argument] = tuple(
+                f"{entry}_{ending}" if entry in own else f"{beginning}{entry}"
+                for entry in entries.names
+            )
+        # F_1, or rotor_F where it has a name, and likewise of the joints.
+        named = [rotor.name is not None for rotor in robot.thrusters] or [False] * robot.rotors
+        named += [name in own for name in links]
+        parts = [entry.name.partition("_")[::2] for entry in self.inputs]
+        names["u"] = tuple(
+            f"{rest}_{letter}" if has_name else f"{letter}_{rest}"
+            for (letter, rest), has_name in zip(parts, named, strict=True)
+        )
+        names["u_dot"] = tuple(f"{name}_dot" for name in names["u"])
+        names["h"] = ("time_step",)
+        names["W"] = tuple(f"W_{frame}_{part}" for frame in self.frames for part in WRENCH_PARTS)
+        names["W_dot"] = tuple(f"{name}_dot" for name in names["W"])
+        velocities, inputs = layout.v.names, [entry.name for entry in self.inputs]
+        names["w_input_matrix"] = tuple(f"w_B_{i}_{j}" for i in velocities for j in inputs)
+        names["w_jacobian"] = tuple(f"w_J_{i}_{j}" for i in "xyz" for j in velocities)
+        return names
+
+    @cached_property
+    def constants(self) -> dict[str, Any]:
+        """What a module says of its robot besides names of entries, by the names of its constants.
+
+        Tuples have a value for each of what they follow; dicts have the entries that the robot
+        file says something of, by their names, and None is no limit.
+        """
+        robot, layout = self.robot, self.layout
+        joints = dict(zip(layout.q.names[layout.q.joints], robot.moving, strict=True))
+        limits = {name: robot.links[i - 1].limits for name, i in joints.items()}
+        inputs = [entry.name for entry in self.inputs]
+        rotors = dict(zip(inputs, robot.thrusters, strict=False))
+        thrusts = {name: rotor.limits for name, rotor in rotors.items() if rotor.limits}
+        efforts = zip(inputs[robot.rotors :], limits.values(), strict=True)
+        return {
+            "COORDINATE_UNITS": layout.q.units,
+            "VELOCITY_UNITS": layout.v.units,
+            "INPUT_UNITS": tuple(entry.unit for entry in self.inputs),
+            "COORDINATE_PLACES": _places(layout.q),
+            "VELOCITY_PLACES": _places(layout.v),
+            "CARRIERS": self._carriers(),
+            "PARENTS": self._parents(),
+            "COORDINATE_LIMITS": _bounded({n: (each.low, each.high) for n, each in limits.items()}),
+            "VELOCITY_LIMITS": _bounded(
+                {name: _either_way(each.velocity) for name, each in limits.items()}
+            ),
+            "INPUT_LIMITS": _bounded(
+                {**thrusts, **{name: _either_way(each.effort) for name, each in efforts}}
+            ),
+            "TIME_CONSTANTS": {n: r.time_constant for n, r in rotors.items() if r.time_constant},
+            # A rotor spins against the torque that its drag does to the robot.
+            "SPINS": {
+                name: -math.copysign(rotor.spin_inertia * rotor.speed_per_sqrt_thrust, rotor.drag)
+                for name, rotor in rotors.items()
+                if rotor.spin_inertia and rotor.speed_per_sqrt_thrust
+            },
+            "POSTURE": tuple(default_posture(robot).tolist()),
+        }
+
+    def _carriers(self) -> tuple[str, ...]:
+        """What carries each of the points: the point of the joint that moves it, or the centre."""
+        robot, rods = self.robot, self.robot.base.rotors
+        centre = "O2" if rods else "base"
+        joints = iter(self.points[self.points.index(centre) + 1 + robot.rotors :])
+        of_body = {BASE: centre}
+        for i, link in enumerate(robot.links, start=1):
+            of_body[i] = next(joints) if link.moves else of_body[robot.parents[i - 1]]
+        bodies = [BASE] * (2 + rods if rods else 1)
+        bodies += [rotor.on for rotor in robot.thrusters]
+        bodies += [robot.parents[i - 1] for i in robot.moving]
+        bodies += [frame.on for frame in frames_of(robot)[1:]]
+        return tuple(of_body[body] for body in bodies)
+
+    def _parents(self) -> tuple[str, ...]:
+        """What each of the bodies is joined to: the base, or another of them."""
+        rods = len(self.bodies) - len(self.robot.links)
+        names = ("base", *self.bodies[rods:])
+        return ("base",) * rods + tuple(names[parent] for parent in self.robot.parents)
+
+    def coordinate_text(self, place: int) -> str:
+        """The entry of v at a place, from 0, in a message: "theta_8 (the joint of link 2)"."""
+        v = self.layout.v
+        name, joints = v.names[place], v.joint_places
+        if place not in joints:
+            return name
+        link = self.robot.moving[joints.index(place)]
+        return f"{name} (the joint of {link_label(self.robot, link)})"
+
+
+def _places(entries: Entries) -> dict[str, slice]:
+    """Where attitude, joints and position stand."""
+    return {"attitude": entries.attitude, "joints": entries.joints, "position": entries.position}
+
+
+Bounds = tuple[float | None, float | None]
+
+
+def _either_way(most: float | None) -> Bounds:
+    return (None if most is None else -most, most)
+
+
+def _bounded(limits: Mapping[str, Bounds]) -> dict[str, Bounds]:
+    """Those of some limits that are any, None where there is none."""
+    found: dict[str, Bounds] = {}
+    for name, ends in limits.items():
+        low, high = (None if end is None or math.isinf(end) else end for end in ends)
+        if low is not None or high is not None:
+            found[name] = (low, high)
+    return found
+
+
+def constrained_coordinate(robot: Robot, arm: int) -> Coordinate:
+    """The angle of a joint that a constraint torque holds, such as θ_k of a base rod.
+
+    `arm` is that of the rod, 2 to N, or N + i for link i.
+    """
+    if arm <= robot.base.rotors:
+        return Coordinate(f"theta_{arm}", "rad", f"constrained angle of base arm {arm}")
+    i = arm - robot.rotors
+    return Coordinate(
+        coordinate_of(robot, i), "rad", f"constrained angle of {joint_label(robot, i)}"
+    )
+
+
+def constraint_torque(robot: Robot, arm: int) -> Coordinate:
+    """The torque that holds a joint, such as τ'_k of a base rod.
+
+    `arm` is that of the rod, 2 to N, or N + i for link i.
+    """
+    if arm <= robot.base.rotors:
+        return Coordinate(f"tau_prime_{arm}", "N m", f"constraint torque on base arm {arm}")
+    i = arm - robot.rotors
+    name = coordinate_of(robot, i)
+    suffix = name.removeprefix("theta_") if robot.links[i - 1].name is None else name
+    return Coordinate(f"tau_prime_{suffix}", "N m", f"constraint torque of {joint_label(robot, i)}")
+
+
+def constrained_arms(robot: Robot) -> tuple[int, ...]:
+    """What constraint torques hold: base rods 2 to N, then N + i for links i."""
+    rods = range(2, robot.base.rotors + 1)
+    return (*rods, *(robot.rotors + i for i in robot.constrained))

@@ -1,0 +1,202 @@
+"""Array programs in C: compiled together with the functions that they call, and kept.
+
+The same text is compiled for one state, in double precision, and for blocks of states side by side,
+in double or single precision.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.c_text import (
+    CProgram,
+    c_functions,
+    externals_of,
+    functions_of,
+    inner_programs,
+)
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
+
+Array = NDArray[np.float64]
+# Names of the functions, which the module has not.
+_PREFIX = "program_"
+
+
+def c_text(program: Program, robot: Functions, lanes: int = 1, *, steps: bool = False) -> str:
+    """The C source of a program that calls functions of a robot's module.
+
+    With `steps` it ends with `program_run`, which takes many steps of the program: its inputs are
+    time, h and x, then what is given, and its outputs those of `arrays.closed_loop`.
+    """
+    name = robot.name
+    constants = "real" if lanes > 1 else f"{name}_constants"
+    lines = [
+        f'#include "{name}.h"',
+        "",
+        f"typedef {name}_real real;",
+        f"#ifdef {name.upper()}_FLOAT",
+        "#define SINGLE",
+        "#endif",
+        f"typedef {constants} Constants;",
+        f"#define SOLVE_ROOM {_solve_room(program)}",
+        f"#define COORDINATES {robot.space.coordinates}",
+        f"#define ROTORS {robot.rotors}",
+        "",
+    ]
+    by_hand = externals_of(program)
+    files = ["platform.c", "numbers.c"]
+    files += ["curves.c"] if by_hand & {"desired", "centre"} else []
+    files += ["allocation.c"] if by_hand - {"desired", "centre"} else []
+    files += ["smallest_thrusts.c"] if by_hand & {"smallest_thrusts", "force_axis"} else []
+    blocks = [line for call in functions_of(program) for line in _block(*call)] if lanes > 1 else []
+    parts = [*map(c_source, files), *blocks, *c_functions(program, _PREFIX)]
+    if steps:
+        parts += [*_take_step(program), c_source("engine.c")]
+    return "\n".join([*lines, *parts]) + "\n"
+
+
+def _take_step(program: Program) -> list[str]:
+    """A step of the program of what is given by addresses: constants, context, other inputs."""
+    text = CProgram(program, _PREFIX)
+    given = [f"(const Constants *)given[{k}]" for k in range(len(text.owners))]
+    context = [f"(const void *const *)given[{len(given)}]"] if text.has_context else []
+    values = []
+    first = len(text.owners) + 1
+    for place, (name, x) in enumerate(zip(program.names, program.inputs, strict=True)):
+        kind = "real" if x.is_uniform else "number"
+        at = f"(const {kind} *)given[{first + place - 3}]"
+        values.append(name if place < 3 else f"*{at}" if x.shape == () else at)
+    return [
+        f"#define STATE {program.inputs[2].size}",
+        f"#define RANGED {program.outputs['inputs'].size}",
+        "",
+        "static INLINE void take_step(",
+        "    const void *const *given, const real time, const real h, const number *x,",
+        f"    {', '.join(f'number *{name}' for name in program.outputs)})",
+        "{",
+        f"    {text.name}({', '.join([*context, *given, *values, *program.outputs])});",
+        "}",
+        "",
+    ]
+
+
+def _solve_room(program: Program) -> int:
+    parts = (*inner_programs(program), program)
+    solved = [
+        x.arguments[0].size
+        for part in parts
+        for x in part.nodes
+        if isinstance(x.operation, nodes.Solution)
+    ]
+    return max(solved, default=1)
+
+
+def _block(module: str, function: str) -> list[str]:
+    """A function of the module for the states of a block."""
+    row = FUNCTIONS[function]
+    given = [*row.arguments, *(output.name for output in row.outputs)]
+    kinds = ["const number"] * len(row.arguments) + ["number"] * len(row.outputs)
+    parameters = ["const Constants *constants"]
+    parameters += [f"{kind} *{name}" for kind, name in zip(kinds, given, strict=True)]
+    cast = [
+        f"({kind.replace('number', 'real')} *){name}"
+        for kind, name in zip(kinds, given, strict=True)
+    ]
+    return [
+        f"static INLINE void {module}_{function}_block(",
+        f"    {', '.join(parameters)})",
+        "{",
+        f"    {module}_{function}_batch_each(constants, LANES, {', '.join(cast)});",
+        "}",
+        "",
+    ]
+
+
+def compiled(module: ModuleType, program: Program, lanes: int = 1, *, single: bool = False) -> Any:
+    """The function of a program that is compiled with those of a module.
+
+    It takes addresses of constants by owner, of inputs and of outputs, in the program's order. With
+    more than one lane entry e of a lane is at [e * lanes + lane], at multiples of 64 bytes.
+
+    Raises `CompilerError`, or `CacheError` where the cache cannot be used.
+    """
+    return _library(module, program, lanes, single=single)[_PREFIX + program.name]
+
+
+def compiled_steps(
+    module: ModuleType, program: Program, lanes: int, *, single: bool = False
+) -> Any:
+    """The function that takes many steps of a program, of blocks of so many states.
+
+    Raises as `compiled` does.
+    """
+    function = _library(module, program, lanes, single=single, steps=True).program_run
+    real = ctypes.c_float if single else ctypes.c_double
+    whole, address = ctypes.c_int, ctypes.c_void_p
+    function.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
+    function.restype = None
+    return function
+
+
+def _library(
+    module: ModuleType, program: Program, lanes: int, *, single: bool, steps: bool = False
+) -> ctypes.CDLL:
+    name = module.NAME
+    functions = list(dict.fromkeys(function for _, function in functions_of(program)))
+    for function in functions:
+        getattr(module, function)  # It says how the module is to be generated, if it lacks one.
+    source = c_text(program, Functions(module), lanes, steps=steps)
+    files = [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if lanes > 1 else [])]
+    flags = [f"-DLANES={lanes}", "-fno-math-errno"]
+    if single:
+        flags.append(f"-D{name.upper()}_FLOAT")
+    path = compiled_files(
+        Path(module.__path__[0]),
+        name,
+        files,
+        chosen_compiler(),
+        flags,
+        {f"_{program.name}.c": source.encode()},
+        included=[f"{name}.c"] if lanes > 1 else [],
+        functions=functions,
+    )
+    return opened(path)
+
+
+class CompiledProgram:
+    """A program in C for arrays of one state; `constants` by owner, or the robot file's."""
+
+    def __init__(
+        self, module: ModuleType, program: Program, constants: Mapping[str, Any] | None = None
+    ) -> None:
+        self.program = program
+        self._text = CProgram(program)
+        self._constants = [(constants or {}).get(x) for x in self._text.owners]
+        self._constants = [module.prepare({}) if x is None else x for x in self._constants]
+        self._function = compiled(module, program)
+
+    def __call__(self, *arguments: Any) -> dict[str, Array]:
+        """Outputs (of their shapes) by name, of inputs in the program's order."""
+        given: list[Any] = list(self._constants)
+        kept: Sequence[Any] = [np.array(x, dtype=np.float64, order="C") for x in arguments]
+        for x, array in zip(self.program.inputs, kept, strict=True):
+            if x.shape == ():
+                given.append(ctypes.c_double(float(array)))
+            else:
+                given.append(ctypes.c_void_p(array.ctypes.data))
+        outputs = {name: np.empty(x.shape) for name, x in self.program.outputs.items()}
+        given += [ctypes.c_void_p(x.ctypes.data) for x in outputs.values()]
+        self._function(*given)
+        return outputs
