@@ -37,8 +37,9 @@ print(sys.modules[type(function).__module__].__file__)
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/blocks.c emitted/column_major.c emitted/constants.c emitted/exactness.c
-    emitted/gather.c emitted/platform.c
+    emitted/allocation.c emitted/blocks.c emitted/column_major.c emitted/constants.c
+    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/numbers.c
+    emitted/platform.c emitted/smallest_thrusts.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/rollout/transpose.c
