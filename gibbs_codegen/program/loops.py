@@ -153,6 +153,26 @@ class _Matcher:
             for i, names in enumerate(shared)
         )
 
+    def _independent(self, start: int, length: int, last: int) -> list[int]:
+        """First steps of the last blocks, the last one first, whose order is of no account.
+
+        Their stores have one stride. There are none if these are too few for a loop.
+        """
+        found: list[int] = []
+        places: list[list[int]] = []
+        used_later: set[str] = set()
+        for first in range(last, start - 1, -length):
+            block = self._steps[first : first + length]
+            places.append([step.place for step in block if isinstance(step, Store)])
+            defined = {step.name for step in block if isinstance(step, Statement)}
+            strides = zip(*places[-3:], strict=True) if len(places) > 2 else ()
+            if defined & used_later or not all(2 * b == a + c for a, b, c in strides):
+                break
+            used_later.update(*self._names[first : first + length])
+            used_later -= defined
+            found.append(first)
+        return found if is_profitable(len(found), length) else []
+
     def match(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
         """Match the last blocks of a candidate, as many as do the same independently.
 
@@ -166,10 +186,7 @@ class _Matcher:
                 return None
         pattern: list[object] = []
         blocks: list[tuple[Terms, ...]] = []
-        places: list[list[int]] = []
-        used_later: set[str] = set()
-        for first in range(last, start - 1, -length):
-            block = self._steps[first : first + length]
+        for first in self._independent(start, length, last):
             forms, terms = [], []
             for i, names in enumerate(shared, first):
                 parts = self._terms[i]
@@ -179,15 +196,8 @@ class _Matcher:
                 forms.append(form)
                 terms.append(ordered)
             pattern = pattern or [*forms]
-            places.append([step.place for step in block if isinstance(step, Store)])
-            defined = {step.name for step in block if isinstance(step, Statement)}
-            # Stores must have one stride over all blocks.
-            strides = zip(*places[-3:], strict=True) if len(places) > 2 else ()
-            is_affine = all(2 * b == a + c for a, b, c in strides)
-            if forms != pattern or defined & used_later or not is_affine:
+            if forms != pattern:
                 break
-            used_later.update(*self._names[first : first + length])
-            used_later -= defined
             blocks.append(tuple(terms))
         if not is_profitable(len(blocks), length):
             return None

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 from types import ModuleType
 
 import numpy as np
 import pytest
+
+from gibbs_codegen.targets.numpy.statements import literals
 
 FUNCTIONS = {
     "mass_matrix": (("q",), (9, 9)),
@@ -158,3 +161,11 @@ def test_a_machine_may_weigh_grams(module: ModuleType) -> None:
     q = arguments(("q",))[0]
     mass = module.mass_matrix(q)[-1, -1]
     assert module.mass_matrix(q, constants=light)[-1, -1] == pytest.approx(mass / 1e4, rel=1e-12)
+
+
+def test_no_line_of_a_list_ends_in_a_text() -> None:
+    units = ("N", *["N m"] * 60)
+    lines = literals(units)
+    assert len(lines) > 1
+    assert ast.literal_eval(f"({' '.join(lines)})") == units
+    assert all(line.count('"') % 2 == 0 for line in lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -11,6 +12,8 @@ from gibbs_codegen.targets.printers import StatementPrinter
 WIDTH = 100
 # Of every line in the body of a function, and of every line in parentheses there.
 _INDENT = 4
+# Stands for a space where a line must not end.
+_NO_BREAK = "\0"
 
 
 class PythonStatements(StatementPrinter):
@@ -80,8 +83,11 @@ def literal(value: object) -> str:
 
 
 def literals(values: Iterable[object]) -> list[str]:
-    """What stands in the parentheses of a tuple of constants."""
-    return textwrap.wrap(" ".join(f"{literal(v)}," for v in values), WIDTH - _INDENT)
+    """What stands in the parentheses of a tuple of constants, with no line that ends in a text."""
+    text = " ".join(f"{literal(v)}," for v in values)
+    whole = re.sub('"[^"]*"', lambda found: found[0].replace(" ", _NO_BREAK), text)
+    lines = textwrap.wrap(whole, WIDTH - _INDENT, break_long_words=False, break_on_hyphens=False)
+    return [line.replace(_NO_BREAK, " ") for line in lines]
 
 
 def integers(numbers: Iterable[int]) -> list[str]:
