@@ -31,12 +31,12 @@ class Conditions:
     """Conditions, and the choices that their signs depend on. Choices are numbers."""
 
     def __init__(self) -> None:
-        # Signs are 1 for minus.
-        self._signs: list[list[int]] = []
-        self._plus: list[int] = []
+        # Signs are bits, 1 for minus; a condition is broken where all its bits are 1.
+        self._signs: list[int] = []
+        self._broken: list[int] = []
         self._choices: list[list[int]] = []
-        # Of each choice, the conditions that depend on it, and the places of signs there.
-        self._places: dict[int, list[tuple[int, list[int]]]] = {}
+        # Of each choice, the conditions that depend on it, and the bits that it changes there.
+        self._places: dict[int, list[tuple[int, int]]] = {}
         self.changed: set[int] = set()
 
     def add(self, signs: Sequence[int], choices: Iterable[Iterable[int]]) -> None:
@@ -44,19 +44,19 @@ class Conditions:
 
         `choices` are what changes each sign; each choice stands there once.
         """
-        places: dict[int, list[int]] = {}
+        bits: dict[int, int] = {}
         for i, found in enumerate(choices):
             for choice in found:
-                places.setdefault(choice, []).append(i)
-        for choice, where in places.items():
-            self._places.setdefault(choice, []).append((len(self._signs), where))
-        self._choices.append(list(places))
-        self._signs.append(list(signs))
-        self._plus.append(len(signs) - sum(signs))
+                bits[choice] = bits.get(choice, 0) | 1 << i
+        for choice, changed in bits.items():
+            self._places.setdefault(choice, []).append((len(self._signs), changed))
+        self._choices.append(list(bits))
+        self._signs.append(sum(sign << i for i, sign in enumerate(signs)))
+        self._broken.append((1 << len(signs)) - 1)
 
     def broken(self) -> list[int]:
         """Numbers of the conditions of which every sign is minus."""
-        return [condition for condition, plus in enumerate(self._plus) if plus == 0]
+        return [i for i, signs in enumerate(self._signs) if signs == self._broken[i]]
 
     def search(self) -> None:
         """Change choices, the greatest numbers first, until no way is found to break less."""
@@ -73,29 +73,23 @@ class Conditions:
                 return
 
     def _is_broken(self, condition: int) -> bool:
-        return self._plus[condition] == 0
+        return self._signs[condition] == self._broken[condition]
 
     def _broken_near(self, choice: int) -> list[int]:
         return [condition for condition, _ in self._places[choice] if self._is_broken(condition)]
 
     def _gain(self, choice: int) -> int:
         """How many conditions fewer are broken where a choice is changed."""
-        gain = 0
-        for condition, places in self._places[choice]:
-            plus = self._plus[condition]
-            if plus <= len(places):  # Or else it is not broken, and will not be.
-                signs = self._signs[condition]
-                after = plus - len(places) + 2 * sum([signs[i] for i in places])
-                gain += (plus == 0) - (after == 0)
+        signs, broken, gain = self._signs, self._broken, 0
+        for condition, bits in self._places[choice]:
+            missing = signs[condition] ^ broken[condition]
+            gain += (missing == 0) - (missing == bits)
         return gain
 
     def _change(self, choice: int) -> None:
         self.changed ^= {choice}
-        for condition, places in self._places[choice]:
-            signs = self._signs[condition]
-            for i in places:
-                signs[i] ^= 1
-            self._plus[condition] = signs.count(0)
+        for condition, bits in self._places[choice]:
+            self._signs[condition] ^= bits
 
     def _pass_on(self, condition: int, visited: set[int]) -> bool:
         """Mend a condition though that breaks another, which is mended in the same way."""
