@@ -31,12 +31,12 @@ from support.tools import missing, tool
 
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import module_signatures, signatures
+from gibbs_codegen.interface import FUNCTIONS, module_signatures, signatures
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.runtime import c_backend, caller
-from gibbs_codegen.runtime.c_library import find_compiler
+from gibbs_codegen.runtime.c_library import chosen_compiler, find_compiler
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
 STATES = 10_000
@@ -385,6 +385,16 @@ def test_without_extension_calls_are_as_cheap(states: dict[str, np.ndarray]) -> 
     assert type(compiled.mass_matrix).__name__ == "Caller"
     one = compiled.mass_matrix(states["q"][0])
     np.testing.assert_array_equal(one, compiled.mass_matrix.__wrapped__(states["q"][0]))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_function_has_the_short_way(name: str) -> None:
+    made = caller.caller_type(chosen_compiler())
+    assert made is not None
+    row = FUNCTIONS[name]
+    taken, given = (((2,),) * len(each) for each in (row.arguments, row.outputs))
+    function = made(taken, given, b"", lambda *_: "the long way")
+    assert function(*[0.0] * len(row.arguments)) == "the long way"
 
 
 @pytest.mark.usefixtures("no_extension")

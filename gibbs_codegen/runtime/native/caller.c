@@ -21,9 +21,9 @@
 #define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
 #include <numpy/arrayobject.h>
 
-#define MAX_INPUTS 6
-#define MAX_OUTPUTS 4
-#define MAX_ARRAYS 8
+#define MAX_INPUTS 8
+#define MAX_OUTPUTS 5
+#define MAX_ARRAYS 9
 #define MAX_DIMENSIONS 4
 
 typedef struct {
@@ -58,6 +58,7 @@ typedef void Five(const void *, R, R, R, R, R);
 typedef void Six(const void *, R, R, R, R, R, R);
 typedef void Seven(const void *, R, R, R, R, R, R, R);
 typedef void Eight(const void *, R, R, R, R, R, R, R, R);
+typedef void Nine(const void *, R, R, R, R, R, R, R, R, R);
 #undef R
 
 static void call(void *function, const void *k, int number, double **p)
@@ -84,8 +85,11 @@ static void call(void *function, const void *k, int number, double **p)
     case 7:
         ((Seven *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6]);
         break;
-    default:
+    case 8:
         ((Eight *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
+        break;
+    default:
+        ((Nine *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]);
         break;
     }
 }
