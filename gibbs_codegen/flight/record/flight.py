@@ -1,15 +1,10 @@
-"""A flight: the time series that a simulation leaves, and how they are written and read.
-
-Files of earlier versions are read too.
-"""
+"""Flights of files, of earlier versions too."""
 
 from __future__ import annotations
 
-import csv
-import dataclasses
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, BinaryIO
 from zipfile import ZipFile, is_zipfile
@@ -17,47 +12,33 @@ from zipfile import ZipFile, is_zipfile
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
-from gibbs_codegen.flight.record.series import RANGES, Column, Series, columns_of
+from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.flight.record.series import NO_SERIES, RANGES, StrPath
 from gibbs_codegen.flight.record.series import Array as Array
+from gibbs_codegen.flight.record.series import Flight as Flight
 
 Arrays = dict[str, NDArray[Any]]
-StrPath = str | os.PathLike[str]
-# Rows of the CSV that are written at a time.
-_ROWS = 4096
-# Fields that are one number, and those of several that have no row per sample.
+# Fields that are one number, and those of several that may have no row per sample; forces of walls
+# are lacking in a flight made by hand.
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int, "weight": float}
-_OF_NO_TIME = {"input_limits", "base_arm_angles_desired", "parents", "thrust_directions"}
+_OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces"}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 
 
-def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
-    """Values of fields that are not in a file's arrays, as far as they follow from these.
+def _lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
+    """Values of fields that are not in a file's arrays, and follow from these.
 
     The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
+    samples = len(stored["time"])
     endless = np.full(len(stored["input_names"]), np.inf)
-    later = {
-        "law": np.array(""),
-        "control_rate": np.array(0.0),
-        "weight": np.array(np.nan),
+    found |= {
         "input_limits": np.stack([-endless, endless]),
-        "timing": np.array(""),
-        "binding": np.array([], dtype=str),
-        "binding_times": np.zeros((0, 2)),
-        "walls": np.zeros((0, 6)),
-        "gusts": np.zeros((0, 2)),
-        "frames": np.array([], dtype=str),
-        "joint_limits": np.zeros((2, 0)),
-        "wall_forces": np.full((len(stored["time"]), len(stored.get("walls", ()))), np.nan),
-        "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
+        "wall_forces": np.full((samples, len(stored.get("walls", ()))), np.nan),
+        "frame_wrenches": np.zeros((samples, 0, 6)),
     }
-    found |= {name: value for name, value in later.items() if name not in stored}
-    for name in RANGES:
-        if name not in stored:
-            found[name] = stored[name.partition("_")[0]]
-    return found
+    return found | {name: stored[name.partition("_")[0]] for name in RANGES}
 
 
 def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
@@ -79,58 +60,6 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "parents": parents,
         "constraint_names": np.array([f"tau_prime_{k}" for k in range(2, rotors + 1)], dtype=str),
     }
-
-
-_OF_NO_TIME |= {"binding_times", "walls", "gusts"}
-# Fields that a flight made by hand may lack.
-_OF_NO_TIME |= {"wall_forces", "joint_limits"}
-
-
-@dataclass(frozen=True)
-class Flight(Series):
-    """Time series of one flight, a row per sample, which can be written to files."""
-
-    def columns(self) -> Iterator[Column]:
-        """Name, unit and values (s) of every scalar series, time first."""
-        return columns_of(self)
-
-    def write_csv(self, path: StrPath) -> None:
-        """Write every series as comma-separated values, `name [unit]` in the header.
-
-        Args:
-            path: The file. Its numbers are the shortest that read back exactly.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
-        columns = list(self.columns())
-        try:
-            with Path(path).open("w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
-                # Python's numbers take several times the room of NumPy's: some rows at a time.
-                for begin in range(0, len(self.time), _ROWS):
-                    rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
-                    writer.writerows(rows.tolist())
-        except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
-
-    def write_npz(self, path: StrPath) -> None:
-        """Write all fields to one `.npz` file, which `read_flight` reads.
-
-        Args:
-            path: The file.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
-        fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        # Without names there is nothing to tell that they are text.
-        texts = {k: np.array(v, dtype=str) for k, v in fields.items() if isinstance(v, tuple)}
-        try:
-            np.savez_compressed(path, **(fields | texts))
-        except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def read_flight(path: StrPath) -> Flight:
@@ -166,17 +95,13 @@ def _stored(file: BinaryIO) -> Flight:
         empty = file.seek(0, os.SEEK_END) == 0
         raise ValueError(f"the file is {'empty' if empty else 'cut off, or no .npz file'}")
     file.seek(0)
+    known = {each.name: each for each in fields(Flight)}
     with np.load(file, allow_pickle=False) as stored:
-        names = [each.name for each in dataclasses.fields(Flight)]
-        held = {name: np.asarray(stored[name]) for name in names if name in stored}
-    return Flight(**_checked(held | lacking(held)))
-
-
-def _checked(stored: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a flight from the arrays of a file; `ValueError` if one is not what it must be."""
-    values = dict(stored)
-    for name, kind in ((each.name, str(each.type)) for each in dataclasses.fields(Flight)):
-        value, is_text = stored[name], "str" in kind
+        held = {name: np.asarray(stored[name]) for name in known if name in stored}
+    values: dict[str, Any] = _lacking(held) | held
+    for name, value in values.items():
+        kind = str(known[name].type)
+        is_text = "str" in kind
         if value.dtype.kind not in ("U" if is_text else "iuf"):
             raise ValueError(f"{name} does not hold {'text' if is_text else 'numbers'}")
         if (is_text or name in _NUMBERS) and value.ndim != kind.startswith("tuple"):
@@ -185,9 +110,9 @@ def _checked(stored: dict[str, Any]) -> dict[str, Any]:
             values[name] = _NUMBERS[name](value)
         elif is_text:
             values[name] = tuple(map(str, value)) if value.ndim else str(value)
-        elif name not in _OF_NO_TIME and value.shape[:1] != np.shape(stored["time"]):
+        elif name not in _OF_NO_TIME and value.shape[:1] != values["time"].shape:
             raise ValueError(f"{name} has not as many rows as there are times")
-    return values
+    return Flight(**values)
 
 
 def is_flight(path: StrPath) -> bool:

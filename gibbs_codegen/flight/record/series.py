@@ -1,15 +1,18 @@
-"""The time series of one flight, their columns, and what follows from them."""
+"""A flight: the time series that a simulation leaves, what follows from them, and their files."""
 
 from __future__ import annotations
 
+import csv
+import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.vectors import Array as Array
@@ -17,7 +20,14 @@ from gibbs_codegen.robot.layout import Layout
 
 # Names of the fields that are the ranges of the inputs, in the order of `InputRanges`.
 RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_greatest")
+# Arrays without a row for each sample.
+NO_SERIES = frozenset(
+    {"base_arm_angles_desired", "binding_times", "gusts", "input_limits", "joint_limits", "walls"}
+)
+# Rows of a CSV that are written at a time.
+_ROWS = 4096
 Column = tuple[str, str, Array]
+StrPath = str | os.PathLike[str]
 # What the names of columns of inputs end in, and the series.
 _INPUTS = {
     "": "applied",
@@ -29,8 +39,8 @@ _INPUTS = {
 }
 
 
-@dataclass(frozen=True)
-class Series:
+@dataclass(frozen=True, kw_only=True)
+class Flight:
     """Time series of one flight, a row per sample; SI units, radians, world axes with Z up.
 
     With s samples, nq coordinates, nv velocities, nu inputs, N rotors, k points and c constrained
@@ -76,18 +86,18 @@ class Series:
 
     robot: str
     scenario: str
-    law: str
-    control_rate: float
+    law: str = ""
+    control_rate: float = 0.0
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
     input_names: tuple[str, ...]
     points: tuple[str, ...]
     constraint_names: tuple[str, ...]
-    frames: tuple[str, ...]
+    frames: tuple[str, ...] = ()
     tangent_arm: int
     stopped: str
-    weight: float
+    weight: float = np.nan
     time: Array = field(repr=False)
     q: Array = field(repr=False)
     v: Array = field(repr=False)
@@ -214,54 +224,91 @@ class Series:
         energy = self.kinetic_energy + self.potential_energy
         return energy - energy[0] - self.work
 
+    def columns(self) -> Iterator[Column]:
+        """Name, unit and values (s) of every scalar series, time first."""
+        yield "time", "s", self.time
+        places, velocities = self.layout.q, self.layout.v
+        # Components of velocities have names of their own, rates those of their coordinates.
+        rates = [f"rate_{name}" if name in places.names else name for name in velocities.names]
+        growth = [f"acceleration_{name}" for name in velocities.names]
+        per_square = [f"{unit}^2" for unit in velocities.units]
+        for names, units, suffix, series in (
+            (places.names, places.units, "", self.q),
+            (places.names, places.units, "_desired", self.q_desired),
+            (rates, velocities.units, "", self.v),
+            (rates, velocities.units, "_desired", self.v_desired),
+            (growth, per_square, "", self.a),
+            (growth, per_square, "_desired", self.a_desired),
+        ):
+            for name, unit, values in zip(names, units, series.T, strict=True):
+                yield f"{name}{suffix}", unit, values
+        names, units = self.input_names, self.input_units
+        for suffix, field_name in _INPUTS.items():
+            for name, unit, values in zip(names, units, getattr(self, field_name).T, strict=True):
+                yield f"{name}{suffix}", unit, values
+        for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
+            yield name, "N m", values
+        for k, values in enumerate(self.base_arm_angles.T, start=2):
+            yield f"theta_{k}", "rad", values
+        for j, point in enumerate(self.points):
+            for i, axis in enumerate("xyz"):
+                yield f"{point}_{axis}", "m", self.positions[:, j, i]
+        # Wrenches on those frames on which one acts at some time.
+        for frame, series in zip(self.frames, np.moveaxis(self.frame_wrenches, 1, 0), strict=True):
+            for k, axis in enumerate("xyz" if np.any(series) else ""):
+                yield f"{frame}_force_{axis}", "N", series[:, k]
+                yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
+        for k, values in enumerate(self.wall_forces.T, start=1):
+            yield f"wall_{k}_force", "N", values
+        for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
+            for axis, values in zip("xyz", series.T, strict=False):
+                yield f"{point}_{axis}_desired", "m", values
+        yield "centre_error", "m", self.centre_error
+        if self.has_tip:
+            yield "tip_error", "m", self.tip_error
+        yield "heading_error", "rad", self.heading_error
+        yield "kinetic_energy", "J", self.kinetic_energy
+        yield "potential_energy", "J", self.potential_energy
+        yield "work", "J", self.work
+        yield "energy_error", "J", self.energy_error
 
-def columns_of(flight: Series) -> Iterator[Column]:
-    """Name, unit and values (s) of every scalar series of a flight, time first."""
-    yield "time", "s", flight.time
-    places, velocities = flight.layout.q, flight.layout.v
-    # Components of velocities have names of their own, rates those of their coordinates.
-    rates = [f"rate_{name}" if name in places.names else name for name in velocities.names]
-    growth = [f"acceleration_{name}" for name in velocities.names]
-    per_square = [f"{unit}^2" for unit in velocities.units]
-    for names, units, suffix, series in (
-        (places.names, places.units, "", flight.q),
-        (places.names, places.units, "_desired", flight.q_desired),
-        (rates, velocities.units, "", flight.v),
-        (rates, velocities.units, "_desired", flight.v_desired),
-        (growth, per_square, "", flight.a),
-        (growth, per_square, "_desired", flight.a_desired),
-    ):
-        for name, unit, values in zip(names, units, series.T, strict=True):
-            yield f"{name}{suffix}", unit, values
-    names, units = flight.input_names, flight.input_units
-    for suffix, field_name in _INPUTS.items():
-        for name, unit, values in zip(names, units, getattr(flight, field_name).T, strict=True):
-            yield f"{name}{suffix}", unit, values
-    for name, values in zip(flight.constraint_names, flight.constraint_torques.T, strict=True):
-        yield name, "N m", values
-    for k, values in enumerate(flight.base_arm_angles.T, start=2):
-        yield f"theta_{k}", "rad", values
-    for j, point in enumerate(flight.points):
-        for i, axis in enumerate("xyz"):
-            yield f"{point}_{axis}", "m", flight.positions[:, j, i]
-    # Wrenches on those frames on which one acts at some time.
-    for frame, series in zip(flight.frames, np.moveaxis(flight.frame_wrenches, 1, 0), strict=True):
-        for k, axis in enumerate("xyz" if np.any(series) else ""):
-            yield f"{frame}_force_{axis}", "N", series[:, k]
-            yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
-    for k, values in enumerate(flight.wall_forces.T, start=1):
-        yield f"wall_{k}_force", "N", values
-    for point, series in ((flight.centre, flight.centre_desired), ("tip", flight.tip_desired)):
-        for axis, values in zip("xyz", series.T, strict=False):
-            yield f"{point}_{axis}_desired", "m", values
-    yield "centre_error", "m", flight.centre_error
-    if flight.has_tip:
-        yield "tip_error", "m", flight.tip_error
-    yield "heading_error", "rad", flight.heading_error
-    yield "kinetic_energy", "J", flight.kinetic_energy
-    yield "potential_energy", "J", flight.potential_energy
-    yield "work", "J", flight.work
-    yield "energy_error", "J", flight.energy_error
+    def write_csv(self, path: StrPath) -> None:
+        """Write every series as comma-separated values, `name [unit]` in the header.
+
+        Args:
+            path: The file. Its numbers are the shortest that read back exactly.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        columns = list(self.columns())
+        try:
+            with Path(path).open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
+                # Python's numbers take several times the room of NumPy's: some rows at a time.
+                for begin in range(0, len(self.time), _ROWS):
+                    rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
+                    writer.writerows(rows.tolist())
+        except OSError as error:
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
+
+    def write_npz(self, path: StrPath) -> None:
+        """Write all fields to one `.npz` file, which `read_flight` reads.
+
+        Args:
+            path: The file.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        # Without names there is nothing to tell that they are text.
+        texts = {k: np.array(v, dtype=str) for k, v in values.items() if isinstance(v, tuple)}
+        try:
+            np.savez_compressed(path, **(values | texts))
+        except OSError as error:
+            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:

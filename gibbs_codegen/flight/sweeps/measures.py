@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.record.series import NO_SERIES
 
 Measure = str | Callable[[Flight], float]
 
@@ -28,15 +29,6 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], Any]] = {
     "rms": lambda values: np.sqrt(np.mean(np.square(values))),
     "greatest": lambda values: np.max(np.abs(values)),
     "last": lambda values: values[-1],
-}
-# Arrays of a flight without a row for each sample.
-_NO_SERIES = {
-    "base_arm_angles_desired",
-    "binding_times",
-    "gusts",
-    "input_limits",
-    "joint_limits",
-    "walls",
 }
 
 
@@ -79,7 +71,7 @@ def _check_text(name: str, text: str) -> None:
         known = ", ".join(STATISTICS)
         raise UsageError(f"{words}: after a series and a dot must come one of {known}")
     # What a flight has a row of for each sample.
-    named = {each.name for each in fields(Flight) if each.type == "Array"} - _NO_SERIES
+    named = {each.name for each in fields(Flight) if each.type == "Array"} - NO_SERIES
     known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
     if series not in known_series:
         near = difflib.get_close_matches(series[:80], known_series, n=1)
