@@ -20,14 +20,16 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
-from gibbs_codegen.flight.sweeps.chunks import Chunk, Job, Rows, Store, fly, joined, rows_of
+from gibbs_codegen.flight.sweeps.chunks import Chunk, Row, Store, fly
+from gibbs_codegen.flight.sweeps.measures import Measure, packed
 
 # How often a worker looks whether the program that it works for is still there, s.
 _LOOK_SECONDS = 1.0
@@ -41,6 +43,8 @@ _MANY = 1000
 # What is raised not because a worker died but because nothing can be computed there.
 _NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
 _DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
+
+_KEPT = "what was done is kept: the same call goes on from there, with an executor that works"
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -108,27 +112,26 @@ def _begin(parent: int) -> None:
 
 
 class Execution:
-    """The run of a sweep.
+    """The run of a sweep, whose cases have `digests` by their numbers.
 
     `executor` computes, or if None so many processes of this machine; `tell` is told how many cases
-    more are done; `kept` says how many cases of each chunk are in the store already, by the chunk's
-    first case.
+    more are done.
     """
 
     def __init__(
         self,
-        job: Job,
+        measures: Mapping[str, Measure],
+        digests: Sequence[str],
         store: Store,
         executor: futures.Executor | None,
         workers: int,
         tell: Callable[[int], None],
-        kept: Mapping[int, int],
     ) -> None:
-        self._job, self._store, self._tell, self._kept = job, store, tell, Counter(kept)
+        self._digests, self._store, self._tell = digests, store, tell
+        self._measures, self._count = packed(measures), len(measures)
         self._own, self._executor = Workers(workers), executor
         known = getattr(executor, "_max_workers", None) if executor else workers
         self._window = 2 * known if isinstance(known, int) else _MANY
-        self._deaths: Counter[int] = Counter()
         self._in_a_row = 0
 
     def run(self, chunks: Sequence[Chunk]) -> None:
@@ -143,7 +146,7 @@ class Execution:
 
     def _on_all_workers(self, waiting: deque[Chunk]) -> list[Chunk]:
         """Fly chunks on all workers; return those that died too often."""
-        running: dict[futures.Future[Rows], Chunk] = {}
+        running: dict[futures.Future[list[Row]], Chunk] = {}
         suspects: list[Chunk] = []
         try:
             while waiting or running:
@@ -151,34 +154,27 @@ class Execution:
                     chunk = waiting.popleft()
                     running[self._submit(chunk)] = chunk
                 for future in futures.wait(running, return_when=futures.FIRST_COMPLETED).done:
-                    chunk = running.pop(future)
-                    if not self._done(future, chunk):
-                        died = self._deaths[chunk.rows.start]
-                        (waiting if died < _DEATHS else suspects).append(chunk)
-                    elif self._kept[chunk.rows.start] < len(chunk):
-                        waiting.appendleft(chunk)
+                    left = self._left(future, running.pop(future))
+                    if len(left):
+                        (waiting if left.deaths < _DEATHS else suspects).append(left)
         finally:
             for future in running:
                 future.cancel()
         return suspects
 
-    def _submit(self, chunk: Chunk) -> futures.Future[Rows]:
-        """Have the rest of a chunk flown; a pool that is broken answers like one that breaks."""
-        task = self._job.task(chunk.after(self._kept[chunk.rows.start]))
+    def _submit(self, chunk: Chunk) -> futures.Future[list[Row]]:
+        """Have a chunk flown; a pool that is broken answers like one that breaks."""
         try:
-            return (self._executor or self._own).submit(fly, task)
+            return (self._executor or self._own).submit(fly, chunk.task(self._measures))
         except futures.BrokenExecutor as error:
-            broken: futures.Future[Rows] = futures.Future()
+            broken: futures.Future[list[Row]] = futures.Future()
             broken.set_exception(error)
             return broken
         except RuntimeError as error:  # So do executors of any kind refuse after they were ended.
-            raise UsageError(
-                f"the executor takes no work: {printable(error)}; what was done is kept: the same "
-                "call goes on from there, with an executor that works"
-            ) from None
+            raise UsageError(f"the executor takes no work: {printable(error)}; {_KEPT}") from None
 
-    def _done(self, future: futures.Future[Rows], chunk: Chunk) -> bool:
-        """Keep what was flown of a chunk, the next rows; False if its worker died.
+    def _left(self, future: futures.Future[list[Row]], chunk: Chunk) -> Chunk:
+        """What is left of a chunk when the flights that were done are kept; all if it died.
 
         Raises `GibbsCodegenError` if nothing can be computed, or kept.
         """
@@ -189,7 +185,6 @@ class Execution:
         except GibbsCodegenError:
             raise
         except (Exception, futures.CancelledError) as error:  # Every executor has words of its own.
-            self._deaths[chunk.rows.start] += 1
             self._in_a_row += 1
             _log.info("a worker died: %s", printable(f"{type(error).__name__}: {error}"))
             if self._executor is None:
@@ -197,31 +192,28 @@ class Execution:
             elif self._in_a_row > _MOST_IN_A_ROW:
                 raise UsageError(
                     f"the executor has failed {self._in_a_row} times in a row, the last time with "
-                    f"{type(error).__name__}: {printable(error)}; what was done is kept: the same "
-                    "call goes on from there, with an executor that works"
+                    f"{type(error).__name__}: {printable(error)}; {_KEPT}"
                 ) from None
-            return False
+            return replace(chunk, deaths=chunk.deaths + 1)
         self._in_a_row = 0
-        start = chunk.rows.start
-        self._store.add(self._job.digest(chunk), self._kept[start], rows)
-        self._kept[start] += len(rows)
-        self._tell(len(rows))
-        return True
+        return self._keep(chunk, rows)
 
-    def _isolate(self, chunk: Chunk) -> Rows:
+    def _keep(self, chunk: Chunk, rows: Sequence[Row]) -> Chunk:
+        """Keep the first rows of a chunk, and return what is left of it."""
+        self._store.add([self._digests[each] for each in chunk.cases[: len(rows)]], rows)
+        self._tell(len(rows))
+        return chunk.after(len(rows))
+
+    def _isolate(self, chunk: Chunk) -> None:
         """Fly a chunk with nothing beside it; of one that dies what is left is halved.
 
-        Returns its rows, which are kept, and raises as `_done` does.
+        Raises as `_left` does.
         """
-        digest = self._job.digest(chunk)
-        rows = self._store.read(digest)
-        if rows is not None:  # Of a half that an earlier call has kept nothing was told yet.
-            self._tell(len(rows) - self._kept[chunk.rows.start])
-        tries = 1 if len(chunk) > 1 else _DEATHS
-        while tries and (rows is None or len(rows) < len(chunk)):
-            kept = 0 if rows is None else len(rows)
+        is_one = len(chunk) == 1
+        tries = _DEATHS if is_one else 1
+        while tries and len(chunk):
             try:
-                more = self._own.submit(fly, self._job.task(chunk.after(kept))).result()
+                rows = self._own.submit(fly, chunk.task(self._measures)).result()
             except futures.BrokenExecutor:
                 self._own.end()
                 tries -= 1
@@ -230,18 +222,12 @@ class Execution:
                 raise
             except Exception as error:  # It did not die.
                 raise _cannot_fly(error) from None
-            rows = self._store.add(digest, kept, more)
-            self._tell(len(more))
-        kept = 0 if rows is None else len(rows)
-        if rows is not None and kept == len(chunk):
-            return rows
-        if len(chunk) == 1:
-            self._tell(1)
-            dead = rows_of([[math.nan] * len(self._job.measures)], [""], [_DEAD], [""])
-            return self._store.add(digest, 0, dead)
-        left = chunk.after(kept)
-        parts = left.halves() if len(left) > 1 else (left,)
-        return self._store.add(digest, kept, joined([self._isolate(part) for part in parts]))
+            chunk = self._keep(chunk, rows)
+        if is_one and len(chunk):
+            self._keep(chunk, [([math.nan] * self._count, "", _DEAD, "")])
+        elif len(chunk):
+            for half in chunk.halves():
+                self._isolate(half)
 
 
 def _cannot_fly(error: Exception) -> UsageError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
 from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.flight.sweeps.cases import Case, Cases
-from gibbs_codegen.flight.sweeps.chunks import REASONS, Rows, npy
+from gibbs_codegen.flight.sweeps.chunks import REASONS, Row
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
 from gibbs_codegen.runtime.load import require
 
@@ -209,7 +210,9 @@ class Study:
         """
         try:
             with staging_folder(self.folder) as new:
-                (new / _TABLE).write_bytes(npy(self.table))
+                written = io.BytesIO()  # What NumPy writes has no words for a full disk.
+                np.save(written, self.table, allow_pickle=False)
+                (new / _TABLE).write_bytes(written.getvalue())
                 with (new / _CSV).open("w", encoding="utf-8", newline="") as file:
                     writer = csv.writer(file, lineterminator="\n")
                     writer.writerow(self.table.dtype.names or ())
@@ -291,7 +294,7 @@ def _unwritable(path: StrPath, error: OSError) -> OutputError:
     return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")
 
 
-def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
+def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDArray[Any]:
     """The table of a sweep: a structured array with a row for each case."""
     blocks, sizes = cases.blocks, [len(block) for block in cases.blocks]
     columns: dict[str, NDArray[Any]] = {
@@ -303,8 +306,9 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Rows) -> NDArray[Any]:
     for name in cases.columns:
         parts = [each.get(name, [math.nan] * n) for each, n in zip(own, sizes, strict=True)]
         columns[name] = _column(parts)
-    columns |= {name: rows["measures"][:, place] for place, name in enumerate(measures)}
-    columns |= {name: rows[name] for name in REASONS}
+    values, *reasons = zip(*rows, strict=True)
+    columns |= zip(measures, np.transpose(values), strict=True)
+    columns |= {name: np.array(texts) for name, texts in zip(REASONS, reasons, strict=True)}
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column

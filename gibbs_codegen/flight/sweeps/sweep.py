@@ -2,14 +2,14 @@
 
     robot_source, scenario_source   words               → modules, scenarios       (sources)
     cases_of       parameters, samples                   → Cases                   (cases)
-    chunks_of      cases                                 → chunks, 1 to 10 s each  (chunks)
-    Job            measures                              → digest, task of a chunk (chunks)
-    Execution        chunks not in the store, executor     → store                   (execution)
+    digests_of     cases, measures                       → a digest for each case  (chunks)
+    chunks_of      cases that the store lacks            → chunks, a few s each    (chunks)
+    Execution      chunks, executor                      → store                   (execution)
       fly          a chunk, in a worker                  → measures of its flights (chunks)
-    table_of       rows of all chunks                    → Study                   (study)
+    table_of       rows of all cases                     → Study                   (study)
 
-What a chunk's file is named by is all that determines it: so the same call goes on where it was
-ended, be it by force, and the table is the same whatever has computed it.
+A case's digest is of all that determines it: so the same call goes on where it was ended, be it by
+force, and the table is the same whatever has computed it.
 """
 
 from __future__ import annotations
@@ -24,19 +24,18 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.errors import GibbsCodegenError, OutputError, UsageError, printable
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
 from gibbs_codegen.flight.sweeps.cases import Cases, cases_of, varied
 from gibbs_codegen.flight.sweeps.chunks import (
-    REMOVED,
-    Job,
-    Rows,
+    FILE,
+    Row,
     Store,
     chunks_of,
-    joined,
+    digests_of,
     only_adaptive,
 )
 from gibbs_codegen.flight.sweeps.execution import Execution, own_count
@@ -111,8 +110,7 @@ def sweep(
             f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
             "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
         )
-    job, count = Job(chosen), workers or own_count()
-    rows = _rows(job, cases, Store(folder), executor, count, progress)
+    rows = _rows(chosen, cases, folder, executor, workers or own_count(), progress)
     study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
     study.save()
     return study
@@ -141,9 +139,9 @@ def _check_counts(samples: int, seed: int, workers: int | None) -> None:
 
 def _check_own(folder: Path) -> None:
     """Refuse a folder that holds something else than a sweep, which might replace it."""
-    # A sweep writes modules first, and nothing else before `chunks` is there.
+    # A sweep writes modules first, and nothing else before there are flights.
     others = {path.name for path in folder.glob("[!.]*")} - {"modules"}
-    if others and not (folder / "chunks").is_dir():
+    if others and others.isdisjoint((FILE, "cases.json")):
         raise UsageError(
             f"{printable(folder)}: holds {printable(min(others))}, and no sweep has written it; "
             "give a folder that is new or empty, or one of an earlier sweep"
@@ -164,38 +162,32 @@ def _refuse_hopeless(cases: Cases) -> None:
 
 
 def _rows(
-    job: Job,
+    measures: Mapping[str, Measure],
     cases: Cases,
-    store: Store,
+    folder: Path,
     executor: Executor | None,
     workers: int,
     progress: Progress,
-) -> Rows:
-    """The rows of cases, of which those that are not in the store are flown.
-
-    Raises `OutputError` if what was written is not there any more.
-    """
-    chunks = chunks_of(cases)
-    done, everything, logged = 0, len(cases), time.monotonic()
+) -> list[Row]:
+    """The rows of cases, of which those that the folder lacks are flown."""
+    done, logged = 0, time.monotonic()
 
     def tell(more: int) -> None:
         nonlocal done, logged
         done += more
-        progress("flying", done / everything)
+        progress("flying", done / len(cases))
         if time.monotonic() - logged > _LOG_SECONDS:
             logged = time.monotonic()
-            _log.info("%d of %d flights are done", done, everything)
+            _log.info("%d of %d flights are done", done, len(cases))
 
-    found = [store.read(job.digest(each)) for each in chunks]
-    kept = {c.rows.start: len(r) for c, r in zip(chunks, found, strict=True) if r is not None}
-    missing = [each for each in chunks if kept.get(each.rows.start, 0) < len(each)]
-    tell(sum(kept.values()))
+    digests = digests_of(cases, measures)
+    store = Store(folder, set(digests))
+    lacking = [digest not in store.rows for digest in digests]
+    missing = chunks_of(cases, lacking)
+    tell(lacking.count(False))
     if len(missing) > workers and only_adaptive(cases):
         _log.warning(_SLOW)
     if missing:
-        Execution(job, store, executor, min(workers, len(missing)), tell, kept).run(missing)
-        found = [store.read(job.digest(each)) for each in chunks]
-    rows = [each for each in found if each is not None]
-    if sum(map(len, rows)) < everything:
-        raise OutputError(REMOVED)
-    return joined(rows)
+        processes = min(workers, len(missing))
+        Execution(measures, digests, store, executor, processes, tell).run(missing)
+    return [store.rows[digest] for digest in digests]

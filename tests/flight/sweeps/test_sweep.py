@@ -26,9 +26,7 @@ from gibbs_codegen import (
 from gibbs_codegen.flight import many
 from gibbs_codegen.flight.scenario.parts import Motors, StartOffset
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps.cases import cases_of, varied
-from gibbs_codegen.flight.sweeps.chunks import REASONS, Store
-from gibbs_codegen.flight.sweeps.sources import robot_source, scenario_source, tables_of
+from gibbs_codegen.flight.sweeps.sources import tables_of
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -59,6 +57,12 @@ class Backwards(Executor):
                 last, function, arguments = self.waiting.pop()
                 last.set_result(function(*arguments))
         return future
+
+
+def kept_lines(folder):
+    """What is kept of each case, in a line."""
+    path = folder / chunks.FILE
+    return list(filter(None, path.read_text().split("\n"))) if path.exists() else []
 
 
 @pytest.fixture
@@ -134,23 +138,12 @@ def test_one_call_again_flies_nothing(robot, tmp_path, here):
 def test_more_samples_fly_only_what_is_lacking(robot, tmp_path, here, monkeypatch):
     monkeypatch.setattr(chunks, "_MOST_FLIGHTS", 2)
     parameters = {**LATE, "motors.time_constant": [0.0, 0.01]}
-    sweep(robot, "hover", parameters, 5, 1, WORST, here, tmp_path)
     found = []
     for samples in (5, 8):
         sweep(robot, "hover", parameters, samples, 1, WORST, here, tmp_path)
-        found.append({path.name for path in (tmp_path / "chunks").iterdir()})
-    # Of each combination two whole chunks of four remain, and one of a single sample is left over.
-    assert [len(names) for names in found] == [6, 10]
-
-
-def test_the_longest_flights_decide_what_a_chunk_is(robot):
-    source, scenario = robot_source(robot, None, None), scenario_source("hover")
-    sizes = []
-    for durations in ([50.0], [0.05, 50.0, 0.05]):
-        parameters = {"duration": varied(durations), "start.offset[0]": uniform(0.0, 0.1)}
-        found = chunks.chunks_of(cases_of([source], [scenario], parameters, 50, 0))
-        sizes.append(max(map(len, found)))
-    assert sizes[0] == sizes[1] < 50
+        found.append(kept_lines(tmp_path))
+    assert [len(lines) for lines in found] == [10, 16]
+    assert found[1][:10] == found[0]
 
 
 def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
@@ -282,43 +275,40 @@ def test_what_means_nothing_is_refused(robot, tmp_path, parameters, words):
         sweep(**given)
 
 
-def test_a_chunk_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, here, caplog):
+def test_a_row_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, here, caplog):
     first = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
-    (path,) = (tmp_path / "chunks").iterdir()
-    whole = path.read_bytes()
-    rows = np.load(path)
-    altered, wider = tmp_path / "altered.npy", tmp_path / "wider.npy"
-    other = rows.copy()
-    other["measures"][2] += 1e-9
-    np.save(altered, other)
-    fields = [("measures", float, (3,)), *((name, rows.dtype[name]) for name in REASONS)]
-    np.save(wider, np.zeros(len(rows), fields))
-    np.save(tmp_path / "number.npy", 3.0)
-    contents = [altered.read_bytes(), wider.read_bytes(), (tmp_path / "number.npy").read_bytes()]
-    place = whole.index(rows["measures"][2].tobytes())
-    contents += [whole[:place] + other["measures"][2].tobytes() + whole[place + 8 :]]
-    for content in (*contents, b"", whole[:-1], whole[:200], b"PK\3\4" + whole):
+    path = tmp_path / chunks.FILE
+    whole, lines = path.read_bytes(), kept_lines(tmp_path)
+    digest, row, seal = lines[2].split(" ", 1)[0], *lines[2].split(" ", 1)[1].rsplit(" ", 1)
+    for line in (
+        f"{digest} {row.replace('e-0', 'e-1').replace('0.', '0.1')} {seal}",
+        f"{lines[1].split()[0]} {row} {seal}",
+        *(lines[2][:-1], lines[2][:80], "{}", "a b c d"),
+    ):
         caplog.clear()
-        path.write_bytes(content)
+        path.write_text("\n".join([*lines[:2], line, lines[3]]))  # And not ended.
         again = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
         assert again.table.tobytes() == first.table.tobytes()
-        assert [each.getMessage().startswith(f"{path}: is broken") for each in caplog.records] == [
-            True
+        assert [each.getMessage() for each in caplog.records] == [
+            f"{path}: 1 lines are broken or were changed; their flights are flown again"
         ]
-        assert path.read_bytes() == whole
+        assert sorted(kept_lines(tmp_path)) == sorted([*lines, line])
+    path.write_bytes(b"\0" * 100 + whole[:-30])
+    again = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
+    assert again.table.tobytes() == first.table.tobytes()
 
 
-def test_a_chunk_that_cannot_be_read_is_left_alone(robot, tmp_path, here, monkeypatch):
+def test_rows_that_cannot_be_read_are_left_alone(robot, tmp_path, here, monkeypatch):
     sweep(robot, "hover", LATE, 2, 1, WORST, here, tmp_path)
-    (path,) = (tmp_path / "chunks").iterdir()
+    path = tmp_path / chunks.FILE
 
-    def broken(self):
+    def broken(self, *_):
         raise OSError(errno.EIO, "Input/output error")
 
     with monkeypatch.context() as patched:
-        patched.setattr(type(path), "read_bytes", broken)
+        patched.setattr(type(path), "open", broken)
         with pytest.raises(OutputError, match=rf"{path}: cannot be read: Input/output error"):
-            Store(tmp_path).read(path.stem)
+            chunks.Store(tmp_path, ())
     assert path.is_file()
 
 
@@ -331,7 +321,7 @@ def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, 
 
     def interrupt(what, share):
         told.append(share)
-        kept.append([len(np.load(path)) for path in (tmp_path / "b").glob("chunks/*")])
+        kept.append(len(kept_lines(tmp_path / "b")))
         if share > 0.4:
             raise KeyboardInterrupt
 
@@ -339,7 +329,7 @@ def test_what_takes_longer_than_thought_is_kept_piece_by_piece(robot, tmp_path, 
     with pytest.raises(KeyboardInterrupt):
         sweep(*again, interrupt)
     assert [round(6 * share) for share in told if share] == [1, 2, 3]
-    assert kept[-3:] == [[1], [2], [3]]
+    assert kept[-3:] == [1, 2, 3]
     told.clear()
     rest = sweep(*again, lambda what, share: told.append(share))
     assert [round(6 * share) for share in told if share] == [3, 4, 5, 6]
