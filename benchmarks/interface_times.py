@@ -12,6 +12,7 @@ where that is installed. A time is the least of several means.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import ctypes
 import shutil
 import subprocess
@@ -31,9 +32,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-sys.path[:0] = [str(Path(__file__).parent)]
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "tests")]
 
 from c_times import machine  # noqa: E402
+from support.pages import run_python  # noqa: E402
 
 from gibbs_codegen import generate, load  # noqa: E402
 
@@ -173,7 +175,7 @@ def check(who: str, value: Any, right: Array) -> None:
 
 def measured(robot: str, folder: Path, console: Console) -> dict[str, list[tuple[float, float]]]:
     """Microseconds for one state and for a state of many, alone and with Jacobian, by way."""
-    targets = ["numpy", "c", "casadi", "matlab"]
+    targets = ["numpy", "c", "matlab"]
     made = generate(robot, folder, targets=targets, derivatives=True)
     modules = {b: load(made, backend=b) for b in ("numpy", "c", "casadi", "jax")}
     numpy, compiled = modules["numpy"], modules["c"]
@@ -185,11 +187,13 @@ def measured(robot: str, folder: Path, console: Console) -> dict[str, list[tuple
     # A displacement leads to a unit quaternion.
     q = numpy.integrate(numpy.integrate(q, 0.0 * v), v)
     states, right = (q, v, u), numpy.forward_dynamics(q, v, u)
-    external = casadi.external(f"{numpy.NAME}_casadi_forward_dynamics", compiled.__file__)
+    with contextlib.chdir(folder):
+        page = run_python("docs/howto/casadi.md")
+        external = page["compiled"](page["differentiable"](modules["casadi"]))
     ways = {
         "NumPy": of_module(numpy, states),
         "C, called from Python": of_module(compiled, states),
-        "CasADi, external function": of_casadi(external, states),
+        "CasADi, compiled function": of_casadi(external, states),
         "CasADi, symbolic function": of_casadi(modules["casadi"].forward_dynamics, states),
         "JAX": of_jax(modules["jax"], states),
     }

@@ -3,11 +3,11 @@
 The controller of `examples.nmpc` flies the same circle with the same solver and
 tolerances, and gets the time step, the tip's position and their derivatives from
 
-- the emitted C, with its exact derivatives as CasADi's external functions find them,
+- C that CasADi generates of the emitted functions and of their exact derivatives,
 - CasADi's SX of the emitted code, as `load(…, backend="casadi")` gives it,
 - CasADi's SX of articulated bodies, the best public recursion, which CasADi differentiates: run by
   its virtual machine, as `nlpsol` does by default, and as generated C, compiled like ours,
-- the emitted C, differentiated by central differences, as CasADi does by default.
+- the same C of the emitted functions, differentiated by central differences.
 
 Peers have no dampers, so those of the joints are left out; the position is that of the base's
 centre. The steps and points of all must agree to 1e-9, and their Jacobians to 1e-6. At each step of
@@ -18,7 +18,6 @@ busy machine slows all of them; the robot then moves by one step of the predicti
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -38,7 +37,6 @@ sys.path[:0] = [
 
 from c_times import machine  # noqa: E402
 from family import benchmark_robot, named_robot  # noqa: E402
-from peers.build import FLAGS  # noqa: E402
 from peers.casadi_articulated import forward_dynamics  # noqa: E402
 from peers.casadi_bases import MovingBase  # noqa: E402
 from peers.casadi_recursions import Machine  # noqa: E402
@@ -52,6 +50,7 @@ from examples.tracking_problem import (  # noqa: E402
     DERIVATIVES,
     Prediction,
     compiled,
+    in_c,
     traced,
 )
 from gibbs_codegen.robot.model import Robot  # noqa: E402
@@ -64,9 +63,9 @@ ROBOTS = {
     ),
     "hextilt_flying_arm_5": (named_robot("hextilt_flying_arm_5"), Circle()),
 }
-EXACT, OURS_TRACED = "emitted C, exact derivatives", "SX of the emitted code"
+EXACT, OURS_TRACED = "exact derivatives as generated C", "SX of the emitted code"
 RECURSION, GENERATED = "SX of articulated bodies", "the same as generated C"
-DIFFERENCES = "emitted C, finite differences"
+DIFFERENCES = "the same C, finite differences"
 
 
 @dataclass(frozen=True)
@@ -118,28 +117,6 @@ def _traced(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function
     blocks = plain.jacobian().call([*inputs, *unused])
     jacobian = ca.Function(f"jac_{name}", [*inputs, *unused], ca.cse(blocks))
     return ca.Function(name, inputs, ca.cse(outputs), {"custom_jacobian": jacobian})
-
-
-def generated(prediction: Prediction, folder: Path) -> Prediction:
-    """The same as C of CasADi's code generator, compiled with the flags of the emitted C."""
-    functions = (prediction.step, prediction.point)
-    generator = ca.CodeGenerator("peer.c")
-    for function in functions:
-        generator.add(function)
-        generator.add(function.jacobian())
-    generator.generate(f"{folder}/")
-    library = folder / "peer.so"
-    command = [
-        "gcc",
-        *FLAGS,
-        "-fvisibility=default",
-        str(folder / "peer.c"),
-        "-o",
-        str(library),
-        "-lm",
-    ]
-    subprocess.run(command, check=True)
-    return Prediction(*(ca.external(f.name(), str(library)) for f in functions))
 
 
 def differentiated(prediction: Prediction) -> Prediction:
@@ -200,12 +177,12 @@ def controllers(
     fast, symbolic = load(made, backend="c"), load(made, backend="casadi")
     task = circle_task(fast, circle)
     predictions = {
-        EXACT: compiled(fast, task.frame, STEP),
+        EXACT: compiled(symbolic, task.frame, STEP),
         OURS_TRACED: traced(symbolic, task.frame, STEP),
         RECURSION: recursion(robot, fast, symbolic, task),
-        DIFFERENCES: differentiated(compiled(fast, task.frame, STEP)),
+        DIFFERENCES: differentiated(compiled(symbolic, task.frame, STEP)),
     }
-    predictions[GENERATED] = generated(predictions[RECURSION], folder)
+    predictions[GENERATED] = in_c(predictions[RECURSION], fast)
     check(predictions, task)
     return task, {name: Controller(p, task, STEP, plugin=plugin) for name, p in predictions.items()}
 

@@ -57,11 +57,10 @@ def track(
         folder = module_of(robot, out, ("step_rk4",))
     task = circle_task(load(folder), circle)
     plant = load(folder, backend="c")
-    prediction.library(plant)
     predicted = prediction.predicted_robot(robot, STEP)
     with announced("deriving the robot that the controller predicts with, and its derivatives"):
         folder = module_of(predicted, out, prediction.DERIVATIVES)
-    model = load(folder, backend="c")
+    model = load(folder, backend="casadi")
     expected = prediction.compiled(model, task.frame, STEP)
     controller = Controller(expected, task, STEP, plugin=plugin)
     with announced(f"flying {duration:g} s"):

@@ -131,9 +131,7 @@ class Task:
 
 def module_of(robot: Robot, out: Path, derivatives: tuple[str, ...]) -> Path:
     """Generate the module of a robot that was changed, with derivatives on request: its folder."""
-    # CasADi calls the adapter, which stands in C beside the functions.
-    targets = ["numpy", "c", "casadi"]
-    return generate_robot(robot, robot_text(robot), out, targets, derivatives=derivatives)[1]
+    return generate_robot(robot, robot_text(robot), out, derivatives=derivatives)[1]
 
 
 def circle_task(module: ModuleType, circle: Circle) -> Task:

@@ -41,6 +41,7 @@ from examples.task import Weights
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.robot.model import Link, Robot
+from gibbs_codegen.runtime.c_library import CompilerError, chosen_compiler, compiled_files
 
 # What a module must have to be predicted with.
 DERIVATIVES = ("step_euler", "step_euler_derivatives", "frame_poses_derivatives")
@@ -73,30 +74,17 @@ def predicted_robot(robot: Robot, h: float) -> Robot:
 
 
 def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
-    """Predict with a module's compiled C functions and their exact derivatives.
+    """Predict with C that CasADi generates of a module's functions and their exact derivatives.
 
-    It has the C back end and the functions of `DERIVATIVES`; the origin of `frame` is the point.
+    The module has the CasADi back end and the functions of `DERIVATIVES`; the origin of `frame` is
+    the point. Raises `UsageError` where nothing compiles.
     """
-    step, poses = (
-        casadi.external(f"{module.NAME}_casadi_{name}", library(module))
-        for name in ("step_euler", "frame_poses")
-    )
-    return Prediction(_step(step, h), _point(poses, module.FRAMES.index(frame)))
+    return in_c(exact(module, frame, h), module)
 
 
-def library(module: ModuleType) -> str:
-    """Path of the shared library of a module with the C back end.
-
-    Raises `UsageError` for another, such as NumPy where nothing compiles.
-    """
-    path = Path(module.__file__ or "")
-    if path.suffix in ("", ".py"):
-        raise UsageError(
-            f"{module.NAME}: its C source is not compiled, and the controller predicts with "
-            'compiled functions; load the module with backend="c", where CC or the machine has a '
-            "C compiler that works (the log gibbs_codegen says why it does not)"
-        )
-    return str(path)
+def exact(module: ModuleType, frame: str, h: float) -> Prediction:
+    """Predict with a module's functions as CasADi's symbols, and with the module's derivatives."""
+    return Prediction(_step(module, h), _point(module, frame))
 
 
 def traced(module: ModuleType, frame: str, h: float) -> Prediction:
@@ -104,47 +92,81 @@ def traced(module: ModuleType, frame: str, h: float) -> Prediction:
 
     The module has the CasADi back end and the functions of `DERIVATIVES`.
     """
-    return Prediction(
-        _step(module.step_euler, h), _point(module.frame_poses, module.FRAMES.index(frame))
-    )
+    functions = (_step(module, h), _point(module, frame))
+    given = [(f.name(), symbols := f.sx_in(), f.call(symbols)) for f in functions]
+    return Prediction(*(casadi.Function(*each) for each in given))
 
 
-def _step(step: casadi.Function, h: float) -> casadi.Function:
-    """A time step of fixed length, with the Jacobian that the step of any length has."""
-    q, v, u = (casadi.MX.sym(step.name_in(i), step.sparsity_in(i)) for i in range(3))
-    outputs = step.call([q, v, u, h])
-    jacobian = step.jacobian()
-    blocks = jacobian.call([q, v, u, h, *map(_nothing, outputs)])
-    by_all_but_h = [block for place, block in enumerate(blocks) if place % 4 < 3]
-    return _with_jacobian("step", [q, v, u], outputs, by_all_but_h)
+def in_c(prediction: Prediction, module: ModuleType) -> Prediction:
+    """The same functions and Jacobians as C of CasADi's code generator, kept in the cache.
+
+    Raises `UsageError` where nothing compiles.
+    """
+    functions = (prediction.step, prediction.point)
+    generator = casadi.CodeGenerator("prediction.c")
+    for function in functions:
+        generator.add(function)
+        generator.add(function.jacobian())
+    source = {"prediction.c": generator.dump().encode()}
+    folder = Path(module.__path__[0])
+    try:
+        path = compiled_files(folder, module.NAME, [], chosen_compiler(), others=source)
+    except CompilerError as error:
+        raise UsageError(
+            f"{module.NAME}: its functions are not compiled, and the controller predicts with "
+            f"compiled functions: {error}; set CC to a C compiler that works"
+        ) from None
+    return Prediction(*(casadi.external(f.name(), str(path)) for f in functions))
 
 
-def _point(poses: casadi.Function, place: int) -> casadi.Function:
+def _step(module: ModuleType, h: float) -> casadi.Function:
+    """A time step of fixed length, with the Jacobian that the module has, by the entries of q."""
+    q, v, u, _ = module.step_euler.sx_in()
+    *after, by_state, by_u = module.step_euler_derivatives(q, v, u, h)
+    ends = [0, q.numel(), q.numel() + v.numel()]
+    rates = casadi.SX.eye(v.numel())
+    entries = casadi.diagcat(_entries(module, after[0]), rates)
+    states = entries @ by_state @ casadi.diagcat(_displacements(module, q), rates)
+    rows = casadi.vertsplit(casadi.horzcat(states, entries @ by_u), ends)
+    blocks = [
+        block for row in rows for block in casadi.horzsplit(row, [*ends, ends[-1] + u.numel()])
+    ]
+    return _with_jacobian("step", [q, v, u], after, blocks)
+
+
+def _point(module: ModuleType, frame: str) -> casadi.Function:
     """The origin of a frame, with the rows of the poses' Jacobian that belong to it."""
-    q = casadi.MX.sym("q", poses.sparsity_in(0))
-    rows, columns = poses.size_out(0)
-    blocks = poses(q)
-    by_q = poses.jacobian()(q, _nothing(blocks))
-    first, row = rows * (columns - 1), 4 * place
-    point = blocks[row : row + 3, columns - 1]
-    return _with_jacobian("point", [q], [point], [by_q[first + row : first + row + 3, :]])
+    (q,) = module.frame_poses.sx_in()
+    poses, by_q = module.frame_poses_derivatives(q)
+    first = 4 * module.FRAMES.index(frame)
+    rows = [4 * (first + axis) + 3 for axis in range(3)]
+    slope = by_q[rows, :] @ _displacements(module, q)
+    return _with_jacobian("point", [q], [poses[first : first + 3, 3]], [slope])
+
+
+def _displacements(module: ModuleType, q: casadi.SX) -> casadi.SX:
+    """Derivatives (nv, nq) of a displacement of coordinates by their entries."""
+    before = casadi.SX.sym("before", q.numel())
+    return casadi.substitute(casadi.jacobian(module.difference(before, q), q), before, q)
+
+
+def _entries(module: ModuleType, q: casadi.SX) -> casadi.SX:
+    """Derivatives (nq, nv) of the entries of coordinates by a displacement."""
+    before, moved = module.integrate.sx_in()
+    slope = casadi.jacobian(module.integrate(before, moved), moved)
+    return casadi.Function("entries", [before, moved], [slope])(q, 0)
 
 
 def _with_jacobian(
-    name: str, inputs: list[casadi.MX], outputs: list[casadi.MX], blocks: list[casadi.MX]
+    name: str, inputs: list[casadi.SX], outputs: list[casadi.SX], blocks: list[casadi.SX]
 ) -> casadi.Function:
     """A function that CasADi differentiates by given blocks and not through its expressions.
 
     They are the derivative of each output by each input, those of the first output first.
     """
-    unused = [casadi.MX.sym(f"out{i}", _nothing(o).sparsity()) for i, o in enumerate(outputs)]
-    jacobian = casadi.Function(f"jac_{name}", [*inputs, *unused], blocks)
-    return casadi.Function(name, inputs, outputs, {"custom_jacobian": jacobian})
-
-
-def _nothing(value: casadi.MX) -> casadi.MX:
-    """What CasADi gives a Jacobian for an output that it need not know."""
-    return casadi.MX(*value.shape)
+    unused = [casadi.SX.sym(f"out{i}", casadi.Sparsity(*x.shape)) for i, x in enumerate(outputs)]
+    jacobian = casadi.Function(f"jac_{name}", [*inputs, *unused], casadi.cse(blocks))
+    return casadi.Function(name, inputs, casadi.cse(outputs), {"custom_jacobian": jacobian})
 
 
 # Steps that the regulator goes on for. Without an end, the cost of a motion that no input reaches

@@ -37,27 +37,13 @@ print(sys.modules[type(function).__module__].__file__)
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/allocation.c emitted/blocks.c emitted/column_major.c emitted/constants.c
+    emitted/allocation.c emitted/blocks.c emitted/constants.c
     emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/numbers.c
     emitted/platform.c emitted/smallest_thrusts.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/rollout/transpose.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
-    emitted/acados/angles/by_entries.c emitted/acados/angles/place.c
-    emitted/acados/angles/rates_along.c emitted/acados/angles/rates_gradient.c
-    emitted/acados/angles/twice_by_entries.c emitted/acados/constants.c emitted/acados/curvature.c
-    emitted/acados/dyn_disc_phi_fun.c emitted/acados/dyn_disc_phi_fun_jac.c
-    emitted/acados/dyn_disc_phi_fun_jac_hess.c emitted/acados/expl_ode_fun.c
-    emitted/acados/expl_ode_hess.c emitted/acados/expl_vde_adj.c emitted/acados/expl_vde_forw.c
-    emitted/acados/field.c emitted/acados/gradient.c emitted/acados/impl_dae_fun.c
-    emitted/acados/impl_dae_fun_jac_x_xdot_u.c emitted/acados/impl_dae_fun_jac_x_xdot_u_z.c
-    emitted/acados/impl_dae_fun_jac_x_xdot_z.c emitted/acados/impl_dae_hess.c
-    emitted/acados/impl_dae_jac_x_xdot_u_z.c emitted/acados/quaternion/by_entries.c
-    emitted/acados/quaternion/cross.c emitted/acados/quaternion/place.c
-    emitted/acados/quaternion/rates_along.c emitted/acados/quaternion/rates_gradient.c
-    emitted/acados/quaternion/twice_by_entries.c emitted/acados/residual.c
-    emitted/acados/runge_kutta.c emitted/acados/slopes.c emitted/acados/stages.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
@@ -74,8 +60,7 @@ DATA = """
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml
     scenarios/circle.toml scenarios/flip.toml scenarios/hover.toml scenarios/inspection.toml
     scenarios/line.toml scenarios/paper.toml
-    templates/acados_script.py.jinja templates/acados_source.c.jinja
-    templates/c_casadi.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja
+    templates/c_each.c.jinja templates/c_header.h.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja
     templates/c_source.c.jinja templates/c_steps.c.jinja templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja

@@ -33,6 +33,7 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 
 # Pages that need a package more, each with a test file that runs it and asserts what comes out.
 RUN_ELSEWHERE = {
+    "docs/howto/acados.md": "tests/test_acados_page.py",
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",

@@ -55,7 +55,7 @@ def added(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def folder(added: None, tmp_path: Path) -> Path:
     """The module of a robot, generated with the function that was added."""
-    return generate("quadrotor_2link", tmp_path, ["numpy", "c", "casadi"])
+    return generate("quadrotor_2link", tmp_path)
 
 
 def test_every_output_has_its_derivation_and_no_other_is_there() -> None:
@@ -64,11 +64,11 @@ def test_every_output_has_its_derivation_and_no_other_is_there() -> None:
 
 
 def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
-    numpy, source, header, casadi = (
+    numpy, source, header = (
         (folder / name).read_text(encoding="utf-8")
         for name in (
             "numpy_module.py",
-            *(f"quadrotor_2link{ending}" for ending in (".c", ".h", "_casadi.c")),
+            *(f"quadrotor_2link{ending}" for ending in (".c", ".h")),
         )
     )
     assert f"\ndef {NAME}(" in numpy
@@ -77,7 +77,6 @@ def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
         assert re.search(rf"\bquadrotor_2link_{NAME}\(", text)
     assert re.search(rf"\bquadrotor_2link_{NAME}_batch\(", header)
     assert f"\nvoid BATCH({NAME})(" in source
-    assert f"FORM(CASADI, {NAME}, " in casadi
     for text in (numpy, header):
         assert ADDED.summary in text
         assert "theta_m1 [N m]" in text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,27 +55,6 @@ def _imports(lines: Iterable[str]) -> str:
 def c_source(name: str) -> str:
     """A C file of the folder, with the files of the folder that it includes in their places."""
     return _INCLUDE.sub(lambda match: c_source(match[1]), _text(name))
-
-
-def c_joined(folder: str, names: Iterable[str], rooms: Mapping[str, str]) -> str:
-    """Files of a subfolder one after the other, each once, and after those that it includes.
-
-    `rooms` are folders that stand for others in what files include, such as those of one base.
-    """
-    texts: dict[str, str] = {}
-
-    def add(name: str, beside: str) -> None:
-        room, _, file = name.rpartition("/")
-        path = f"{folder}/{rooms[room]}/{file}" if room else f"{beside}/{file}"
-        if path not in texts:
-            text = _text(path)
-            for included in _INCLUDE.findall(text):
-                add(included, path.rpartition("/")[0])
-            texts[path] = _INCLUDE.sub("", text).strip()
-
-    for name in names:
-        add(name, folder)
-    return "\n\n".join(texts.values())
 
 
 def matlab_source(name: str) -> list[str]:

@@ -36,7 +36,7 @@ _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
 # With these a C function of one robot could have the name of another robot's, since some functions
 # have names that end in those of others.
-_ENDINGS = {"_casadi", "_default", "_init"} | {
+_ENDINGS = {"_default", "_init"} | {
     f"_{longer[: -len(shorter) - 1]}"
     for longer, shorter in itertools.permutations(FUNCTIONS, 2)
     if longer.endswith(f"_{shorter}")

@@ -360,9 +360,9 @@ def c_module(
     """The functions and constants of a module, computed by its compiled C source.
 
     Functions are compiled when they are first called, with those of their group. `__file__` is the
-    shared library of the constants, or of everything if that is to be `whole`, as it is where there
-    is a CasADi adapter; `compiled` has the others. `of_each` are flags for the functions that take
-    constants of each state. Raises `CompilerError`, and `CacheError` if the library cannot be kept.
+    shared library of the constants, or of everything if that is to be `whole`; `compiled` has the
+    others. `of_each` are flags for the functions that take constants of each state. Raises
+    `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     signatures = module_signatures(module)
     names = [signature.name for signature in signatures]

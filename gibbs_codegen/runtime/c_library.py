@@ -174,9 +174,8 @@ class ModuleLibrary:
     """The compiled functions of a generated module, each compiled when it is first asked for.
 
     With it are compiled those of its group; a function on request stands alone, and time steps are
-    together. There is one library of everything where that is asked for by `whole`, or the module
-    has a CasADi adapter, which calls them all. With `each` they are the functions that take
-    constants of each state.
+    together. There is one library of everything where that is asked for by `whole`. With `each`
+    they are the functions that take constants of each state.
     """
 
     def __init__(
@@ -195,7 +194,7 @@ class ModuleLibrary:
         self._compiler, self._flags, self._each = compiler, tuple(flags), each
         self._locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
         self._units: dict[str, ctypes.CDLL] = {}
-        self._is_whole = whole or (not each and (folder / f"{name}_casadi.c").is_file())
+        self._is_whole = whole
 
     @functools.cached_property
     def core(self) -> Path:
@@ -275,17 +274,12 @@ class ModuleLibrary:
 def compiled_library(
     folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
 ) -> Path:
-    """Path of a shared library of all that a generated module has in C.
+    """Path of a shared library of all that a generated module has in C, with `rows.c`.
 
-    Those of its CasADi adapter, if it has one, are not there in single precision, which CasADi does
-    not have; `rows.c` is. `extra` flags come after the compiler's.
+    `extra` flags come after the compiler's.
     """
-    files = c_files(name)
-    adapter = f"{name}_casadi.c"
-    if (folder / adapter).is_file() and f"-D{name.upper()}_FLOAT" not in extra:
-        files.append(adapter)
     rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
-    return compiled_files(folder, name, files, compiler, extra, rows)
+    return compiled_files(folder, name, c_files(name), compiler, extra, rows)
 
 
 def compiled_files(

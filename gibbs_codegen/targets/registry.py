@@ -17,7 +17,6 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import options_for
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
-from gibbs_codegen.targets.acados import target as acados_target
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
@@ -74,13 +73,6 @@ TARGETS: dict[str, Target] = {
             "c_each.c.jinja": "{name}_each.c",
         },
     ),
-    "casadi": Target(
-        CPrinter(),
-        _shared(c_target.adapter_text),
-        {"c_casadi.c.jinja": "{name}_casadi.c"},
-        by_default=False,
-        needs=("c",),
-    ),
     "rollout": Target(
         CPrinter(),
         _shared(c_target.rollout_text),
@@ -94,16 +86,12 @@ TARGETS: dict[str, Target] = {
         dict.fromkeys(matlab_target.TEMPLATES, "+{name}/{part}.m"),
         by_default=False,
     ),
-    "acados": Target(
-        InfixPrinter(),
-        _shared(acados_target.module_text),
-        {
-            "acados_source.c.jinja": "{name}_acados.c",
-            "acados_script.py.jinja": "{name}_acados.py",
-        },
-        by_default=False,
-        needs=("c",),
-    ),
+}
+# What needs no files of its own, and how it comes.
+_LOADED = {
+    "jax": "load(…, backend='jax')",
+    "casadi": "load(…, backend='casadi'), and docs/howto/casadi.md compiles its functions",
+    "acados": "its models are made of load(…, backend='casadi'), as docs/howto/acados.md shows",
 }
 DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
 
@@ -116,8 +104,8 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     for name in names:
         if name not in TARGETS:
             known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
-            if name == "jax":
-                known += ". No target is needed for it: load(…, backend='jax')"
+            if name in _LOADED:
+                known += f". No target is needed for it: {_LOADED[name]}"
             raise UsageError(known)
     found = {name: TARGETS[name] for name in names}
     for name, target in found.items():

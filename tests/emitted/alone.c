@@ -20,13 +20,11 @@ void alone_unpack(size_t count, size_t width, const real *blocks, real *rows);
 
 #include "support.c"
 
-#include "column_major.c"
 #include "gather.c"
 
 void few(size_t count, size_t group, const real *angle, real *sine, real *cosine);
 void many(size_t count, size_t group, const real *angle, real *sine, real *cosine);
 void filled(size_t width, size_t lanes, const real *block, real *whole_block);
-void columns(int rows, int width, const real *from, real *to);
 void gathered(int count, const int *rows, const int *columns, int width, const real *matrix,
               real *entries);
 int finite_number(const real *value);
@@ -52,11 +50,6 @@ void many(size_t count, size_t group, const real *angle, real *sine, real *cosin
 void filled(size_t width, size_t lanes, const real *block, real *whole_block)
 {
     fill_lanes(width, lanes, block, whole_block);
-}
-
-void columns(int rows, int width, const real *from, real *to)
-{
-    store(rows, width, from, to);
 }
 
 void gathered(int count, const int *rows, const int *columns, int width, const real *matrix,

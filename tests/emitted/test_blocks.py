@@ -1,4 +1,4 @@
-"""Blocks of states, columns of matrices and tests of numbers, in C that is compiled by itself."""
+"""Blocks of states and tests of numbers, in C that is compiled by itself."""
 
 from __future__ import annotations
 
@@ -74,14 +74,6 @@ def test_lanes_that_are_not_filled_hold_the_last_state(filled: int, library) -> 
     block[:, :filled] = rows.T
     call(c.filled, WIDTH, filled, block, whole)
     np.testing.assert_array_equal(whole, blocks_of(rows)[0])
-
-
-def test_a_matrix_is_stored_column_by_column_where_it_is_wanted(library) -> None:
-    c, real = library
-    rows, columns = states(real), np.empty((WIDTH, COUNT), real)
-    call(c.columns, COUNT, WIDTH, rows, columns)
-    np.testing.assert_array_equal(columns, rows.T)
-    c.columns(COUNT, WIDTH, ctypes.c_void_p(rows.ctypes.data), None)
 
 
 def test_numbers_are_told_from_what_is_not_finite(library) -> None:

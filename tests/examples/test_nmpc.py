@@ -41,6 +41,7 @@ from examples.controller import (
     solver_plugin,
 )
 from examples.tracking_problem import (
+    DERIVATIVES,
     Prediction,
     TrackingProblem,
     compiled,
@@ -76,7 +77,7 @@ def plant(damped: Robot, tmp_path_factory: pytest.TempPathFactory) -> ModuleType
 @pytest.fixture(scope="module")
 def predicted(damped: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("predicted")
-    return module_of(predicted_robot(damped, H), out, ("step_euler",))
+    return module_of(predicted_robot(damped, H), out, DERIVATIVES)
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +102,32 @@ def test_the_step_takes_the_dampers_torques_at_its_end(
     damping[Vehicle(plant).arm_rates] = [link.passive.damping for link in damped.links]
     force = plant.inverse_dynamics(q, v, (v_next - v) / H) + damping * (v_next - v)
     assert np.allclose(force, plant.input_matrix(q) @ u, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["quadrotor_2link", "quadrotor"])
+def test_compiled_functions_have_the_jacobians_of_casadi(name: str, tmp_path: Path) -> None:
+    """With angles and with a quaternion, of any length: by its entries."""
+    module = load(module_of(read_robot(name)[0], tmp_path, DERIVATIVES), backend="casadi")
+    ours, theirs = (
+        f(module, "base" if name == "quadrotor" else "tip", H) for f in (compiled, traced)
+    )
+    q, v, u = (
+        np.linspace(0.2, -0.7, len(x))
+        for x in (module.COORDINATES, module.VELOCITIES, module.INPUTS)
+    )
+    for one, other, given in (
+        (ours.step, theirs.step, (q, v, u)),
+        (ours.point, theirs.point, (q,)),
+    ):
+        assert one.is_a("External")
+        nothing = [casadi.DM(*one.size_out(k)) for k in range(one.n_out())]
+        pairs = zip(
+            [*one.call(given), *one.jacobian().call([*given, *nothing])],
+            [*other.call(given), *other.jacobian().call([*given, *nothing])],
+            strict=True,
+        )
+        for found, expected in pairs:
+            assert np.allclose(found.full(), expected.full(), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("plugin", ["fatrop", "ipopt"])
@@ -252,7 +279,7 @@ def test_the_problem_of_ones_own_of_the_page(
     name = "hextilt_flying_arm_5"
     plant, folder = load(tmp_path / name, backend="c"), tmp_path / f"{name}_predicted"
     task = circle_task(plant, Circle())
-    model = compiled(load(folder, backend="c"), task.frame, H)
+    model = compiled(load(folder, backend="casadi"), task.frame, H)
     place = {"base.path.position": task.q[:3].tolist(), "duration": 1}
     scenario = read_scenario("hover", place | {"integration": {"method": "rk4", "step": 1e-4}})
     late = names["OneStepLate"](model, Controller(model, task, H), task.weights.wanted[:11])
@@ -447,18 +474,13 @@ def test_the_solver_is_one_that_casadi_has(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def test_without_a_compiler_it_says_so(
-    plant: ModuleType,
-    predicted: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    plant: ModuleType, predicted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.raises(UsageError, match="quadrotor_2link_predicted: its C source is not compiled"):
-        compiled(load(predicted, backend="c"), "tip", H)
-    assert "no-such-compiler" in caplog.text
-    made = iter([Path(plant.__path__[0])])
+    made = iter([Path(plant.__path__[0]), predicted])
     monkeypatch.setattr(nmpc, "module_of", lambda *given: next(made))
-    with pytest.raises(UsageError, match=r"quadrotor_2link: its C source is not compiled, .* CC"):
+    why = "quadrotor_2link_predicted: its functions are not compiled, .*no-such-compiler.* CC"
+    with pytest.raises(UsageError, match=why):
         nmpc.track("quadrotor_2link", predicted, Circle(thrust=(-60.0, 60.0)))
 
 

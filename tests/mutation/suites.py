@@ -31,8 +31,7 @@ COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes lower inlining trigonometry steps loops scratch patterns"),
     *_in("targets", "printers documentation registry"),
-    *_in("targets.acados", "target"),
-    *_in("targets.c", "target function sparse statements casadi steps"),
+    *_in("targets.c", "target function sparse statements steps"),
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
@@ -41,8 +40,8 @@ EMISSION = (
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
-    *("acados_source.c.jinja", "c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
-    *("blocks.c", "column_major.c", "exactness.c", "gather.c", "platform.c"),
+    *("c_source.c.jinja", "numpy_module.py.jinja"),
+    *("blocks.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 # C that is compiled with a flight, and the tests that fly in it.
@@ -146,12 +145,6 @@ _QUICK_LOOPS = (
     "tests/program/test_loops.py",
     "tests/program/test_worked_examples.py",
 )
-_QUICK_CASADI = (
-    "tests/runtime/test_casadi_external.py",
-    "tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",
-    "tests/runtime/test_c_backend.py::test_casadi_gets_no_name_of_an_argument_that_there_is_not",
-)
-_QUICK_ACADOS = ("tests/targets/test_acados.py",)
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
@@ -187,16 +180,10 @@ _QUICK = {
     "program.loops": _QUICK_LOOPS,
     "program.patterns": ("tests/interface/test_on_request.py",),
     "targets.c.sparse": ("tests/targets/test_sparse.py",),
-    "targets.acados.target": _QUICK_ACADOS,
-    "acados_source.c.jinja": _QUICK_ACADOS,
-    "targets.c.casadi": _QUICK_CASADI,
-    "targets.c.steps": _QUICK_CASADI,
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
-    "c_casadi.c.jinja": _QUICK_CASADI,
     "blocks.c": _QUICK_BLOCKS,
-    "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,
     "platform.c": _QUICK_BLOCKS,
@@ -239,8 +226,6 @@ _REST = {
     "targets.c.statements": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
-    "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
-    "column_major.c": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
     "c_source.c.jinja": (*_IN_C, "tests/targets/test_each.py"),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),

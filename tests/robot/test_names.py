@@ -45,7 +45,6 @@ HOSTILE = [
     "while",
     "numpy",
     "arm_hybrid",
-    "arm_casadi",
     "arm_default",
     "arm_init",
     "arm_mass_matrix_and",
@@ -94,7 +93,6 @@ def test_no_two_robots_can_share_a_name_in_c() -> None:
     functions = [s.name for s in signatures(Description(paper_family(2, 0)).lists())]
     own = ["real", "constants", "pack", "unpack", "init_constants", "default_constants"]
     symbols = {*functions, *(f"{f}_batch" for f in functions), *own, "default_parameters"}
-    symbols |= {f"casadi_{f}" for f in functions}
     for symbol in symbols:
         for other in symbols:
             if symbol.endswith(f"_{other}"):

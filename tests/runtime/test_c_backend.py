@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import ctypes
 import gc
 import inspect
 import logging
@@ -26,7 +25,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.derived import derived
-from support.kept import kept_folder, made_once
 from support.tools import missing, tool
 
 from gibbs_codegen import load
@@ -431,56 +429,6 @@ def test_functions_are_not_pickled_but_copied(
         assert repr(compiled.residual) == "<compiled function residual>"
         constants = compiled.prepare({"gravity": 3.7})
         assert pickle.loads(pickle.dumps(constants)) == constants  # noqa: S301
-
-
-@pytest.fixture(scope="module")
-def with_adapter() -> tuple[ModuleType, ModuleType]:
-    """The same with an adapter for CasADi, in one library."""
-    targets = ["numpy", "c", "casadi"]
-    made = kept_folder("hexarotor_3link", targets)
-    made_once(made, lambda: generate("hexarotor_3link", made, targets))
-    numpy = load(made / "hexarotor_3link")
-    return numpy, compiled_of(numpy)
-
-
-def test_casadi_takes_the_same_library(with_adapter, states: dict[str, np.ndarray]) -> None:
-    casadi = pytest.importorskip("casadi")
-    numpy, compiled = with_adapter
-    for signature in module_signatures(numpy):
-        function = casadi.external(f"{numpy.NAME}_casadi_{signature.name}", compiled.__file__)
-        arguments = [states[argument][0] for argument in signature.arguments]
-        found = function(*arguments)
-        found = found if isinstance(found, tuple) else (found,)
-        assert function.name_in() == list(signature.arguments)
-        for ours, right in zip(
-            found, results(getattr(numpy, signature.name), arguments), strict=True
-        ):
-            full = np.asarray(ours.full()).reshape(right.shape)
-            np.testing.assert_allclose(full, right, rtol=0, atol=1e-11 * np.abs(right).max())
-
-
-def test_casadi_gets_no_name_of_an_argument_that_there_is_not(with_adapter) -> None:
-    numpy, compiled = with_adapter
-    library = ctypes.CDLL(compiled.__file__)
-    for signature in module_signatures(numpy):
-        for side, count in (("in", len(signature.arguments)), ("out", len(signature.shapes))):
-            name = library[f"{numpy.NAME}_casadi_{signature.name}_name_{side}"]
-            name.argtypes, name.restype = [ctypes.c_longlong], ctypes.c_char_p
-            assert [bool(name(i)) for i in (-1, 0, count - 1, count)] == [False, True, True, False]
-
-
-def test_casadi_differentiates_by_finite_differences(with_adapter, states) -> None:
-    casadi = pytest.importorskip("casadi")
-    numpy, compiled = with_adapter
-    name = f"{numpy.NAME}_casadi_potential_energy"
-    energy = casadi.external(name, compiled.__file__, {"enable_fd": True})
-    x = casadi.MX.sym("x", 9)
-    gradient = casadi.Function("gradient", [x], [casadi.gradient(energy(x), x)])
-    rest = np.zeros(9)
-    q = states["q"][5]
-    # At rest the residual is minus the gradient of the potential energy.
-    found = np.asarray(gradient(q).full()).ravel()
-    np.testing.assert_allclose(found, -numpy.residual(q, rest), rtol=1e-5, atol=1e-4)
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from support.pages import run_python
 from support.random_robots import random_tree
 from support.tools import missing, run, tool
 
+from gibbs_codegen import generate
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, module_signatures
 from gibbs_codegen.robot.family import paper_family
@@ -256,6 +257,26 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
     page = run_python("docs/howto/casadi.md")
     assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)
+    folder = generate("quadrotor", tmp_path, derivatives=["forward_dynamics_derivatives"])
+    for robot in (page["robot"], load(folder, backend="casadi")):
+        given = [np.linspace(0.4, -0.7, x.numel()) for x in robot.forward_dynamics.sx_in()]
+        plain = robot.forward_dynamics
+        ours = page["dynamics"]
+        if robot is not page["robot"]:
+            # Another library of the same name would not be loaded.
+            ours = page["differentiable"](robot)
+        assert_close("value", ours(*given).full(), plain(*given).full(), TOLERANCE)
+        pairs = zip(ours.jacobian()(*given, 0), plain.jacobian()(*given, 0), strict=True)
+        for found, expected in pairs:
+            assert_close("Jacobian", found.full(), expected.full(), 1e-11)
+    weighted = casadi.DM(np.linspace(-1.0, 1.0, 9))
+    level = [casadi.DM(np.linspace(0.4, -0.7, 9))] * 3
+    curvature = page["curvature"]
+    assert curvature.is_a("External")
+    by_q = curvature.jacobian()(*level, weighted, 0)[0].full()
+    assert_close("second", by_q[:9], by_q[:9].T, 1e-10)
+    bent = casadi.Function("bent", [page[name] for name in "qvuw"], [page["hessian"]])
+    assert_close("second", by_q, bent(*level, weighted).full()[:, :9], 1e-11)
 
 
 def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:

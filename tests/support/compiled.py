@@ -41,7 +41,7 @@ SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize
 
 SMALL = "quadrotor_2link"
 # What is emitted for tests: all that is by default, and what else needs no derivatives.
-TARGETS = ("numpy", "c", "casadi", "rollout")
+TARGETS = ("numpy", "c", "rollout")
 EVERY_GROUP = ("default", *GROUPS)
 # Seed, rotors and links: every kind of joint and body, with and without gravity and drag.
 RANDOM = {
@@ -70,17 +70,13 @@ class Emitted:
 
     @property
     def sources(self) -> list[str]:
-        """The C source and the CasADi adapter."""
-        return [str(self.file(".c")), str(self.file("_casadi.c"))]
+        """The C source."""
+        return [str(self.file(".c"))]
 
     @property
     def functions(self) -> list[str]:
         """The C source, and that of functions with constants of each state."""
         return [str(self.file(".c")), str(self.file("_each.c"))]
-
-    def sources_in(self, real: str) -> list[str]:
-        """All that compile in a precision; the adapter is in double precision alone."""
-        return [*self.functions, *(self.sources[1:] if real == "double" else [])]
 
     @property
     def single(self) -> str:

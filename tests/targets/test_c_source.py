@@ -201,7 +201,7 @@ def test_shipped_robots_compile_silently(
     robot = emitted(name)
     for level in ("-O0", "-O1", "-O2", "-O3") if name == SMALL else ("-O2",):
         options = [level, *([robot.single] if real == "float" else [])]
-        compile_only(compiler, options, robot.sources_in(real), tmp_path)
+        compile_only(compiler, options, robot.functions, tmp_path)
 
 
 @pytest.mark.slow
@@ -219,7 +219,7 @@ def test_random_robots_compile_silently(
 ) -> None:
     robot = emitted(label)
     options = ["-O1", *([robot.single] if real == "float" else [])]
-    compile_only(compiler, options, robot.sources_in(real), tmp_path)
+    compile_only(compiler, options, robot.functions, tmp_path)
 
 
 # Numbers
@@ -623,9 +623,9 @@ def test_symbols(
     """What is defined is declared and prefixed; nothing is written to, nothing is allocated."""
     robot = emitted(label)
     options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
-    objects = compile_only(compiler, options, robot.sources_in(real), tmp_path)
-    source, each, *adapter = map(_symbols, objects)
-    for path, symbols in zip(objects, (source, each, *adapter), strict=True):
+    objects = compile_only(compiler, options, robot.functions, tmp_path)
+    source, each = map(_symbols, objects)
+    for path, symbols in zip(objects, (source, each), strict=True):
         assert {kind for kind, _ in symbols} <= set("TtRrU")
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")
@@ -642,20 +642,6 @@ def test_symbols(
     library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
     moving = {"memcpy", "memset", "memmove"}
     assert {name for kind, name in (*source, *each) if kind == "U"} <= library | moving
-    if real == "float":
-        return
-    (casadi,) = adapter
-    assert {name for kind, name in casadi if kind == "U"} <= declared | moving
-    adapters = {
-        f"{robot.name}_casadi_{function.name}{family}{ending}"
-        for function in robot.model.program.functions
-        for family in ("", "_of_parameters")
-        for ending in (
-            *("", "_n_in", "_n_out", "_name_in", "_name_out"),
-            *("_sparsity_in", "_sparsity_out", "_work"),
-        )
-    }
-    assert {name for kind, name in casadi if kind in "TR"} == adapters
 
 
 @pytest.mark.parametrize("level", ["-O1", "-O2"])
@@ -687,7 +673,7 @@ def test_stack_is_what_the_header_promises(
 )
 def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitted]) -> None:
     robot = emitted(label)
-    for ending in (".h", ".c", "_casadi.c"):
+    for ending in (".h", ".c"):
         text = robot.text(ending)
         assert "M_PI" not in text
         assert re.search(r"\bpow[fl]?\s*\(", text) is None
@@ -695,18 +681,7 @@ def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitte
         assert text.isascii()
 
 
-@pytest.mark.parametrize("label", [SMALL, "random_7_4", "random_2_5"])
-def test_zeros_for_absent_arguments_are_as_many_as_the_widest_has(
-    label: str, emitted: Callable[[str], Emitted]
-) -> None:
-    """CasADi passes no array for an argument that is zero. There may be more inputs than q has."""
-    robot = emitted(label)
-    widths = [width for signature in robot.signatures() for width in signature.widths]
-    widest = max(*widths, len(robot.model.defaults))
-    assert f" zeros[{widest}] = " in robot.text("_casadi.c")
-
-
-@pytest.mark.parametrize("ending", [".h", ".c", "_casadi.c"])
+@pytest.mark.parametrize("ending", [".h", ".c"])
 def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
     small = emitted(SMALL)
     digest = hashlib.sha256(read_robot(SMALL)[1].encode()).hexdigest()

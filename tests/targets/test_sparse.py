@@ -80,7 +80,7 @@ def libraries(
 
 @pytest.mark.parametrize("compiler", ["clang", "g++"])
 def test_they_compile_silently(compiler: str, emitted: Emitted, tmp_path: Path) -> None:
-    assert len(compile_only(compiler, ["-O0"], emitted.sources, tmp_path)) == 2
+    compile_only(compiler, ["-O0"], emitted.sources, tmp_path)
 
 
 @pytest.mark.parametrize("real", [np.float64, np.float32])

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from hypothesis import given, settings
-from support.compiled import compile_only
 from support.emitted import emitted_module
 from support.kept import kept_folder, made_once
 from support.planted_faults import ANY_IN_C, planted
@@ -60,7 +59,7 @@ def copied(whole_module: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def whole_module() -> Path:
     """A module of all targets in C."""
-    targets = ["numpy", "c", "casadi", "rollout"]
+    targets = ["numpy", "c", "rollout"]
     made = kept_folder("quadrotor_2link", targets)
     made_once(made, lambda: generate("quadrotor_2link", made, targets))
     return made / "quadrotor_2link"
@@ -98,11 +97,9 @@ def test_a_base_that_is_carried_passes_with_derivatives(attitude: Attitude, tmp_
     robot = Robot("carried", Base(attitude=attitude, origin="base", body=body), links)
     steps = ("step_euler", "step_euler_derivatives", "step_rk4_derivatives")
     names = ("integrate_derivatives", "input_forces_hessian", *steps)
-    targets = ("numpy", "c", "casadi")
-    _, folder = generate_robot(robot, robot_text(robot), tmp_path, targets, derivatives=names)
+    _, folder = generate_robot(robot, robot_text(robot), tmp_path, derivatives=names)
     found = verify(folder, backends=["numpy"])
     assert found.passed, found.failures
-    compile_only("gcc", [], [str(folder / "carried_casadi.c")], tmp_path)
     pytest.importorskip("casadi")
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])[-len(load(folder).COORDINATES) :]
     given = state, 0.1 * np.ones(6), np.zeros(0), 0.01
@@ -332,7 +329,7 @@ def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
     ("ending", "old", "what"),
     [
         (".c", "quadrotor_2link_default_parameters[", "default_parameters"),
-        ("_casadi.c", None, "the module"),
+        ("_rollout.c", None, "the module"),
     ],
 )
 def test_what_c_has_of_its_own_is_compared(

@@ -1,1 +1,1 @@
-"""C99: functions, header, constants, and the adapter for CasADi."""
+"""C99: functions, header and constants."""

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS, LANES, Signature
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.program.scratch import stack_bytes
 from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.targets.c import statements as c
@@ -207,28 +206,6 @@ def column_lines(method: Method, is_quaternion: bool) -> Lines:
     return lines
 
 
-def length_lines(robot: str, method: Method) -> Lines:
-    """What a method does to a state, with the derivatives by the length of the step."""
-    lines = []
-    for part in method:
-        if isinstance(part, Each):
-            lines += c.loop("e", "NV", [*part.lines, *part.by_length])
-            continue
-        if isinstance(part, Move):
-            arguments = ["constants", part.q, "displacement"]
-            lines += c.call(f"{robot}_integrate", [*arguments, part.result])
-            lines += c.call(f"{robot}_integrate_derivatives", [*arguments, "by_q", "by_v"])
-            moved = "displacement_dh", f"{part.result}_dh"
-        else:
-            arguments = ["constants", part.q, part.v, "u", f"acceleration_{part.stage}"]
-            lines += c.call(
-                f"{robot}_forward_dynamics_derivatives", [*arguments, "by_q", "by_v", "by_u"]
-            )
-            moved = f"{part.v}_dh", f"acceleration_{part.stage}_dh"
-        lines += c.call("apply", ["by_q", f"{part.q}_dh", "by_v", *moved])
-    return lines
-
-
 def _slope(part: Accelerate) -> str:
     return f"slopes + {part.stage - 1} * SLOPE * lanes"
 
@@ -342,45 +319,3 @@ def _stack(model: Model, step: _StepText) -> int:
         own += step.slopes * size * sum(columns) + (len(step.vectors) + 4) * size * LANES
     functions = map(model.program.function, FUNCTIONS[step.name].composed)
     return _DOUBLE * own + 2 * max(stack_bytes(gather_angles(part)) for part in functions)
-
-
-Pairs = frozenset[tuple[int, int]]
-
-
-def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
-    """Rows and columns of A and B of "step_euler" or "step_rk4", in the tangent space.
-
-    The model has the derivatives of steps.
-    """
-    size, width = model.description.layout.v.size, len(model.description.inputs)
-    known = patterns(model)
-
-    def of(matrix: str, row: int = 0, column: int = 0) -> Pairs:
-        pattern = known[matrix]
-        return frozenset(
-            (row + i, column + j) for i, j in zip(pattern.rows, pattern.columns, strict=True)
-        )
-
-    # A state is q and v, and behind it are the inputs, which stay as they are.
-    every = frozenset((i, i) for i in range(2 * size + width))
-    accelerated = every | of("acceleration_dq", size) | of("acceleration_dv", size, size)
-    accelerated |= of("acceleration_du", size, 2 * size)
-    moved = every | of("coordinates_dq") | of("coordinates_dv", 0, size)
-    stage = _product(moved, accelerated)
-    whole = stage
-    stages = FUNCTIONS[f"{name}_derivatives"].composed["forward_dynamics_derivatives"]
-    for _ in range(1, stages):
-        whole = _product(stage, whole)
-    states = {(i, j) for i, j in whole if i < 2 * size}
-    return {
-        "A": frozenset((i, j) for i, j in states if j < 2 * size),
-        "B": frozenset((i, j - 2 * size) for i, j in states if j >= 2 * size),
-    }
-
-
-def _product(left: Pairs, right: Pairs) -> Pairs:
-    """Pattern of a product of matrices."""
-    columns: dict[int, set[int]] = {}
-    for i, j in right:
-        columns.setdefault(i, set()).add(j)
-    return frozenset((i, j) for i, k in left for j in columns.get(k, ()))

@@ -12,7 +12,6 @@ from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.runtime.rollout_source import RolloutText
 from gibbs_codegen.targets import documentation
-from gibbs_codegen.targets.c.casadi import casadi_text
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
 from gibbs_codegen.targets.c.statements import WIDTH, CStatements, load
@@ -76,12 +75,6 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         "sparse": sparse_texts(model),
         "gather": c_source("gather.c"),
     }
-
-
-def adapter_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
-    """Context of the template of the CasADi adapter."""
-    name = model.robot.name
-    return {"header": header, "name": name, "NAME": name.upper(), "casadi": casadi_text(model)}
 
 
 def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:

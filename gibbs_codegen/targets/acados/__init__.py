@@ -1,1 +1,0 @@
-"""acados: the dynamics as its C interface links them."""
