@@ -127,11 +127,9 @@ def _step(module: ModuleType, h: float) -> casadi.Function:
     rates = casadi.SX.eye(v.numel())
     entries = casadi.diagcat(_entries(module, after[0]), rates)
     states = entries @ by_state @ casadi.diagcat(_displacements(module, q), rates)
-    rows = casadi.vertsplit(casadi.horzcat(states, entries @ by_u), ends)
-    blocks = [
-        block for row in rows for block in casadi.horzsplit(row, [*ends, ends[-1] + u.numel()])
-    ]
-    return _with_jacobian("step", [q, v, u], after, blocks)
+    whole = casadi.horzcat(states, entries @ by_u)
+    rows = casadi.blocksplit(whole, ends, [*ends, ends[-1] + u.numel()])
+    return _with_jacobian("step", [q, v, u], after, [block for row in rows for block in row])
 
 
 def _point(module: ModuleType, frame: str) -> casadi.Function:

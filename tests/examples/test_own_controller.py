@@ -21,7 +21,7 @@ except ImportError:
     missing("casadi is not installed")
 
 from examples.controller import Controller, fly
-from examples.tracking_problem import traced
+from examples.tracking_problem import DERIVATIVES, traced
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -30,7 +30,7 @@ STEP = 0.02
 
 def test_the_simulator_flies_the_example(tmp_path: Path) -> None:
     """With fixed steps of the same size, it is the flight of the example's own loop."""
-    folder = generate("quadrotor_2link", tmp_path, derivatives=["step_rk4", "step_euler"])
+    folder = generate("quadrotor_2link", tmp_path, derivatives=["step_rk4", *DERIVATIVES])
     plant, posture = load(folder), {"theta_6": -1.0}
     circle = Circle(None, posture, 0.05, 4.0, thrust=(-60.0, 60.0), effort=30.0)
     task = circle_task(plant, circle)

@@ -188,7 +188,7 @@ def test_small_robot_compiles_silently(
 ) -> None:
     small = emitted(SMALL)
     options = [level, *([small.single] if real == "float" else [])]
-    compile_only(compiler, options, small.sources_in(real), tmp_path)
+    compile_only(compiler, options, small.functions, tmp_path)
 
 
 @pytest.mark.slow
