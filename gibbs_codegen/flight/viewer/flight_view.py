@@ -16,7 +16,7 @@ from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, thrust_di
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.viewer import page
-from gibbs_codegen.flight.viewer.machine import MachineScene, least_loads, rgb, set_stage, skeleton
+from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
 
 _CENTRE, _TIP, _DESIRED, _WALL = COLOURS[0], COLOURS[1], "#555555", "#8a6d3b"
 _DASHES = f"repeating-linear-gradient(90deg, {_DESIRED} 0 5px, transparent 5px 9px)"
@@ -34,30 +34,38 @@ class FlightScene:
 
     def __init__(self, server: Any, flight: Flight, frames: int) -> None:
         self.flight, self._scene, self._frames = flight, server.scene, frames
-        drawn = skeleton(
-            flight.parents.tolist(),
-            flight.points.index(flight.centre),
-            len(flight.layout.q.joint_places),
-            len(flight.base_arm_angles_desired),
-            flight.positions,
-            thrust_directions(flight, 0) @ flight.base_rotation[0].T,
-        )
         self._world = server.scene.add_frame("/flight", show_axes=False)
         pushed = [name for name in flight.frames if np.any(flight.frame_wrench(name))]
         self._forces = [flight.frame_wrench(name)[:, :3] for name in pushed]
-        known = flight.points
-        places = [known.index(name if name in known else flight.centre) for name in pushed]
-        self.machine = MachineScene(server.scene, "/flight/robot", drawn, places, frames)
-        self._thrust = usual_size(flight.applied[:, : flight.rotors])
+        known, arms = flight.points, len(flight.base_arm_angles_desired)
+        self.machine = machine = MachineScene(
+            server.scene,
+            "/flight/robot",
+            flight,
+            flight.weight,
+            flight.parents.tolist(),
+            arms,
+            flight.positions,
+            thrust_directions(flight, 0) @ flight.base_rotation[0].T,
+            [known.index(name if name in known else flight.centre) for name in pushed],
+            frames,
+        )
+        machine.thrust = usual_size(flight.applied[:, : flight.rotors])
         # Pushes may be much smaller than thrusts, and are to be seen nevertheless.
-        self._push = usual_size(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
-        self._efforts, self._largest = _efforts(flight, drawn.size)
+        machine.force = usual_size(np.linalg.norm(np.reshape(self._forces, (-1, 3)), axis=1))
+        # Efforts (s, t) of the joints, then those that hold base arms.
+        joints, held = flight.applied[:, flight.rotors :], flight.constraint_torques[:, :arms]
+        self._efforts = np.abs(np.hstack([joints, held]))
+        for unit, least in machine.least.items():
+            of_unit = self._efforts[:, np.array(machine.units) == unit]
+            if np.any(of_unit > least):
+                machine.efforts[unit] = max(usual_size(of_unit), least)
         self.paths = self._draw_paths()
         self._draw_walls()
         low, high = bounds(flight)
         self._middle = 0.5 * (low + high)
-        self.follows = 2.0 * drawn.size < _SMALL * float(np.max(high - low))
-        reach = drawn.size if self.follows else 0.5 * float(np.linalg.norm(high - low))
+        self.follows = 2.0 * machine.size < _SMALL * float(np.max(high - low))
+        reach = machine.size if self.follows else 0.5 * float(np.linalg.norm(high - low))
         set_stage(server, "/flight", float(low[2]), reach)
 
     def show(self, sample: int) -> None:
@@ -71,19 +79,16 @@ class FlightScene:
         self.machine.show(
             points,
             thrust_directions(flight, sample) @ rotation.T,
-            flight.applied[sample, : flight.rotors] / (self._thrust or 1.0),
+            flight.applied[sample, : flight.rotors],
             self._efforts[sample],
-            forces / (self._push or 1.0),
+            forces,
             frames,
         )
         self._world.position = -(centre if self.follows else self._middle)
 
     def key(self) -> list[tuple[str, str]]:
         """Colours, as CSS has them, and in words what they mean."""
-        entries = self.machine.key(self._thrust, self._largest)
-        if self._forces:
-            entries.append(self.machine.force_key(self._push))
-        entries.append((_CENTRE, "path of the base centre"))
+        entries = [*self.machine.key(), (_CENTRE, "path of the base centre")]
         if self._has_arm:
             entries.append((_TIP, "path of the tip"))
         entries.append((_DASHES, "desired paths"))
@@ -137,22 +142,6 @@ def known_samples(flight: Flight) -> NDArray[np.int_]:
     if not len(known):
         raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
     return known
-
-
-def _efforts(flight: Flight, size: float) -> tuple[Array, dict[str, float]]:
-    """Efforts of the joints, then those that hold base arms, of a robot of some size.
-
-    As shares (s, t) of the usual ones of the same unit, and these, 0 where all are noise.
-    """
-    arms = len(flight.base_arm_angles_desired)
-    joints = flight.applied[:, flight.rotors :]
-    values = np.abs(np.hstack([joints, flight.constraint_torques[:, :arms]]))
-    units = np.array([*flight.layout.effort_units, *["N m"] * arms])
-    least, most = least_loads(flight.weight, size), {}
-    for unit in np.unique(units).tolist():
-        of_unit = values[:, units == unit]
-        most[unit] = max(usual_size(of_unit), least[unit]) if np.any(of_unit > least[unit]) else 0.0
-    return values / np.array([most[unit] or np.inf for unit in units.tolist()]), most
 
 
 def _segments(path: Array) -> Array:

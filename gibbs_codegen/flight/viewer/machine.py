@@ -17,9 +17,7 @@ from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.flight.analysis.trim import Balancing
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.record.series import Array, point_parents
-
-Indices = NDArray[np.int_]
+from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 
 # Of how far a robot's points reach: the largest disc.
 _LARGEST_DISC = 0.4
@@ -54,59 +52,6 @@ _NECK, _SHAFT = 0.7, 0.4
 # quaternions, and of lengths in units of the scene's grain.
 _TURN_GRAIN = 2.0**-12
 _Z = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class Skeleton:
-    """What is drawn of a robot.
-
-    `rods` are numbers (r, 2) of the points that each rod joins; `joints` and `rotors` are those of
-    the points that are marked as such; `loads` (r) is the number of the effort that colours each
-    rod, of the n joints and then of the base arms, −1 for none. `radius` is that of a rotor's disc,
-    m, and `size` how far the robot reaches from its base centre, m, to which the rest is in
-    proportion.
-    """
-
-    rods: Indices
-    joints: Indices
-    rotors: Indices
-    loads: Indices
-    radius: float
-    size: float
-
-
-def skeleton(
-    parents: Sequence[int], centre: int, joints: int, arms: int, positions: Array, directions: Array
-) -> Skeleton:
-    """Rods from every point of a robot to the one that it is joined to, and what else is drawn.
-
-    Points follow each other: base centre, N rotors, n joints, others. `parents` are those that each
-    is joined to, −1 for none; `arms` is the number of base arms that constraints hold, which lead
-    to the last rotors. `positions` are (…, k, 3) in some postures, m, and `directions` (N, 3) unit
-    vectors of the thrusts in the first of them, in the same axes.
-    """
-    rotors = np.arange(centre + 1, centre + 1 + len(directions))
-    moving = range(centre + 1 + len(rotors), centre + 1 + len(rotors) + joints)
-    rods = [(parent, point) for point, parent in enumerate(parents) if parent >= 0]
-    # A link goes on from its joint; base arm k leads to rotor k, and the first one is not held.
-    loads = {joint: number for number, joint in enumerate(moving)}
-    arm_efforts = {int(rotors[-arms + k]): joints + k for k in range(arms)}
-    around = positions - positions[..., [centre], :]
-    reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
-    places = positions.reshape(-1, *positions.shape[-2:])[0]
-    spokes = places[rotors] - places[np.asarray(parents, dtype=np.int_)[rotors]]
-    found = disc_radius(places[rotors], directions, np.linalg.norm(spokes, axis=1))
-    radius = min(found, _LARGEST_DISC * reach)
-    return Skeleton(
-        np.array(rods, dtype=np.int_).reshape(-1, 2),
-        np.array([centre, *moving], dtype=np.int_),
-        rotors,
-        np.array(
-            [arm_efforts.get(end, loads.get(start, -1)) for start, end in rods], dtype=np.int_
-        ),
-        radius,
-        reach + radius,
-    )
 
 
 @dataclass(frozen=True)
@@ -241,7 +186,7 @@ class Machine:
                 u,
                 a,
                 vehicle.positions(q),
-                self._directions(q),
+                self.directions(q),
                 vehicle.frame_poses(q),
                 vehicle.constraint_torques(q, still, a, u),
                 system,
@@ -264,14 +209,7 @@ class Machine:
             filled = filled | changed(self.hybrid_system(q), np.zeros((1, 1)))
         return filled
 
-    def skeleton(self, q: Array) -> Skeleton:
-        """How the robot is drawn, in sizes taken at coordinates q."""
-        vehicle = self.vehicle
-        centre = vehicle.points.index(vehicle.centre)
-        positions, directions = vehicle.positions(q), self._directions(q)
-        return skeleton(self.parents, centre, vehicle.joints, self.arms, positions, directions)
-
-    def _directions(self, q: Array) -> Array:
+    def directions(self, q: Array) -> Array:
         """Unit vectors (N, 3) of the thrusts in the world."""
         forces = self.vehicle.base_rotation(q) @ self.vehicle.thrust_wrenches(q)[:3]
         return (forces / np.linalg.norm(forces, axis=0)).T
@@ -286,31 +224,71 @@ def changed(new: Array, old: Array) -> NDArray[np.bool_]:
 class MachineScene:
     """Nodes of a robot, under a root node, which are put wherever its points are.
 
-    `pushed` are numbers of the points at which other forces act than thrusts; so many frames are
-    drawn.
+    Points follow each other: base centre, N rotors, n joints, others. Each is joined to one of
+    `parents` by a rod, −1 for none; `arms` is the number of base arms that constraints hold, which
+    lead to the last rotors. Sizes are in proportion to how far the robot reaches from its base
+    centre, by its `positions` (…, k, 3) in some postures, m, and unit vectors of the thrusts in the
+    first of them, `directions` (N, 3), in the same axes. `pushed` are numbers of the points at
+    which other forces act than thrusts; so many frames are drawn.
+
+    - `size`, m; `radius`, m, of a rotor's disc
+    - `units` (t): those of the efforts of joints, then of base arms
+    - `thrust`, `force`, N, and `efforts`, by unit: what is drawn at full length or colour, which
+      users set; 0 where there is none
+    - `least`: forces (N) and torques (N m), by unit, that nothing but noise is below
     """
 
     def __init__(
-        self, scene: Any, root: str, skeleton: Skeleton, pushed: list[int], frames: int
+        self,
+        scene: Any,
+        root: str,
+        robot: Flight | Vehicle,
+        weight: float,
+        parents: Sequence[int],
+        arms: int,
+        positions: Array,
+        directions: Array,
+        pushed: list[int],
+        frames: int,
     ) -> None:
-        self._skeleton, self._pushed = skeleton, pushed
-        grain = _GRAIN * 2.0 ** np.floor(np.log2(skeleton.size))
+        centre, joints = robot.points.index(robot.centre), len(robot.layout.q.joint_places)
+        first = centre + 1 + len(directions)
+        self._rotors, moving = np.arange(centre + 1, first), range(first, first + joints)
+        self._joints, self._pushed = [centre, *moving], pushed
+        rods = [(parent, point) for point, parent in enumerate(parents) if parent >= 0]
+        self._rods = np.array(rods, dtype=np.int_).reshape(-1, 2)
+        # A link goes on from its joint; base arm k leads to rotor k, and the first one is not held.
+        loads = {joint: number for number, joint in enumerate(moving)}
+        held = {first - arms + k: joints + k for k in range(arms)}
+        self._loads = np.array([held.get(end, loads.get(start, -1)) for start, end in rods], int)
+        around = positions - positions[..., [centre], :]
+        reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
+        places = positions.reshape(-1, *positions.shape[-2:])[0]
+        spokes = places[self._rotors] - places[np.asarray(parents)[self._rotors]]
+        found = disc_radius(places[self._rotors], directions, np.linalg.norm(spokes, axis=1))
+        self.radius = min(found, _LARGEST_DISC * reach)
+        self.size = reach + self.radius
+        self.units = [*robot.layout.effort_units, *["N m"] * arms]
+        self.thrust, self.force, self.efforts = 0.0, 0.0, dict.fromkeys(self.units, 0.0)
+        noise = _NOISE * float(np.nan_to_num(weight))
+        self.least = {"N": noise, "N m": noise * self.size}
+        grain = _GRAIN * 2.0 ** np.floor(np.log2(self.size))
 
         def batch(name: str, shape: str, count: int, colour: str, **look: Any) -> Batch:
             return Batch(scene, f"{root}/{name}", shape, count, colour, grain, **look)
 
-        rotors = len(skeleton.rotors)
-        self._rods = batch("rods", "rod", len(skeleton.rods), RELAXED)
-        self._joints = batch("joints", "ball", len(skeleton.joints), _JOINT_COLOUR)
-        self._rotors = batch("rotors", "rod", rotors, ROTOR, opacity=0.6, cast_shadow=False)
+        rotors = len(self._rotors)
+        self.rods = batch("rods", "rod", len(rods), RELAXED)
+        self._balls = batch("joints", "ball", len(self._joints), _JOINT_COLOUR)
+        self._discs = batch("rotors", "rod", rotors, ROTOR, opacity=0.6, cast_shadow=False)
         self.thrusts = batch("thrusts", "arrow", rotors, THRUST, cast_shadow=False)
         self.forces = batch("forces", "arrow", len(pushed), FORCE, cast_shadow=False)
         self.frames = scene.add_batched_axes(
             f"{root}/frames",
             np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
             np.zeros((frames, 3)),
-            axes_length=_AXES * skeleton.size,
-            axes_radius=0.05 * _AXES * skeleton.size,
+            axes_length=_AXES * self.size,
+            axes_radius=0.05 * _AXES * self.size,
             visible=False,
         )
 
@@ -327,49 +305,47 @@ class MachineScene:
 
         - `points` (k, 3): positions in the world, m
         - `directions` (N, 3): unit vectors of the thrusts in the world
-        - `thrusts` (N), `efforts` (t): shares of what is drawn at full length or colour
-        - `forces` (f, 3): other forces in the world, in what is drawn at full length
+        - `thrusts` (N), N, and `efforts` (t), N m or N, of joints and base arms
+        - `forces` (f, 3): other forces in the world, N
         - `frames` (p, 4, 4): poses in the world of frames that are drawn
         """
-        skeleton, size = self._skeleton, self._skeleton.size
-        self._rods.span(points[skeleton.rods[:, 0]], points[skeleton.rods[:, 1]], _ROD * size)
-        shares = np.append(np.nan_to_num(efforts), 0.0)[skeleton.loads]
-        self._rods.colour(mixed(np.where(skeleton.loads < 0, 0.0, shares)))
-        joints = points[skeleton.joints]
+        size, starts, ends = self.size, *self._rods.T
+        self.rods.span(points[starts], points[ends], _ROD * size)
+        most = np.array([self.efforts[unit] or np.inf for unit in self.units])
+        shares = np.append(np.nan_to_num(efforts / most), 0.0)[self._loads]
+        self.rods.colour(mixed(np.where(self._loads < 0, 0.0, shares)))
+        joints = points[self._joints]
         upright = turned_to(np.repeat(_UP, len(joints), axis=0))
-        self._joints.put(joints, upright, np.full_like(joints, _JOINT * size))
-        seats, along = points[skeleton.rotors], directions
-        flat = skeleton.radius * np.array([1.0, 1.0, _DISC])
+        self._balls.put(joints, upright, np.full_like(joints, _JOINT * size))
+        seats, along = points[self._rotors], directions
+        flat = self.radius * np.array([1.0, 1.0, _DISC])
         lower = seats - 0.5 * flat[2] * along
-        self._rotors.put(lower, turned_to(along), np.tile(flat, (len(seats), 1)))
-        lengths = np.clip(np.nan_to_num(thrusts), -_LONGEST, _LONGEST)[:, np.newaxis]
-        self.thrusts.span(seats, seats + _LENGTH * size * lengths * along, _ARROW * size)
+        self._discs.put(lower, turned_to(along), np.tile(flat, (len(seats), 1)))
+        shares = np.clip(np.nan_to_num(thrusts / (self.thrust or 1.0)), -_LONGEST, _LONGEST)
+        tips = seats + _LENGTH * size * shares[:, np.newaxis] * along
+        self.thrusts.span(seats, tips, _ARROW * size)
         struck = points[self._pushed]
-        self.forces.span(struck, struck + _LENGTH * size * forces, _ARROW * size)
+        tips = struck + _LENGTH * size * forces / (self.force or 1.0)
+        self.forces.span(struck, tips, _ARROW * size)
         if len(frames):
             turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat()
             self.frames.batched_wxyzs = np.roll(turns, 1, axis=1).astype(np.float32)
             self.frames.batched_positions = frames[:, :3, 3].astype(np.float32)
 
-    def key(self, thrust: float, efforts: dict[str, float]) -> list[tuple[str, str]]:
-        """Colours of a robot, as CSS has them, and in words what they mean.
-
-        An arrow has full length for a `thrust`, N, and full colour for the effort of each unit.
-        """
-        long = _LENGTH * self._skeleton.size
-        entries = [(THRUST, f"thrust, {thrust:.3g} N is {long:.2g} m long")] if thrust else []
+    def key(self) -> list[tuple[str, str]]:
+        """Colours of a robot, as CSS has them, and in words what they mean."""
+        long = f"N is {_LENGTH * self.size:.2g} m long"
+        entries = [(THRUST, f"thrust, {self.thrust:.3g} {long}")] if self.thrust else []
         shades = f"linear-gradient(90deg, {RELAXED}, {LOADED})"
         words = {"N m": "torque", "N": "force"}
-        return entries + [
+        entries += [
             (shades, f"{words[unit]} at a joint, 0 to {most:.3g} {unit}")
-            for unit, most in efforts.items()
+            for unit, most in self.efforts.items()
             if most
         ]
-
-    def force_key(self, force: float) -> tuple[str, str]:
-        """Colour, as CSS has it, and meaning of other forces' arrows; full length is `force`, N."""
-        long = _LENGTH * self._skeleton.size
-        return FORCE, f"other forces on the robot, {force:.3g} N is {long:.2g} m long"
+        if self._pushed:
+            entries.append((FORCE, f"other forces on the robot, {self.force:.3g} {long}"))
+        return entries
 
 
 def set_stage(server: Any, root: str, floor: float, reach: float) -> None:
@@ -394,12 +370,6 @@ def set_stage(server: Any, root: str, floor: float, reach: float) -> None:
     camera.fov = _FIELD_OF_VIEW
     camera.look_at = (0.0, 0.0, 0.0)
     camera.position = seen_from(VIEW)[2] * _CLOSE * reach / np.tan(0.5 * _FIELD_OF_VIEW)
-
-
-def least_loads(weight: float, size: float) -> dict[str, float]:
-    """Forces (N) and torques (N m), by unit, that nothing but noise is below; 0 if unknown."""
-    force = _NOISE * float(np.nan_to_num(weight))
-    return {"N": force, "N m": force * size}
 
 
 def mixed(shares: Array) -> Bytes:

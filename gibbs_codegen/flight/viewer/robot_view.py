@@ -21,7 +21,6 @@ from gibbs_codegen.flight.viewer.machine import (
     MachineScene,
     State,
     changed,
-    least_loads,
     set_stage,
 )
 
@@ -69,34 +68,39 @@ class RobotScene:
 
     def __init__(self, server: Any, machine: Machine, q: Array, live: bool) -> None:
         vehicle = machine.vehicle
-        self._rotors = vehicle.rotors
-        self._units = np.array([*vehicle.layout.effort_units, *["N m"] * machine.arms])
-        self._arms, self._largest = machine.arms, dict.fromkeys(self._units.tolist(), 0.0)
-        self._thrust = 0.0
-        drawn = machine.skeleton(q)
-        self.size = drawn.size
-        self._least = least_loads(weight_of(vehicle), drawn.size)
+        self._rotors, self._arms = vehicle.rotors, machine.arms
         self._frames = len(vehicle.frames) if live else 0
         points = vehicle.positions(q)
         low, high = points.min(axis=0), points.max(axis=0)
         world = server.scene.add_frame("/robot", show_axes=False)
         world.position = -0.5 * (low + high)
-        self.machine = MachineScene(server.scene, "/robot/parts", drawn, [], self._frames)
+        self.machine = MachineScene(
+            server.scene,
+            "/robot/parts",
+            vehicle,
+            weight_of(vehicle),
+            machine.parents,
+            machine.arms,
+            points,
+            machine.directions(q),
+            [],
+            self._frames,
+        )
         reach = _AROUND * (_BETWEEN_PANELS if live else 1.0)
-        reach *= 0.5 * float(np.linalg.norm(high - low)) + drawn.radius
-        set_stage(server, "/robot", float(low[2]) - _FLOOR * drawn.size, reach)
+        reach *= 0.5 * float(np.linalg.norm(high - low)) + self.machine.radius
+        set_stage(server, "/robot", float(low[2]) - _FLOOR * self.machine.size, reach)
 
     def note(self, states: Sequence[State]) -> None:
         """Draw thrusts and efforts in proportion to those of states, if these are larger.
 
         The most extreme of the states do not count.
         """
-        acting = [self._acting(state) for state in states]
-        found = _usual([thrusts for thrusts, _ in acting], self._least["N"])
-        self._thrust = max(self._thrust, found)
-        for unit, most in self._largest.items():
-            of_unit = [efforts[self._units == unit] for _, efforts in acting]
-            self._largest[unit] = max(most, _usual(of_unit, self._least[unit]))
+        drawn, acting = self.machine, [self._acting(state) for state in states]
+        found = _usual([thrusts for thrusts, _ in acting], drawn.least["N"])
+        drawn.thrust = max(drawn.thrust, found)
+        for unit, most in drawn.efforts.items():
+            of_unit = [efforts[np.array(drawn.units) == unit] for _, efforts in acting]
+            drawn.efforts[unit] = max(most, _usual(of_unit, drawn.least[unit]))
 
     def _acting(self, state: State) -> tuple[Array, Array]:
         """Thrusts (N), and sizes of the efforts of joints and of what holds base arms."""
@@ -105,20 +109,9 @@ class RobotScene:
 
     def show(self, state: State) -> None:
         """Put the robot where it is."""
-        thrusts, efforts = self._acting(state)
-        whole = np.array([self._largest[unit] or 1.0 for unit in self._units.tolist()])
-        self.machine.show(
-            state.points,
-            state.directions,
-            thrusts / (self._thrust or 1.0),
-            efforts / whole,
-            np.zeros((0, 3)),
-            state.frames[: self._frames],
-        )
-
-    def key(self) -> list[tuple[str, str]]:
-        """Colours, as CSS has them, and in words what they mean."""
-        return self.machine.key(self._thrust, self._largest)
+        frames = state.frames[: self._frames]
+        where = state.points, state.directions
+        self.machine.show(*where, *self._acting(state), np.zeros((0, 3)), frames)
 
 
 def _usual(values: Sequence[Array], least: float) -> float:
@@ -143,8 +136,8 @@ def _recorded(machine: Machine, frames_each: int) -> page.ViewPage:
     start = machine.start()
     with page.empty_server() as server:
         scene = RobotScene(server, machine, machine.coordinates(start), live=False)
-        name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * scene.size))
-        frames = swings(machine, start, _ROOM * scene.size, frames_each)
+        name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * scene.machine.size))
+        frames = swings(machine, start, _ROOM * scene.machine.size, frames_each)
         scene.note([state for _, state in frames])
         name.text = frames[0][0]
         scene.show(frames[0][1])
@@ -154,7 +147,9 @@ def _recorded(machine: Machine, frames_each: int) -> page.ViewPage:
             name.text = label
             scene.show(state)
         client = recording.as_html()
-    return page.view_page(client, f"{machine.vehicle.name}, one coordinate at a time", scene.key())
+    return page.view_page(
+        client, f"{machine.vehicle.name}, one coordinate at a time", scene.machine.key()
+    )
 
 
 def swings(machine: Machine, start: Array, room: float, count: int) -> list[tuple[str, State]]:
@@ -187,11 +182,11 @@ class RobotPanel:
         start = machine.start()
         q = machine.coordinates(start)
         self._scene = RobotScene(server, machine, q, live=True)
-        labels, limits = machine.controls(_LENGTH_ROOM * self._scene.size)
+        labels, limits = machine.controls(_LENGTH_ROOM * self._scene.machine.size)
         # Arrows and colours keep their scale, so that postures can be compared.
-        usual = swings(machine, start, _SWING_ROOM * self._scene.size, _SWING_FRAMES)
+        usual = swings(machine, start, _SWING_ROOM * self._scene.machine.size, _SWING_FRAMES)
         self._scene.note([state for _, state in usual])
-        self._key.content = page.panel_text(page.key_list(self._scene.key()))
+        self._key.content = page.panel_text(page.key_list(self._scene.machine.key()))
         with gui.add_folder("Coordinates"):
             self._start, self._posture = start, Sliders(gui, labels, limits, start)
             self._back = False

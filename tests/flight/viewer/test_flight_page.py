@@ -62,7 +62,7 @@ def test_torques_that_rounding_leaves_are_no_load(
     with empty_server() as server:
         scene = FlightScene(server, flight, frames=0)
         scene.show(3)
-        colours = scene.machine._rods.node.batched_colors
+        colours = scene.machine.rods.node.batched_colors
     assert (colours != rgb(RELAXED)).any() == shown
     assert any("at a joint" in words for _, words in scene.key()) == shown
 
