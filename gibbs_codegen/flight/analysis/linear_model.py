@@ -20,11 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
-from scipy.linalg import expm, schur
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, period, vector, vehicle_of
-from gibbs_codegen.flight.analysis.trim import Trim
+from gibbs_codegen.flight.analysis.trim import Trim, null_space
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.robot.wrenches import directions
@@ -104,8 +103,14 @@ def linearise(
         raise missing_function(vehicle.module, _DERIVATIVES)
     dt, state = period(dt), checked_state(vehicle, q, v, u)
     _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(state.q, state.v, state.u)
-    above = np.concatenate([_carried(vehicle, state.v), np.eye(len(state.v))], axis=1)
-    a = np.concatenate([above, np.concatenate([by_q, by_v], axis=1)])
+    places = vehicle.layout.v
+    carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.
+    if vehicle.layout.is_quaternion:
+        turning, moving = (skew(state.v[part]) for part in (places.attitude, places.position))
+        carried[places.position, places.position] = -turning
+        carried[places.position, places.attitude] = -moving
+        carried[places.attitude, places.attitude] = -turning
+    a = np.block([[carried, np.eye(places.size)], [by_q, by_v]])
     b = np.concatenate([np.zeros_like(by_u), by_u])
     return (a, b) if dt is None else held(a, b, dt)
 
@@ -117,21 +122,9 @@ def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
     """
     size = len(a)
     both = np.zeros((size + b.shape[1],) * 2)
-    both[:size] = np.concatenate([a, b], axis=1)
-    grown = expm(dt * both)[:size]
+    both[:size] = np.hstack([a, b])
+    grown = linalg.expm(dt * both)[:size]
     return grown[:, :size], grown[:, size:]
-
-
-def _carried(vehicle: Vehicle, v: Array) -> Array:
-    """−ad(ξ₀): the rate of δ (nv, nv) by δ itself, at velocities v (nv) of the base."""
-    places = vehicle.layout.v
-    rate = np.zeros((places.size, places.size))
-    if vehicle.layout.is_quaternion:
-        turning, moving = (skew(v[part]) for part in (places.attitude, places.position))
-        rate[places.position, places.position] = -turning
-        rate[places.position, places.attitude] = -moving
-        rate[places.attitude, places.attitude] = -turning
-    return rate
 
 
 def unreached(a: Array, b: Array, matters: Callable[[complex], bool]) -> Array:
@@ -141,10 +134,10 @@ def unreached(a: Array, b: Array, matters: Callable[[complex], bool]) -> Array:
     integrators are double, and rounding moves them by its square root. So what inputs reach is
     taken away first.
     """
-    rest = _complement(_reached(a, b))
+    rest = null_space(_reached(a, b).T)
     if not rest.shape[1]:
         return rest
-    _, vectors, count = schur((rest.T @ a @ rest).T, output="complex", sort=matters)
+    _, vectors, count = linalg.schur((rest.T @ a @ rest).T, output="complex", sort=matters)
     mattering = vectors[:, :count]
     left, _, _ = np.linalg.svd(np.concatenate([mattering.real, mattering.imag], axis=1))
     return rest @ left[:, :count]
@@ -163,12 +156,6 @@ def _reached(a: Array, b: Array) -> Array:
         reached = np.concatenate([reached, fresh], axis=1)
         added, scale = a @ fresh, np.linalg.norm(a, 2)
     return reached
-
-
-def _complement(columns: Array) -> Array:
-    """Orthonormal columns of all that is orthogonal to given ones."""
-    left, _, _ = np.linalg.svd(columns)
-    return left[:, columns.shape[1] :]
 
 
 # How far an eigenvalue may be from where motions neither grow nor decay, as a share of the model's.

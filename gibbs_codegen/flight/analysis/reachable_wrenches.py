@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import vehicle_of
-from gibbs_codegen.flight.analysis.trim import RANK, trim
+from gibbs_codegen.flight.analysis.trim import RANK, null_space, trim
 from gibbs_codegen.flight.plant.vehicle import Array
 
 Support = Callable[[Array], Array]
@@ -176,13 +176,13 @@ class ReachableWrenches:
         """How far wrenches reach from hovering along a direction (6)."""
         step = np.linalg.pinv(self.columns, rcond=RANK) @ direction
         produced = float(np.abs(self.columns @ step - direction).max() <= RANK)
-        ways = np.column_stack([produced * step, _null_space(self.columns)])
+        ways = np.column_stack([produced * step, null_space(self.columns)])
         found = self._farthest(ways, produced * np.eye(ways.shape[1])[0])
         return produced * max(float(found[0]), 0.0)
 
     def _slice(self, kept: slice, held: slice) -> Polytope:
         """The polytope, in 3 dimensions, of `kept` components, with those `held` as at hover."""
-        ways = _null_space(self.columns[held])
+        ways = null_space(self.columns[held])
 
         def support(direction: Array) -> Array:
             step = ways @ self._farthest(ways, direction @ self.columns[kept] @ ways)
@@ -281,9 +281,3 @@ def about(wrenches: Array, point: Array) -> Array:
     moved = wrenches.copy()
     moved[_TORQUE] -= np.cross(point, wrenches[_FORCE], axisb=0, axisc=0)
     return moved
-
-
-def _null_space(matrix: Array) -> Array:
-    """Orthonormal columns that a matrix maps to zero."""
-    _, values, right = np.linalg.svd(matrix)
-    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T

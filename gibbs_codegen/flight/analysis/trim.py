@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, real, vector, vehicle_of
@@ -87,6 +88,12 @@ class SteadyMotion:
         return max(float(np.abs(self.vehicle.base_wrench(q, x)).max()) for x in parts) or 1.0
 
 
+def null_space(matrix: Array) -> Array:
+    """Orthonormal columns that a matrix maps to zero."""
+    _, values, right = np.linalg.svd(matrix)
+    return right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
+
+
 def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) -> Array:
     """Coordinates (nq), near given ones, at which thrusts balance the base best.
 
@@ -138,11 +145,9 @@ class Balancing:
     def of(cls, vehicle: Vehicle, q: Array, force: Array) -> Balancing:
         """The inputs that produce a generalised force (nv), as nearly as they can."""
         columns = vehicle.thrust_wrenches(q)
-        _, values, right = np.linalg.svd(columns)
-        rank = int(np.sum(values > RANK * values.max(initial=0.0)))
         thrusts = np.linalg.pinv(columns, rcond=RANK) @ vehicle.base_wrench(q, force)
         loads = vehicle.input_matrix(q)[vehicle.arm_rates, : vehicle.rotors]
-        idle = right[rank:].T
+        idle = null_space(columns)
         efforts = force[vehicle.arm_rates] - loads @ thrusts
         return cls(np.concatenate([thrusts, efforts]), np.concatenate([idle, -loads @ idle]))
 
@@ -360,15 +365,23 @@ def trim(
     vehicle = vehicle_of(robot, parameters)
     if aim not in AIMS:
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
-    motion = SteadyMotion(
-        vehicle,
-        vector("velocity", velocity, 3),
-        vector("acceleration", acceleration, 3),
-        _acting(vehicle, wrenches or {}),
-    )
+    acting = np.zeros((len(vehicle.frames), 6))
+    for name, wrench in (wrenches or {}).items():
+        if name not in vehicle.frames:
+            known = ", ".join(vehicle.frames)
+            raise UsageError(f"wrenches: {vehicle.name} has no frame {name}; its frames: {known}")
+        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
+    moved = vector("velocity", velocity, 3), vector("acceleration", acceleration, 3)
+    motion = SteadyMotion(vehicle, *moved, acting)
     actuators = module_actuators(vehicle)
     if limits is not None:
-        actuators.thrusts[:] = _limits(vehicle, limits)
+        wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"
+        ends = real("limits", limits, wanted, (2,), (2, vehicle.rotors))
+        if not np.all(ends[0] <= ends[1]):
+            raise UsageError(
+                f"limits: must be {wanted}; a least thrust is above the greatest, or NaN"
+            )
+        actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
     places, bounds = _freedom(vehicle, actuators, start, free)
     found = equilibrium(motion, start, places, bounds)
@@ -376,48 +389,36 @@ def trim(
     force = motion.force(found)
     inputs = Balancing.of(vehicle, found, force)
     u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
-    return _trim(motion, start, found, u, actuators)
-
-
-def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Actuators) -> Trim:
-    """The result for coordinates (nq) and inputs (nu) found; `start` (nq) was asked for."""
-    vehicle = motion.vehicle
-    v, a = motion.rates(q)
-    left, values, _ = np.linalg.svd(vehicle.thrust_wrenches(q))
-    null_space = left[:, int(np.sum(values > RANK * values.max(initial=0.0))) :]
-    turn = vehicle.base_rotation(start).T @ vehicle.base_rotation(q)
+    v, a = motion.rates(found)
+    rotation, layout = vehicle.base_rotation(found), vehicle.layout
+    turn = vehicle.base_rotation(start).T @ rotation
+    own = layout.q.attitude
+    attitude = dict(zip(layout.q.names[own], found[own].tolist(), strict=True))
+    if layout.is_quaternion:
+        angles = Rotation.from_matrix(rotation).as_euler("ZYX")[::-1]
+        attitude = dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
+    idle = null_space(vehicle.thrust_wrenches(found).T)
     return Trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
-        joint_units=vehicle.layout.q.units[vehicle.arm],
-        input_units=("N",) * vehicle.rotors + vehicle.layout.effort_units,
-        q=q,
+        joint_units=layout.q.units[vehicle.arm],
+        input_units=("N",) * vehicle.rotors + layout.effort_units,
+        q=found,
         v=v,
         a=a,
         u=u,
-        attitude=_attitude(vehicle, q),
-        posture=dict(zip(vehicle.joint_names, q[vehicle.arm].tolist(), strict=True)),
-        wrenches=motion.wrenches,
-        residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
+        attitude=attitude,
+        posture=dict(zip(vehicle.joint_names, found[vehicle.arm].tolist(), strict=True)),
+        wrenches=acting,
+        residual=float(np.abs(force - vehicle.input_matrix(found) @ u).max()),
         limits=actuators.inputs,
         margins=margins(u, actuators.inputs),
-        null_space=null_space,
-        missing=directions(null_space),
+        null_space=idle,
+        missing=directions(idle),
         # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
-        beyond_limits=_beyond(vehicle, actuators.joints, q),
+        beyond_limits=_beyond(vehicle, actuators.joints, found),
     )
-
-
-def _attitude(vehicle: Vehicle, q: Array) -> dict[str, float]:
-    """Angles of the base, rad, by name."""
-    if vehicle.layout.is_quaternion:
-        r = vehicle.base_rotation(q)
-        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
-        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
-        return {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
-    places = vehicle.layout.q.attitude
-    return dict(zip(vehicle.coordinates[places], q[places].tolist(), strict=True))
 
 
 def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
@@ -453,28 +454,6 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
                 raise UsageError(f"{table}: {name} is in posture too; give it once")
             start[place] = np.radians(value) if unit == "degrees" else value
     return start
-
-
-def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
-    """Wrenches (f, 6) on all frames, of those that are given by name."""
-    acting = np.zeros((len(vehicle.frames), 6))
-    for name, wrench in wrenches.items():
-        if name not in vehicle.frames:
-            raise UsageError(
-                f"wrenches: {vehicle.name} has no frame {name}; its frames: "
-                f"{', '.join(vehicle.frames)}"
-            )
-        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
-    return acting
-
-
-def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
-    """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
-    wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"
-    limits = real("limits", given, wanted, (2,), (2, vehicle.rotors))
-    if not np.all(limits[0] <= limits[1]):
-        raise UsageError(f"limits: must be {wanted}; a least thrust is above the greatest, or NaN")
-    return limits.reshape(2, -1)
 
 
 def _freedom(

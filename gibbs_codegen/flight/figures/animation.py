@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import subprocess
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -178,32 +177,21 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
     return FFMpegWriter(fps=fps)
 
 
-class _GifWriter(AbstractMovieWriter):
+class _GifWriter(PillowWriter):
     """Writes frames of one palette and without dithering, which makes files far smaller."""
 
-    def setup(self, fig: Figure, outfile: Any, dpi: float | None = None) -> None:
-        """Begin a film."""
-        super().setup(fig, outfile, dpi)
-        self._pictures: list[Image.Image] = []
-        inks = np.array([to_rgb(colour) for colour in (*COLOURS, GOLD, DARK)])
-        shares = np.linspace(0.0, 1.0, _SHADES)[:, np.newaxis, np.newaxis]
-        shades = np.round(255.0 * (shares * inks + 1.0 - shares)).astype(np.uint8)
-        self._palette = Image.new("P", (1, 1))
-        self._palette.putpalette(shades.tobytes())
+    _frames: list[Image.Image]
 
     def grab_frame(self, **savefig_kwargs: Any) -> None:
         """Add the figure as it is as a frame."""
-        drawn = io.BytesIO()
-        self.fig.savefig(drawn, **{**savefig_kwargs, "format": "rgba", "dpi": self.dpi})
-        picture = Image.frombytes("RGBA", self.frame_size, drawn.getvalue()).convert("RGB")
-        picture = picture.quantize(palette=self._palette, dither=Image.Dither.NONE)
-        self._pictures.append(picture)
-
-    def finish(self) -> None:
-        """Write the file."""
-        first, *others = self._pictures
-        duration = int(1000 / self.fps)
-        first.save(self.outfile, save_all=True, append_images=others, duration=duration, loop=0)
+        super().grab_frame(**savefig_kwargs)
+        inks = np.array([to_rgb(colour) for colour in (*COLOURS, GOLD, DARK)])
+        shares = np.linspace(0.0, 1.0, _SHADES)[:, np.newaxis, np.newaxis]
+        shades = np.round(255.0 * (shares * inks + 1.0 - shares)).astype(np.uint8)
+        palette = Image.new("P", (1, 1))
+        palette.putpalette(shades.tobytes())
+        picture = self._frames[-1].convert("RGB")
+        self._frames[-1] = picture.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _film(

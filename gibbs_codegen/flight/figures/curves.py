@@ -329,7 +329,7 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
     """
     places, units = np.arange(len(flight.input_names)), np.array(flight.input_units)
     lifts = places < 0
-    lifts[: flight.rotors] = _lift(flight) >= _VERTICAL
+    lifts[: flight.rotors] = np.abs(thrust_directions(flight, 0)[:, 2]) >= _VERTICAL
     rotors, joints = places < flight.rotors, places >= flight.rotors
     mixed = lifts.any() and (rotors & ~lifts).any()
     groups = {
@@ -358,11 +358,10 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         return finished(figure, flight)
 
 
-def _lift(flight: Flight) -> Array:
-    """What share (N) of each thrust is along the base normal, at the start."""
+def thrust_directions(flight: Flight, sample: int) -> Array:
+    """Unit vectors (N, 3) of the thrusts in the base's frame."""
     directions = flight.thrust_directions
-    first = directions if directions.ndim == 2 else directions[0]
-    return np.abs(first[:, 2])
+    return directions if directions.ndim == 2 else directions[sample]
 
 
 def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:
@@ -392,7 +391,7 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
     """Draw limits, and what each of these rotors bears of the weight; return the legend."""
     keys: dict[str, Any] = {}
     bearing = [place for place in places if place < flight.rotors]
-    lift = _lift(flight)[bearing]
+    lift = np.abs(thrust_directions(flight, 0)[bearing, 2])
     if np.isfinite(flight.weight) and len(lift) and np.all(lift >= _VERTICAL):
         keys[f"weight / {len(lift)}"] = axes.axhline(flight.weight / lift.sum(), **_SHARE)
     limits = flight.input_limits[:, places]
@@ -490,13 +489,13 @@ def _draw(axes: Any, shape: Polytope, hover: Array, margins: Array) -> None:
 def _faces(shape: Polytope) -> list[Array]:
     """The polygons (k, 3) that bound a set; a flat one is a polygon itself."""
     if shape.basis.shape[1] < 3:
-        return [_ring(shape.vertices)]
+        return [ring_of(shape.vertices)]
     reach = _ON_FACET * float(np.ptp(shape.vertices, axis=0).max())
     away = np.abs(shape.vertices @ shape.normals.T - shape.offsets)
-    return [_ring(shape.vertices[distance <= reach]) for distance in away.T]
+    return [ring_of(shape.vertices[distance <= reach]) for distance in away.T]
 
 
-def _ring(corners: Array) -> Array:
+def ring_of(corners: Array) -> Array:
     """The corners (k, 3) of a flat convex polygon in the order in which they follow each other."""
     around = corners - corners.mean(axis=0)
     plane = np.linalg.svd(around)[2][:2]

@@ -26,17 +26,6 @@ from gibbs_codegen.flight.figures.snapshots import snapshots_panels as snapshots
 from gibbs_codegen.flight.record.flight import Flight, is_flight
 
 ANIMATIONS = ("gif", "mp4")
-# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
-FIGURE_NAMES = (
-    "coordinates",
-    "snapshots",
-    "snapshots_panels",
-    "inputs",
-    "constraint_torques",
-    "tracking_error",
-    "energy",
-)
-_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
 
 
 def constraint_torques(flight: Flight, width: float = COLUMN) -> Figure:
@@ -120,7 +109,9 @@ def write_figures(
     return save_figures(drawn, folder, formats)
 
 
-_NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
+# Names of all files of results.
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+_NAMES |= {f"{draw.__name__}.{suffix}" for draw in FIGURES for suffix in ("png", "pdf")}
 
 
 def write_results(
@@ -156,8 +147,6 @@ def write_results(
         flight.write_npz(staging / "flight.npz")
         flight.write_csv(staging / "flight.csv")
         if figures:
-            # Matplotlib takes a second to import, which a flight without figures need not.
-
             progress("figures", 0.0)
             write_figures(flight, staging)
         if animation:

@@ -23,9 +23,8 @@ from gibbs_codegen.figures.scene import (
     set_scene,
 )
 from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
-from gibbs_codegen.flight.figures.curves import add_legend
+from gibbs_codegen.flight.figures.curves import add_legend, ring_of, thrust_directions
 from gibbs_codegen.flight.record.flight import Array, Flight
-from gibbs_codegen.flight.scenario.paths import plane
 
 _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 
@@ -150,12 +149,6 @@ def arm_lines(flight: Flight) -> list[list[int]]:
     return lines
 
 
-def thrust_directions(flight: Flight, sample: int) -> Array:
-    """Unit vectors (N, 3) of the thrusts in the base's frame."""
-    directions = flight.thrust_directions
-    return directions if directions.ndim == 2 else directions[sample]
-
-
 def usual_size(values: Array) -> float:
     """What most of the absolute values do not exceed."""
     known = np.abs(values[np.isfinite(values)])
@@ -239,7 +232,17 @@ def snapshots_panels(flight: Flight) -> Figure:
     with style():
         figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
         size = figure.get_size_inches()
-        panels = [_panel(figure, flight, (box, view), sample) for sample in samples]
+        panels: list[Any] = []
+        for sample in samples:
+            axes: Any = figure.add_subplot(projection="3d")
+            set_scene(axes, box, view, ticks=4)
+            _draw_walls(axes, flight, box)
+            PathDrawing(axes, flight, scale=0.6).show(sample)
+            RobotDrawing(axes, flight, colour=_SHADES(0.0), scale=0.7).show(sample)
+            axes.tick_params(pad=-2)
+            for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+                axis.labelpad = -5.0 if axis is axes.zaxis else -1.5
+            panels.append(axes)
         add_legend(panels[0], flight)
         # Whether the numbers of the z axis are on the left of a scene.
         figure.draw_without_rendering()
@@ -275,27 +278,6 @@ def _division(panels: int, scene: Array) -> tuple[int, Array]:
         scale = float(np.min((room - (_GAP, _TIME)) / scene))
         rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
     return rooms[max(rooms)]
-
-
-def _panel(
-    figure: Figure,
-    flight: Flight,
-    scene: tuple[tuple[Array, Array], tuple[float, float]],
-    sample: int,
-) -> Any:
-    """Draw the robot at a sample, and its paths so far, in small 3-D axes.
-
-    `scene` has the lowest and highest coordinates (3) each, m, and the view.
-    """
-    axes: Any = figure.add_subplot(projection="3d")
-    set_scene(axes, *scene, ticks=4)
-    _draw_walls(axes, flight, scene[0])
-    PathDrawing(axes, flight, scale=0.6).show(sample)
-    RobotDrawing(axes, flight, colour=_SHADES(0.0), scale=0.7).show(sample)
-    axes.tick_params(pad=-2)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.labelpad = -5.0 if axis is axes.zaxis else -1.5
-    return axes
 
 
 def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
@@ -443,7 +425,6 @@ def draw_plane(
     `box` has the lowest and highest coordinates (3); the plane's normal (3) may have any length.
     """
     corners = np.array(list(itertools.product(*np.transpose(box))))
-    across = np.array(plane(normal))
     heights = (corners - point) @ normal
     # An edge joins corners that differ in one coordinate, and crosses the plane or does not.
     crossings = [
@@ -453,8 +434,7 @@ def draw_plane(
     ]
     if not crossings:
         return
-    flat = (np.array(crossings) - np.mean(crossings, axis=0)) @ across.T
-    ring = np.array(crossings)[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
+    ring = ring_of(np.array(crossings))
     axes.add_collection3d(Poly3DCollection([ring], facecolor=_WALL, alpha=0.25, zorder=-1))
     edge = np.vstack([ring, ring[:1]]).T
     axes.plot(*edge, color=_WALL, linewidth=0.8, label=label or None, zorder=-1)

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, FULL, save_figures, style
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
@@ -58,11 +57,14 @@ def distributions(study: Study) -> Figure:
             axes.axvspan(low, high, color="0.93", linewidth=0)
             axes.axvline(median, color=DARK, linewidth=0.8)
             logarithmic = _is_wide(least, greatest)
-            axes.hist(
-                _finite(study.whole[measure]),
-                _edges(_finite(study.whole[measure]), logarithmic).tolist(),
-                color=COLOURS[0],
-            )
+            values = study.whole[measure]
+            values = values[np.isfinite(values)]
+            seen = np.log10(values) if logarithmic else values
+            edges = np.histogram_bin_edges(seen, "auto")
+            if len(edges) > _MOST_BINS + 1:
+                edges = np.linspace(edges[0], edges[-1], _MOST_BINS + 1)
+            edges = 10.0**edges if logarithmic else edges
+            axes.hist(values, edges.tolist(), color=COLOURS[0])
             axes.set_xscale("log" if logarithmic else "linear")
             axes.set_title(
                 f"median {median:.3g}; nine tenths from {low:.3g} to {high:.3g}",
@@ -222,22 +224,9 @@ def _say(axes: Axes, text: str) -> None:
     axes.set(xticks=[], yticks=[])
 
 
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return values[np.isfinite(values)]
-
-
 def _is_wide(least: float, greatest: float) -> bool:
     """Whether values reach over so much that a linear axis would hide the small ones."""
     return bool(least > 0.0 and greatest > _DECADES * least)
-
-
-def _edges(values: NDArray[np.float64], logarithmic: bool) -> NDArray[np.float64]:
-    """Edges of a histogram's bins, as many as the values warrant."""
-    seen = np.log10(values) if logarithmic else values
-    edges = np.histogram_bin_edges(seen, "auto")
-    if len(edges) > _MOST_BINS + 1:
-        edges = np.linspace(edges[0], edges[-1], _MOST_BINS + 1)
-    return 10.0**edges if logarithmic else edges
 
 
 def _listed(names: Sequence[str]) -> str:

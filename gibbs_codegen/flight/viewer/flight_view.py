@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.style import COLOURS
-from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, thrust_directions, usual_size
+from gibbs_codegen.flight.figures.curves import thrust_directions
+from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, usual_size
 from gibbs_codegen.flight.record.flight import Array, Flight
 from gibbs_codegen.flight.scenario.paths import plane
 from gibbs_codegen.flight.viewer import page
@@ -220,19 +221,15 @@ def flight_page(flight: Flight) -> page.ViewPage:
 
     def recorded(frames: int) -> page.ViewPage:
         samples = {*samples_at(flight, np.linspace(start, end, frames))}
-        return _recorded(flight, sorted(samples.intersection(known.tolist())))
+        shown = sorted(samples.intersection(known.tolist()))
+        with page.empty_server() as server:
+            scene = FlightScene(server, flight, frames=0)
+            scene.show(shown[0])
+            recording = server.get_scene_serializer()
+            for before, sample in pairwise(shown):
+                recording.insert_sleep(float(flight.time[sample] - flight.time[before]))
+                scene.show(sample)
+            client = recording.as_html()
+        return page.view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())
 
     return page.that_fits(recorded, min(int((end - start) * _RATE) + 1, _MOST))
-
-
-def _recorded(flight: Flight, samples: list[int]) -> page.ViewPage:
-    """The page that shows some samples."""
-    with page.empty_server() as server:
-        scene = FlightScene(server, flight, frames=0)
-        scene.show(samples[0])
-        recording = server.get_scene_serializer()
-        for before, sample in pairwise(samples):
-            recording.insert_sleep(float(flight.time[sample] - flight.time[before]))
-            scene.show(sample)
-        client = recording.as_html()
-    return page.view_page(client, f"{flight.robot}, {flight.scenario}", scene.key())

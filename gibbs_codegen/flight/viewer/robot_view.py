@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -126,30 +125,26 @@ def robot_page(machine: Machine) -> page.ViewPage:
 
     The page is less than 2 MB. Raises `UsageError` if viser is not installed.
     """
-    return page.that_fits(
-        partial(_recorded, machine), min(_FRAMES, _MOST // (3 + machine.vehicle.joints))
-    )
+    start, title = machine.start(), f"{machine.vehicle.name}, one coordinate at a time"
 
+    def recorded(frames_each: int) -> page.ViewPage:
+        with page.empty_server() as server:
+            scene = RobotScene(server, machine, machine.coordinates(start), live=False)
+            size = scene.machine.size
+            name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * size))
+            frames = swings(machine, start, _ROOM * size, frames_each)
+            scene.note([state for _, state in frames])
+            name.text = frames[0][0]
+            scene.show(frames[0][1])
+            recording = server.get_scene_serializer()
+            for label, state in frames[1:]:
+                recording.insert_sleep(_SECONDS / frames_each)
+                name.text = label
+                scene.show(state)
+            client = recording.as_html()
+        return page.view_page(client, title, scene.machine.key())
 
-def _recorded(machine: Machine, frames_each: int) -> page.ViewPage:
-    """The page with some frames for each coordinate."""
-    start = machine.start()
-    with page.empty_server() as server:
-        scene = RobotScene(server, machine, machine.coordinates(start), live=False)
-        name = server.scene.add_label("/name", "", position=(0.0, 0.0, 0.6 * scene.machine.size))
-        frames = swings(machine, start, _ROOM * scene.machine.size, frames_each)
-        scene.note([state for _, state in frames])
-        name.text = frames[0][0]
-        scene.show(frames[0][1])
-        recording = server.get_scene_serializer()
-        for label, state in frames[1:]:
-            recording.insert_sleep(_SECONDS / frames_each)
-            name.text = label
-            scene.show(state)
-        client = recording.as_html()
-    return page.view_page(
-        client, f"{machine.vehicle.name}, one coordinate at a time", scene.machine.key()
-    )
+    return page.that_fits(recorded, min(_FRAMES, _MOST // (3 + machine.vehicle.joints)))
 
 
 def swings(machine: Machine, start: Array, room: float, count: int) -> list[tuple[str, State]]:

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.flight.figures.flight import FIGURE_NAMES, check_results, write_results
+from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -32,12 +32,6 @@ def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None
         assert {f"{figure}.png", f"{figure}.pdf"} <= names
     assert all(path.stat().st_size > 500 for path in paths)
     assert read_flight(tmp_path / "out" / "flight.npz").robot == "hexarotor"
-
-
-def test_figures_are_known_by_their_names() -> None:
-    from gibbs_codegen.flight.figures.flight import FIGURES
-
-    assert tuple(figure.__name__ for figure in FIGURES) == FIGURE_NAMES
 
 
 def test_what_an_earlier_flight_left_gives_way(flight: Flight, tmp_path: Path) -> None:
