@@ -117,6 +117,10 @@ def _passed(x: Node, weights: dict[Node, Node], places: list[int]) -> Iterator[t
             }
             yield from _of_invocation(program, x.arguments, by_name, places)
             return
+        case nodes.External():
+            formula = nodes.formula_of(x)
+            yield from _passed(formula, {formula: weights[x]}, places)
+            return
     w = weights[x]
     arguments = x.arguments
     match x.operation:

@@ -84,6 +84,8 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
             results = jacobian(program, names).results(*x.arguments)
             slopes_by = {place: results[f"{output}_by_{program.names[place]}"] for place in inner}
             return [_through(slopes_by[place], d) for place, d in inner.items()]
+        case nodes.External():
+            return _terms(nodes.formula_of(x), inner)
         case nodes.Product():
             return [_product_term(x, place, d) for place, d in inner.items()]
         case nodes.Solution():

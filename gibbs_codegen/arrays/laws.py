@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.arrays.base import Motion, base_of, length, placed
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import named
@@ -25,7 +26,6 @@ from gibbs_codegen.arrays.nodes import (
     constant,
     cross,
     dot,
-    external,
     join,
     maximum,
     reshaped,
@@ -282,15 +282,14 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
         loads = robot.input_matrix(q).transposed[:count]
         moved = (base.wrench(rotors.centre, loads[k]) for k in range(count))
         columns = join(*(reshaped(column, (1, 6)) for column in moved))
-        thrusts = external("smallest_thrusts", (count,), columns, wrench)
+        thrusts = smallest_thrusts(columns, wrench)
     else:
         thrusts = rotors.distribution @ wrench
     if rotors.refuse:
         left = wrench - columns.transposed @ thrusts
         refused = length(left) - _EXACT * (1.0 + length(wrench))
     if rotors.limited:
-        given = (thrusts, wrench, columns, rotors.least, rotors.most)
-        thrusts = external("nearest_thrusts", (count,), *given)
+        thrusts = nearest_thrusts(thrusts, wrench, columns, rotors.least, rotors.most)
         # It returns no numbers where it finds none.
         refused = refused + 0.0 * total(thrusts)
     if rotors.move:

@@ -82,9 +82,14 @@ class Invocation:
 
 @dataclass(frozen=True)
 class External:
-    """What is written by hand in every language."""
+    """What is written by hand in every language.
+
+    `formula` gives, for its size, a program of its arguments and its result whose value is the
+    result, and whose derivatives by the arguments are its own; None where it has no derivatives.
+    """
 
     name: str
+    formula: Callable[[int], Program] | None = None
 
 
 @dataclass(frozen=True)
@@ -561,9 +566,21 @@ def coordinates_of(vector: Node, space: Space) -> Node:
     return node(Coordinates(space), (vector,), vector.shape, space)
 
 
-def external(name: str, shape: Shape, *arguments: Node) -> Node:
-    """What is written by hand in every language, as bounded least squares."""
-    return node(External(name), arguments, shape)
+def external(
+    name: str,
+    shape: Shape,
+    *arguments: Node,
+    formula: Callable[[int], Program] | None = None,
+) -> Node:
+    """What is written by hand in every language, as bounded least squares; see `External`."""
+    return node(External(name, formula), arguments, shape)
+
+
+def formula_of(x: Node) -> Node:
+    """What is written by hand, as the result of its formula: with the same derivatives."""
+    if not isinstance(x.operation, External) or x.operation.formula is None:
+        raise UsageError(f"{x} has no derivative")
+    return x.operation.formula(x.size)(*x.arguments, x)[0]
 
 
 @dataclass(frozen=True, eq=False)
