@@ -414,7 +414,7 @@ class CProgram:
                 yield from self._called(
                     name,
                     ["context"],
-                    [(y, self.uniform(y)) for y in x.arguments],
+                    [(y, self.uniform(x)) for y in x.arguments],
                     {name: x},
                     [(name, x.shape, self.uniform(x))],
                 )
@@ -688,6 +688,11 @@ def externals_of(program: Program) -> set[str]:
     parts = (*inner_programs(program), program)
     operations = (x.operation for part in parts for x in part.nodes)
     return {each.name for each in operations if isinstance(each, nodes.External)}
+
+
+def elementaries_of(program: Program) -> set[str]:
+    """Names of the elementary functions that a program has."""
+    return {_name_of(x) for part in (*inner_programs(program), program) for x in part.nodes}
 
 
 def functions_of(program: Program) -> list[tuple[str, str]]:

@@ -36,10 +36,10 @@ from gibbs_codegen.arrays.nodes import (
     entries_of,
     external,
     join,
+    mark,
     maximum,
     minimum,
     ordered,
-    total,
     variable,
     zeros,
 )
@@ -144,18 +144,12 @@ class ClosedLoop:
         commanded at its start and those that act.
         """
         time, h = (variable(name, uniform=True) for name in ("time", "h"))
-        x, rate = variable("x", self.size), self.rate_program
-        given = rate.inputs[3:]
-
-        def slope(t: Node, y: Node) -> dict[str, Node]:
-            return rate.results(t, self._curves_at(t), y, *given)
-
-        half, after = time + 0.5 * h, time + h
-        first = slope(time, x)
+        x, half, after = variable("x", self.size), time + 0.5 * h, time + h
+        first = self._rates(time, x)
         k1 = first["rate"]
-        second = slope(half, x + 0.5 * h * k1)
-        third = slope(half, x + 0.5 * h * second["rate"])
-        fourth = slope(after, x + h * third["rate"])
+        second = self._rates(half, x + 0.5 * h * k1)
+        third = self._rates(half, x + 0.5 * h * second["rate"])
+        fourth = self._rates(after, x + h * third["rate"])
         middle = second["rate"] + third["rate"]
         x_next = x + h / 6.0 * (k1 + 2.0 * middle + fourth["rate"])
         ended = self._ended(self._instant(after, self._curves_at(after)), x_next)
@@ -164,9 +158,24 @@ class ClosedLoop:
         outputs["refused"] = first["refused"]
         for stage in (second, third, fourth):
             outputs["refused"] = outputs["refused"] + maximum(stage["refused"], 0.0)
+        return self._program("step", (time, h, x), outputs)
+
+    def slope(self) -> Program:
+        """The time derivative `rate` of x at a time, and `refused` as of a step."""
+        time, x = variable("time", uniform=True), variable("x", self.size)
+        found = self._rates(time, x)
+        outputs = {name: found[name] for name in ("rate", "refused")}
+        return self._program("slope", (time, x), outputs)
+
+    def _rates(self, time: Node, x: Node) -> dict[str, Node]:
+        """Results of the program of rates at a time."""
+        rate = self.rate_program
+        return rate.results(time, self._curves_at(time), x, *rate.inputs[3:])
+
+    def _program(self, name: str, first: Sequence[Node], outputs: dict[str, Node]) -> Program:
+        """A program of some inputs, and of those by names that its outputs need."""
         needed = set(ordered(outputs.values()))
-        needed_inputs = [y for y in self.inputs.values() if y in needed]
-        return Program("step", (time, h, x, *needed_inputs), outputs)
+        return Program(name, (*first, *(y for y in self.inputs.values() if y in needed)), outputs)
 
     @cached_property
     def rate_program(self) -> Program:
@@ -174,9 +183,7 @@ class ClosedLoop:
         time, x = variable("time", uniform=True), variable("x", self.size)
         curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
         outputs = self.rate(self._instant(time, curves), x)
-        needed = set(ordered(outputs.values()))
-        given = [y for y in self.inputs.values() if y in needed]
-        return Program("rate", (time, curves, x, *given), outputs)
+        return self._program("rate", (time, curves, x), outputs)
 
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
@@ -284,11 +291,9 @@ class ClosedLoop:
         curves = variable("curves", self.curves.outputs["curves"].size, uniform=True)
         memory = variable("memory", v.size)
         wanted, refused = self._law(self._instant(time, curves), q, v, memory)
-        needed = set(ordered([wanted, refused]))
-        given = [x for x in self.inputs.values() if x in needed]
         learnt = [memory] if self.integral else []
         outputs = {"wanted": wanted, "refused": refused}
-        return Program("law", (time, curves, q, v, *learnt, *given), outputs)
+        return self._program("law", (time, curves, q, v, *learnt), outputs)
 
     def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         model, desired = self.model, at.motion
@@ -354,8 +359,7 @@ class ClosedLoop:
         if not self.plant.space.has_quaternion:
             angle = absolute(x[self.plant.layout.middle_angle])
             within = join(within, self.given("largest_lean") - angle)
-        # A number that is not finite leaves its mark in the sum.
-        return -_least(within) + 0.0 * total(x)
+        return -_least(within) + mark(x)
 
     # Motors and what acts on the plant.
 

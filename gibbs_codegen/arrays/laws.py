@@ -27,10 +27,10 @@ from gibbs_codegen.arrays.nodes import (
     cross,
     dot,
     join,
+    mark,
     maximum,
     reshaped,
     square_root,
-    total,
     zeros,
 )
 
@@ -287,11 +287,13 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
         thrusts = rotors.distribution @ wrench
     if rotors.refuse:
         left = wrench - columns.transposed @ thrusts
-        refused = length(left) - _EXACT * (1.0 + length(wrench))
+        beyond = length(left) - _EXACT * (1.0 + length(wrench))
+        # What is no number already is not refused: it ends a flight by itself.
+        refused = choose(beyond, 0.0, beyond, 0.0)
     if rotors.limited:
         thrusts = nearest_thrusts(thrusts, wrench, columns, rotors.least, rotors.most)
         # It returns no numbers where it finds none.
-        refused = refused + 0.0 * total(thrusts)
+        refused = refused + choose(mark(wrench) + 1.0, 0.0, mark(thrusts), 0.0)
     if rotors.move:
         efforts = efforts - loads.transposed[robot.layout.v.joints] @ thrusts
     return join(thrusts, efforts), refused

@@ -441,7 +441,7 @@ def product(matrix: Value, other: Value) -> Node:
         return other
     if _is_identity(other):
         return matrix
-    if is_all(matrix, 0.0) or is_all(other, 0.0):
+    if is_all(matrix, 0.0) or is_all(other, 0.0) or other.shape[0] == 0:
         return zeros(*shape)
     numbers = _all_numbers((matrix, other))
     if numbers is not None:
@@ -533,6 +533,12 @@ def total(x: Node, *axes: int) -> Node:
     shape = tuple(1 if axis in kept else length for axis, length in enumerate(x.shape))
     found = x if shape == x.shape else node(Total(kept), (x,), shape)
     return found if axes else reshaped(found, ())
+
+
+def mark(x: Node) -> Node:
+    """Zero, or no number where an entry is not finite or the sum of them is not."""
+    summed = total(x)
+    return summed - summed
 
 
 def dot(a: Value, b: Value) -> Node:

@@ -1,7 +1,10 @@
 /*
  * Steps of a program, many a call, for one state or a block of states side by side.
  *
- * `take_step` is the program's. A state ends before a step that is refused, and after one from
+ * Before it stand `take_step`, which takes one, STATE, the length of a state, and RANGED, how many
+ * inputs a step tells; `runtime/program_steps.py` calls `program_run`. `given` are addresses: of
+ * constants, of the context of what is written by hand, and of the program's other inputs, a
+ * `number` or `real` for each entry. A state ends before a step that is refused, and after one from
  * which it cannot go on; it then stays as it is, while others go on.
  */
 typedef struct {
@@ -10,24 +13,24 @@ typedef struct {
     int taken[LANES];   /* steps */
 } Progress;
 
-/* Whether a value of a lane is 0 or less: no number is not. */
-static INLINE int is_within(const number *value, const int lane)
+/* Copy states; those of one that goes on stand in for the ended ones, since their cost is the same.
+ * Returns whether any goes on. */
+static INLINE int stand_in(const Progress *progress, const number *x, number *now)
 {
-    return ((const real *)value)[lane] <= R(0.0);
-}
-
-/* Where states have ended, those of one that goes on stand in for them, whose cost is the same. */
-static INLINE void stand_in(const Progress *progress, number *x)
-{
-    int one = 0;
+    int one = 0, ended = 0;
     while (one < LANES && !progress->going[one]) {
         ++one;
     }
+    memcpy(now, x, STATE * sizeof *now);
     for (int lane = 0; lane < LANES; ++lane) {
+        ended |= !progress->going[lane];
+    }
+    for (int lane = 0; ended && one < LANES && lane < LANES; ++lane) {
         for (int i = 0; i < STATE && !progress->going[lane]; ++i) {
-            ((real *)x)[i * LANES + lane] = ((const real *)x)[i * LANES + one];
+            ((real *)now)[i * LANES + lane] = ((const real *)x)[i * LANES + one];
         }
     }
+    return one < LANES;
 }
 
 /* The least and the greatest of inputs so far. */
@@ -40,30 +43,45 @@ static INLINE void widen(const number *inputs, real *range)
     }
 }
 
-/* End states of which some are told. Returns whether any goes on. */
-static INLINE int end(Progress *progress, const number *within, const int refuses)
+/* End states of which a value is not 0 or less; no number is not. */
+static INLINE void end(Progress *progress, const number *value, const int refuses)
 {
-    int any = 0;
     for (int lane = 0; lane < LANES; ++lane) {
-        if (progress->going[lane] && !is_within(within, lane)) {
-            progress->going[lane] = 0;
-            progress->refused[lane] |= refuses;
-        }
-        any |= progress->going[lane];
+        const int ends = progress->going[lane] & !(((const real *)value)[lane] <= R(0.0));
+        progress->going[lane] &= !ends;
+        progress->refused[lane] |= refuses & ends;
     }
-    return any;
+}
+
+/* Take over the next states of those that go on. */
+static INLINE void go_on(Progress *progress, const number *next, number *x)
+{
+    int going = 1;
+    for (int lane = 0; lane < LANES; ++lane) {
+        going &= progress->going[lane];
+        progress->taken[lane] += progress->going[lane];
+    }
+    if (going) {
+        memcpy(x, next, STATE * sizeof *x);
+        return;
+    }
+    for (int lane = 0; lane < LANES; ++lane) {
+        for (int i = 0; i < STATE && progress->going[lane]; ++i) {
+            ((real *)x)[i * LANES + lane] = ((const real *)next)[i * LANES + lane];
+        }
+    }
 }
 
 /*
  * Take up to `count` steps of `h` from `x` at `time`; every `every`-th step, counted from `before`,
  * is a sample. `x` is then the last state, and `samples` has room for count / every + 1 states.
- * `ranges`, if it is not NULL, has room for as many ranges of the inputs of the first lane,
+ * `ranges`, if it is not NULL, has room for one more ranges of the inputs of the first lane,
  * [2][RANGED]: the least, then the greatest at the starts of steps from one sample to the next.
  */
 void program_run(
     const void *const *given,
-    const real time,
-    const real h,
+    const double time,
+    const double h,
     const int count,
     const int every,
     const int before,
@@ -74,8 +92,8 @@ void program_run(
 
 WIDE void program_run(
     const void *const *given,
-    const real time,
-    const real h,
+    const double time,
+    const double h,
     const int count,
     const int every,
     const int before,
@@ -84,30 +102,21 @@ WIDE void program_run(
     real *ranges,
     Progress *progress)
 {
-    number now[STATE], next[STATE], inputs[RANGED];
-    memcpy(now, x, sizeof now);
-    for (int done = 0; done < count; ++done) {
-        number refused, ended;
-        stand_in(progress, now);
-        take_step(given, time + h * (real)done, h, now, next, &ended, inputs, &refused);
-        widen(inputs, ranges);
-        if (!end(progress, &refused, 1)) {
-            return;
+    number now[STATE], next[STATE], inputs[RANGED], refused, ended;
+    int left = every - before % every;
+    for (int done = 0; done < count && stand_in(progress, x, now); ++done) {
+        take_step(given, (real)(time + h * done), (real)h, now, next, &ended, inputs, &refused);
+        end(progress, &refused, 1);
+        if (progress->going[0]) {
+            widen(inputs, ranges);
         }
-        for (int lane = 0; lane < LANES; ++lane) {
-            for (int i = 0; i < STATE && progress->going[lane]; ++i) {
-                ((real *)x)[i * LANES + lane] = ((const real *)next)[i * LANES + lane];
-            }
-            progress->taken[lane] += progress->going[lane];
-        }
-        memcpy(now, next, sizeof now);
-        if ((before + done + 1) % every == 0) {
-            memcpy(samples, x, sizeof now);
+        go_on(progress, next, x);
+        end(progress, &ended, 0);
+        if (--left == 0) {
+            memcpy(samples, x, STATE * sizeof *x);
             samples += STATE;
             ranges = ranges ? ranges + 2 * RANGED : ranges;
-        }
-        if (!end(progress, &ended, 0)) {
-            return;
+            left = every;
         }
     }
 }

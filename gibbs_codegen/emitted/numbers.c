@@ -55,16 +55,6 @@ static INLINE real exponential_real(const real a)
     return LIBRARY(exp)(a);
 }
 
-static INLINE real sine_real(const real a)
-{
-    return LIBRARY(sin)(a);
-}
-
-static INLINE real cosine_real(const real a)
-{
-    return LIBRARY(cos)(a);
-}
-
 static INLINE real arctan2_real(const real a, const real b)
 {
     return LIBRARY(atan2)(a, b);
@@ -78,8 +68,6 @@ static INLINE real arctan2_real(const real a, const real b)
 #define signed_as signed_as_real
 #define square_root square_root_real
 #define exponential exponential_real
-#define sine sine_real
-#define cosine cosine_real
 #define arctan2 arctan2_real
 #else
 /* One of two numbers in each lane. */
@@ -128,8 +116,6 @@ static INLINE number signed_as(const number a, const number sign)
 
 IN_LANES(square_root, square_root_real)
 IN_LANES(exponential, exponential_real)
-IN_LANES(sine, sine_real)
-IN_LANES(cosine, cosine_real)
 
 static INLINE number arctan2(const number a, const number b)
 {

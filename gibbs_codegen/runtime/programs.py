@@ -19,6 +19,7 @@ from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import (
     CProgram,
     c_functions,
+    elementaries_of,
     externals_of,
     functions_of,
     inner_programs,
@@ -34,14 +35,22 @@ Array = NDArray[np.float64]
 _PREFIX = "program_"
 
 
-def c_text(program: Program, robot: Functions, lanes: int = 1, *, steps: bool = False) -> str:
+def c_text(
+    program: Program,
+    robot: Functions,
+    lanes: int = 1,
+    *,
+    each: bool = False,
+    steps: bool = False,
+) -> str:
     """The C source of a program that calls functions of a robot's module.
 
-    With `steps` it ends with `program_run`, which takes many steps of the program: its inputs are
-    time, h and x, then what is given, and its outputs those of `arrays.closed_loop`.
+    With `each` every state of a block has constants of its own. With `steps` it ends with
+    `program_run`, which takes many steps of the program: its inputs are time, h and x, then what is
+    given, and its outputs those of `arrays.closed_loop`.
     """
     name = robot.name
-    constants = "real" if lanes > 1 else f"{name}_constants"
+    constants = "real" if each else f"{name}_constants"
     lines = [
         f'#include "{name}.h"',
         "",
@@ -50,6 +59,7 @@ def c_text(program: Program, robot: Functions, lanes: int = 1, *, steps: bool = 
         "#define SINGLE",
         "#endif",
         f"typedef {constants} Constants;",
+        *([f"#define LANES {lanes}"] if lanes > 1 else []),
         f"#define SOLVE_ROOM {_solve_room(program)}",
         f"#define COORDINATES {robot.space.coordinates}",
         f"#define ROTORS {robot.rotors}",
@@ -57,10 +67,14 @@ def c_text(program: Program, robot: Functions, lanes: int = 1, *, steps: bool = 
     ]
     by_hand = externals_of(program)
     files = ["platform.c", "numbers.c"]
+    if elementaries_of(program) & {"sin", "cos"}:
+        files += ["exactness.c", "sine_cosine.c", "sine_cosine_numbers.c"]
     files += ["curves.c"] if by_hand & {"desired", "centre"} else []
     files += ["allocation.c"] if by_hand - {"desired", "centre"} else []
     files += ["smallest_thrusts.c"] if by_hand & {"smallest_thrusts", "force_axis"} else []
-    blocks = [line for call in functions_of(program) for line in _block(*call)] if lanes > 1 else []
+    ending = "batch_each" if each else "batch"
+    calls = functions_of(program) if lanes > 1 else []
+    blocks = [line for call in calls for line in _block(*call, ending)]
     parts = [*map(c_source, files), *blocks, *c_functions(program, _PREFIX)]
     if steps:
         parts += [*_take_step(program), c_source("engine.c")]
@@ -78,6 +92,13 @@ def _take_step(program: Program) -> list[str]:
         kind = "real" if x.is_uniform else "number"
         at = f"(const {kind} *)given[{first + place - 3}]"
         values.append(name if place < 3 else f"*{at}" if x.shape == () else at)
+    # What is the same for all states is told of each.
+    uniform = {name: x for name, x in program.outputs.items() if text.uniform(x)}
+    found = [f"uniform_{name}" if name in uniform else name for name in program.outputs]
+    told = [
+        f"for (int i = 0; i < {x.size}; ++i) {{ {name}[i] = same(uniform_{name}[i]); }}"
+        for name, x in uniform.items()
+    ]
     return [
         f"#define STATE {program.inputs[2].size}",
         f"#define RANGED {program.outputs['inputs'].size}",
@@ -86,7 +107,9 @@ def _take_step(program: Program) -> list[str]:
         "    const void *const *given, const real time, const real h, const number *x,",
         f"    {', '.join(f'number *{name}' for name in program.outputs)})",
         "{",
-        f"    {text.name}({', '.join([*context, *given, *values, *program.outputs])});",
+        *(f"    real uniform_{name}[{x.size}];" for name, x in uniform.items()),
+        f"    {text.name}({', '.join([*context, *given, *values, *found])});",
+        *(f"    {line}" for line in told),
         "}",
         "",
     ]
@@ -103,7 +126,7 @@ def _solve_room(program: Program) -> int:
     return max(solved, default=1)
 
 
-def _block(module: str, function: str) -> list[str]:
+def _block(module: str, function: str, ending: str) -> list[str]:
     """A function of the module for the states of a block."""
     row = FUNCTIONS[function]
     given = [*row.arguments, *(output.name for output in row.outputs)]
@@ -118,7 +141,7 @@ def _block(module: str, function: str) -> list[str]:
         f"static INLINE void {module}_{function}_block(",
         f"    {', '.join(parameters)})",
         "{",
-        f"    {module}_{function}_batch_each(constants, LANES, {', '.join(cast)});",
+        f"    {module}_{function}_{ending}(constants, LANES, {', '.join(cast)});",
         "}",
         "",
     ]
@@ -136,32 +159,36 @@ def compiled(module: ModuleType, program: Program, lanes: int = 1, *, single: bo
 
 
 def compiled_steps(
-    module: ModuleType, program: Program, lanes: int, *, single: bool = False
+    module: ModuleType, program: Program, lanes: int, *, single: bool = False, each: bool = False
 ) -> Any:
     """The function that takes many steps of a program, of blocks of so many states.
 
-    Raises as `compiled` does.
+    With `each` these have constants of their own. Raises as `compiled` does.
     """
-    function = _library(module, program, lanes, single=single, steps=True).program_run
-    real = ctypes.c_float if single else ctypes.c_double
-    whole, address = ctypes.c_int, ctypes.c_void_p
+    function = _library(module, program, lanes, single=single, each=each, steps=True).program_run
+    real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
     function.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
     function.restype = None
     return function
 
 
 def _library(
-    module: ModuleType, program: Program, lanes: int, *, single: bool, steps: bool = False
+    module: ModuleType,
+    program: Program,
+    lanes: int,
+    *,
+    single: bool,
+    each: bool = False,
+    steps: bool = False,
 ) -> ctypes.CDLL:
     name = module.NAME
     functions = list(dict.fromkeys(function for _, function in functions_of(program)))
     for function in functions:
         getattr(module, function)  # It says how the module is to be generated, if it lacks one.
-    source = c_text(program, Functions(module), lanes, steps=steps)
-    files = [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if lanes > 1 else [])]
-    flags = [f"-DLANES={lanes}", "-fno-math-errno"]
-    if single:
-        flags.append(f"-D{name.upper()}_FLOAT")
+    source = c_text(program, Functions(module), lanes, each=each, steps=steps)
+    files = [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if each else [])]
+    # Nobody asks what square roots leave in errno; with it they are not taken side by side.
+    flags = ["-fno-math-errno", *([f"-D{name.upper()}_FLOAT"] if single else [])]
     path = compiled_files(
         Path(module.__path__[0]),
         name,
@@ -169,34 +196,60 @@ def _library(
         chosen_compiler(),
         flags,
         {f"_{program.name}.c": source.encode()},
-        included=[f"{name}.c"] if lanes > 1 else [],
+        included=[f"{name}.c"] if each else [],
         functions=functions,
     )
     return opened(path)
 
 
 class CompiledProgram:
-    """A program in C for arrays of one state; `constants` by owner, or the robot file's."""
+    """A program in C for one state; `constants` by owner, or those of the robot file.
+
+    `tables` are arrays for what is written by hand. `inputs` and `outputs` are arrays by name, which
+    `run` reads and writes.
+    """
 
     def __init__(
-        self, module: ModuleType, program: Program, constants: Mapping[str, Any] | None = None
+        self,
+        module: ModuleType,
+        program: Program,
+        constants: Mapping[str, Any] | None = None,
+        tables: Sequence[Array] = (),
     ) -> None:
-        self.program = program
-        self._text = CProgram(program)
-        self._constants = [(constants or {}).get(x) for x in self._text.owners]
-        self._constants = [module.prepare({}) if x is None else x for x in self._constants]
+        self.inputs = {
+            name: np.zeros(x.shape) for name, x in zip(program.names, program.inputs, strict=True)
+        }
+        self.outputs = {name: np.zeros(x.shape) for name, x in program.outputs.items()}
+        text, default = CProgram(program), module.prepare({})
+        own = [(constants or {}).get(owner) or default for owner in text.owners]
+        kept = [np.ascontiguousarray(table, dtype=np.float64) for table in tables]
+        # Nothing is guessed.
+        context = np.array([*(x.ctypes.data for x in kept), 0], dtype=np.uint64)
+        # Numbers are passed by value.
+        self._numbers = [(ctypes.c_double(), x) for x in self.inputs.values() if x.ndim == 0]
+        numbers = (number for number, _ in self._numbers)
+        self._arguments: list[Any] = [
+            *([ctypes.c_void_p(context.ctypes.data)] if text.has_context else []),
+            *own,
+            *(next(numbers) if x.ndim == 0 else _address(x) for x in self.inputs.values()),
+            *map(_address, self.outputs.values()),
+        ]
+        self._owned = kept, context
         self._function = compiled(module, program)
+
+    def run(self) -> None:
+        """Compute the outputs of the inputs."""
+        for number, x in self._numbers:
+            number.value = float(x)
+        self._function(*self._arguments)
 
     def __call__(self, *arguments: Any) -> dict[str, Array]:
         """Outputs (of their shapes) by name, of inputs in the program's order."""
-        given: list[Any] = list(self._constants)
-        kept: Sequence[Any] = [np.array(x, dtype=np.float64, order="C") for x in arguments]
-        for x, array in zip(self.program.inputs, kept, strict=True):
-            if x.shape == ():
-                given.append(ctypes.c_double(float(array)))
-            else:
-                given.append(ctypes.c_void_p(array.ctypes.data))
-        outputs = {name: np.empty(x.shape) for name, x in self.program.outputs.items()}
-        given += [ctypes.c_void_p(x.ctypes.data) for x in outputs.values()]
-        self._function(*given)
-        return outputs
+        for x, value in zip(self.inputs.values(), arguments, strict=True):
+            x[...] = value
+        self.run()
+        return {name: x.copy() for name, x in self.outputs.items()}
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)

@@ -60,6 +60,17 @@ def loop_values(closed: ClosedLoop, bounds: Array | float, loads: Loads) -> dict
     return values | _around(closed.environment, loads)[1]
 
 
+def loop_tables(closed: ClosedLoop) -> list[Array]:
+    """Tables of the curves that a closed loop follows: of its motion, then of its centre of mass.
+
+    The latter is there with the geometric law alone.
+    """
+    law, reference = closed.controller, closed.controller.reference
+    curves = reference, law.centre if isinstance(law, GeometricLaw) else reference
+    pieces = reference.begin, reference.step, len(reference.coefficients)
+    return [np.concatenate([pieces, each.coefficients.ravel()]) for each in curves]
+
+
 def loop_program(
     closed: ClosedLoop, loads: Loads, each: Mapping[str, Any] | None = None
 ) -> closed_loop.ClosedLoop:

@@ -16,13 +16,14 @@ from support.compiled import compile_only
 from support.tools import missing
 
 from gibbs_codegen.flight.control.laws import Controller
-from gibbs_codegen.flight.integration.block_loop import BlockLoop
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import NATIVE, CompiledLoop
+from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, steps_of
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.interface import LANES
+from gibbs_codegen.runtime.program_steps import ProgramSteps
 
 Array = NDArray[np.float64]
 Load = Callable[[str], ModuleType]
@@ -52,10 +53,8 @@ def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Arr
 
 def block_of(
     closed: ClosedLoop, loads: Loads, count: int, bounds: Array | float = np.inf
-) -> BlockLoop:
-    block = BlockLoop.of(closed, bounds, loads, count)
-    assert block is not None
-    return block
+) -> ProgramSteps:
+    return steps_of(closed, bounds, loads, count, lanes=LANES)
 
 
 def varied(closed: ClosedLoop, factors: Array) -> ClosedLoop:
@@ -117,8 +116,7 @@ def test_each_flight_is_that_of_the_loop_of_one_state(name: str, fast: Load) -> 
     found = block_of(varied(closed, factors), loads, COUNT)(0.0, states, STEP, 100, 7, 3)
     assert not np.any(found.refused)
     for k, state in enumerate(states):
-        one = CompiledLoop.of(varied(closed, factors[k]), np.inf, loads)
-        assert one is not None
+        one = CompiledLoop(varied(closed, factors[k]), np.inf, loads)
         taken, samples, last = one(0.0, state, STEP, 100, 7, 3)
         assert taken == found.taken[k] == 100
         rounding = rounding_of(closed)
@@ -149,8 +147,7 @@ def test_plant_and_model_may_differ_from_flight_to_flight(name: str, fast: Load)
     states = starts(closed, count)
     found = block_of(variant(slice(None)), Loads(), count)(0.0, states, STEP, 100, 10)
     for k, state in enumerate(states):
-        one = CompiledLoop.of(variant(k), np.inf, Loads())
-        assert one is not None
+        one = CompiledLoop(variant(k), np.inf, Loads())
         taken, samples, _ = one(0.0, state, STEP, 100, 10)
         assert taken == found.taken[k] == 100
         off = np.linalg.norm(found.samples[k] - samples, axis=1)
@@ -171,7 +168,7 @@ def test_a_flight_that_ends_changes_no_other(fast: Load) -> None:
     wrong[9, closed.vehicle.layout.q.position.start] += 0.495
     wrong[9, closed.vehicle.layout.q.size + closed.vehicle.layout.v.position.start] += 2.0
     going[17] = False
-    found = block(0.0, wrong, STEP, 50, 5, 0, going)
+    found = block(0.0, wrong, STEP, 50, 5, 0, going=going)
     others = np.delete(np.arange(COUNT), [3, 9, 17])
     for name in ("taken", "samples", "last"):
         assert np.array_equal(getattr(found, name)[others], getattr(alone, name)[others])
@@ -221,8 +218,3 @@ def test_calls_go_on_where_the_last_one_ended(fast: Load) -> None:
     rest = block(17 * 2.0**-10, first.last, 2.0**-10, 23, 4, 17)
     assert np.array_equal(np.concatenate([first.samples, rest.samples], axis=1), whole.samples)
     assert np.array_equal(rest.last, whole.last)
-
-
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_the_source_compiles_silently(compiler: str, tmp_path: Path) -> None:
-    compile_only(compiler, ["-O1", "-DLANES=8"], [str(NATIVE / "rk4.c")], tmp_path)

@@ -14,7 +14,11 @@ from support.tools import missing
 
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, CompiledLoops
+from gibbs_codegen.flight.integration.compiled_loop import (
+    CompiledLoop,
+    CompiledLoops,
+    CompiledSlope,
+)
 from gibbs_codegen.flight.integration.integrators import rk4_step
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -112,12 +116,6 @@ def closed_loop_of(
     return ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, law), actuators)
 
 
-def loop_of(closed: ClosedLoop, loads: Loads = NOTHING) -> CompiledLoop:
-    loop = CompiledLoop.of(closed, np.inf, loads)
-    assert loop is not None
-    return loop
-
-
 def states_near(closed: ClosedLoop, count: int) -> list[tuple[float, Array]]:
     """Times, and states beside the reference there with thrusts of zero."""
     random, found = np.random.default_rng(5), []
@@ -135,12 +133,12 @@ def test_commands_are_those_of_python(name: str, limited: bool, modules: Load) -
     """Python allocates by singular values, and within limits by SciPy's bounded least squares."""
     closed = closed_loop_of(modules(name), limited=limited)
     assert closed.vehicle.rotors_move == (name == MOVING)
-    loop, at_limits = loop_of(closed), 0
+    slope, at_limits = CompiledSlope(closed, np.inf), 0
     for time, state in states_near(closed, 30):
         expected = closed.derivative(time, state)
         thrusts = expected[-closed.vehicle.rotors :]
         at_limits += bool(np.any(np.isclose(thrusts, closed.actuators.thrusts, atol=1e-12)))
-        found = loop.rate(time, state)
+        found = slope(time, state)
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(thrusts).max())
     assert at_limits >= 20 * limited
 
@@ -148,16 +146,16 @@ def test_commands_are_those_of_python(name: str, limited: bool, modules: Load) -
 def test_what_was_found_before_does_not_matter(modules: Load) -> None:
     """At limits the loop begins with the guesses that were right the last time."""
     closed = closed_loop_of(modules(MOVING))
-    loop, states = loop_of(closed), states_near(closed, 30)
-    once = [loop.rate(time, state) for time, state in states]
-    again = [loop.rate(time, state) for time, state in reversed(states)]
+    loop, states = CompiledLoop(closed, np.inf), states_near(closed, 30)
+    once = [loop(time, state, 2.0**-8, 1)[2] for time, state in states]
+    again = [loop(time, state, 2.0**-8, 1)[2] for time, state in reversed(states)]
     assert np.allclose(once, again[::-1], rtol=1e-13, atol=1e-12)
 
 
 def test_steps_at_limits_stay_in_c(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     time, state = states_near(closed, 1)[0]
-    taken, samples, _ = loop_of(closed)(time, state, 2.0**-8, 20)
+    taken, samples, _ = CompiledLoop(closed, np.inf)(time, state, 2.0**-8, 20)
     assert taken == 20
     assert closed.saturated(time, state)
     for done, after in enumerate(samples):
@@ -170,8 +168,8 @@ def test_a_wrench_that_rotors_cannot_produce_is_left_to_python(modules: Load) ->
     closed = closed_loop_of(modules("quadrotor_2link"), limited=False)
     assert closed.controller.allocation.missing
     time, state = states_near(closed, 1)[0]
-    loop = loop_of(closed)
-    assert loop.rate(time, state) is None
+    loop = CompiledLoop(closed, np.inf)
+    assert CompiledSlope(closed, np.inf)(time, state) is None
     taken, samples, last = loop(time, state, 2.0**-8, 20)
     assert taken == len(samples) == 0
     assert np.array_equal(last, state)
@@ -203,8 +201,8 @@ def test_plant_and_model_may_differ(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     plant = Vehicle(closed.vehicle.module, {"base_arm_length": 0.4, "link2_mass_per_length": 1.3})
     closed = replace(closed, vehicle=plant)
-    loop = loop_of(closed)
+    slope = CompiledSlope(closed, np.inf)
     for time, state in states_near(closed, 5):
         state[-plant.rotors :] = 3.0
         expected = closed.derivative(time, state)
-        assert loop.rate(time, state) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        assert slope(time, state) == pytest.approx(expected, rel=1e-9, abs=1e-9)

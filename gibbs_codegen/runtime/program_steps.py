@@ -1,0 +1,180 @@
+"""Many steps of array programs in C, of one state or of many in blocks side by side.
+
+`emitted/engine.c` takes them; its arrays are laid out here, in the order of the program's inputs.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.arrays.c_text import owners_of
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.runtime.programs import compiled_steps
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+# Bytes to a multiple of which blocks are laid, so that a number of them is one load.
+_ALIGNMENT = 64
+
+
+class Taken(NamedTuple):
+    """What became of states: steps `taken` (count), samples (count, s, size), `last` states.
+
+    `refused` (count) tells which ended before a step. Samples after the end of a state repeat its
+    last one.
+    """
+
+    taken: NDArray[np.int64]
+    samples: Array
+    last: Array
+    refused: Flags
+
+
+class ProgramSteps:
+    """Steps of a program of `count` states, in blocks of `lanes`.
+
+    The program's inputs are time, h and x, and then those of `values` by their names, with an axis
+    of the states in front where these differ. `constants` by owner are what the module's `prepare`
+    returned: of one robot, or (count, constants). `tables` are arrays for what is written by hand;
+    after them are guesses which of so many thrusts are at limits, of each state.
+
+    Raises `CompilerError`, or `CacheError` where the cache cannot be used.
+    """
+
+    def __init__(
+        self,
+        module: ModuleType,
+        program: Program,
+        values: Mapping[str, Any],
+        constants: Mapping[str, Any],
+        tables: Sequence[Array],
+        guesses: int,
+        count: int = 1,
+        *,
+        lanes: int = 1,
+        single: bool = False,
+    ) -> None:
+        """Compile the program, and lay out what it is given."""
+        self.count, self.lanes = count, lanes
+        self.real = np.dtype(np.float32 if single else np.float64)
+        self.size = program.inputs[2].size
+        self.ranged = program.outputs["inputs"].size
+        owners = {owner: constants[owner] for owner in owners_of(program)}
+        each = lanes > 1 and any(isinstance(x, np.ndarray) for x in owners.values())
+        self._run = compiled_steps(module, program, lanes, single=single, each=each)
+        self._blocks = -(-count // lanes)
+        # The array of each input by its name, in blocks where states have one each.
+        self.given: dict[str, NDArray[Any]] = {}
+        constants = [self._constants(x, each) for x in owners.values()]
+        columns = [*map(self._column, constants)]
+        context = [np.ascontiguousarray(table, dtype=self.real) for table in tables]
+        found = self._filled((self._blocks, guesses, lanes))
+        addresses = np.empty((self._blocks, len(tables) + 1), dtype=np.uint64)
+        for k, table in enumerate(context):
+            addresses[:, k] = table.ctypes.data
+        addresses[:, -1] = self._column(found)
+        columns.append(self._column(addresses[:, :, np.newaxis]))
+        for x, name in list(zip(program.inputs, program.names, strict=True))[3:]:
+            value = np.asarray(values[name], dtype=np.float64)
+            if not x.is_uniform:
+                value = np.broadcast_to(value, (count, *x.shape)).reshape(count, -1)
+                self.given[name] = self.in_blocks(value)
+            else:
+                self.given[name] = value.reshape(1, -1).astype(self.real)
+            columns.append(self._column(self.given[name]))
+        self._given = np.stack(columns, axis=1)
+        # What is pointed to, so that it lives as long.
+        self._owned = [constants, context, found, addresses]
+
+    def __call__(
+        self,
+        time: float,
+        states: NDArray[Any],
+        step: float,
+        steps: int,
+        every: int = 1,
+        number: int = 0,
+        *,
+        going: Flags | None = None,
+        threads: int = 1,
+        ranges: NDArray[Any] | None = None,
+    ) -> Taken:
+        """Take steps with all states, fewer with those that are refused or cannot go on.
+
+        `states` are (count, size). Each `every`-th step is a sample, where `number` steps came
+        before. `going` (count): those that are flown. `ranges` (s + 1, 2, inputs) take the least
+        and the greatest inputs of the first state from sample to sample.
+        """
+        blocks, kept = self._blocks, (number + steps) // every - number // every
+        state = self.in_blocks(states)
+        samples = self._filled((blocks, kept + 1, self.size, self.lanes))
+        progress = np.zeros((blocks, 3, self.lanes), dtype=np.int32)
+        flown = np.ones(self.count, dtype=bool) if going is None else going
+        progress[:, 0] = np.pad(flown, (0, blocks * self.lanes - self.count)).reshape(blocks, -1)
+        places = zip(
+            *map(self._column, (self._given[:, :, np.newaxis], state, samples, progress)),
+            strict=True,
+        )
+        parts = [tuple(map(int, each)) for each in places]
+        inputs = None if ranges is None else ranges.ctypes.data
+
+        def fly(some: NDArray[np.int64]) -> None:
+            for k in some.tolist():
+                given, x, kept_at, ends = parts[k]
+                self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
+
+        shares = np.array_split(np.arange(blocks), min(threads, blocks))
+        if len(shares) == 1:
+            fly(shares[0])
+        else:
+            with ThreadPoolExecutor(len(shares)) as pool:
+                list(pool.map(fly, shares))
+        last, found = self._out_of_blocks(state), self._out_of_blocks(samples[:, :kept])
+        _, refused, taken = np.moveaxis(self._out_of_blocks(progress), -1, 0)
+        ends = (number + taken) // every - number // every
+        for k in np.flatnonzero(ends < kept):
+            found[k, ends[k] :] = last[k]
+        return Taken(taken.astype(np.int64), found, last, refused != 0)
+
+    def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
+        """Constants of one robot, or of each state in blocks."""
+        numbers = np.frombuffer(constants) if isinstance(constants, bytes) else constants
+        numbers = np.asarray(numbers, dtype=self.real)
+        if each and numbers.ndim == 1:
+            return self.in_blocks(np.broadcast_to(numbers, (self.lanes, len(numbers))))
+        return self.in_blocks(numbers) if each else np.atleast_2d(numbers)
+
+    def _column(self, array: NDArray[Any]) -> NDArray[np.uint64]:
+        """Addresses (blocks) of the parts of an array that has one for each block, or one."""
+        stride = array.strides[0] if len(array) > 1 else 0
+        return np.uint64(array.ctypes.data) + np.uint64(stride) * np.arange(
+            self._blocks, dtype=np.uint64
+        )
+
+    def _filled(self, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Zeros that begin where a block may."""
+        size = self.real.itemsize * int(np.prod(shape))
+        memory = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
+        begin = -memory.ctypes.data % _ALIGNMENT
+        return memory[begin : begin + size].view(self.real).reshape(shape)
+
+    def in_blocks(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Rows (n, entries) in blocks (blocks, entries, lanes); the last row fills up the last."""
+        count, entries = rows.shape
+        blocks = self._filled((-(-count // self.lanes), entries, self.lanes))
+        places = np.minimum(np.arange(len(blocks) * self.lanes), count - 1)
+        blocks[...] = np.swapaxes(rows[places].reshape(len(blocks), self.lanes, entries), 1, 2)
+        return blocks
+
+    def _out_of_blocks(self, blocks: NDArray[Any]) -> NDArray[Any]:
+        """Rows (count, …) of blocks (blocks, …, lanes)."""
+        rows = np.moveaxis(blocks, -1, 1)
+        rows = rows.reshape(len(blocks) * self.lanes, *rows.shape[2:])
+        return np.ascontiguousarray(rows[: self.count])
