@@ -93,10 +93,7 @@ class Flight:
         allocation = Allocation(vehicle.thrust_wrenches(), limits)
         controller = Controller(vehicle, reference, allocation, gains, law)
         closed = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
-        loop = CompiledLoop.of(closed, np.inf)
-        if loop is None:
-            raise RuntimeError(f"{vehicle.name}: no compiled loop")
-        self.loop, self.steps = loop, steps
+        self.loop, self.steps = CompiledLoop(closed, np.inf), steps
         self.q, self.v, _ = reference(0.0)
         self.state = closed.start(self.q, self.v)
 

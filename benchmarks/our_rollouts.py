@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.flight.integration.block_loop import BlockLoop
+from gibbs_codegen.flight.integration.compiled_loop import steps_of
 from gibbs_codegen.flight.integration.state_history import NOTHING
 from gibbs_codegen.flight.rollouts.rollout import rollout
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import ArmTask
 from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
@@ -126,9 +127,7 @@ def closed_loop(ours: Machine, compensation: bool) -> Measure:
     begin = flight_start(
         ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
     )
-    loop = BlockLoop.of(begin.loop, np.inf, NOTHING, STATES)
-    if loop is None:
-        raise RuntimeError(f"{ours.robot.name}: no compiled loop for blocks")
+    loop = steps_of(begin.loop, np.inf, NOTHING, STATES, lanes=LANES)
     states = np.tile(begin.loop.start(begin.q, begin.v), (STATES, 1))
 
     def seconds() -> float:

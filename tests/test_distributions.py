@@ -43,17 +43,11 @@ DATA = """
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/rollout/transpose.c
-    emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
+    emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
+    emitted/support.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
-    flight/native/allocation.h flight/native/bounded.h flight/native/environment.h
-    flight/native/geometric.h flight/native/integral.h flight/native/kinematics.h
-    flight/native/lag.h flight/native/laws.h
-    flight/native/loop.h flight/native/number.h flight/native/plant.h
-    flight/native/ranges.h
-    flight/native/reference.h
-    flight/native/rk4.c flight/native/vectors.h
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml

@@ -718,7 +718,8 @@ class _Names:
     """Names of variables, which tell what they are where the program does."""
 
     def __init__(self, program: Program) -> None:
-        self._taken = {*program.names, *program.outputs, *_RESERVED, *owners_of(program)}
+        self._taken = {*program.names, *program.outputs, *_RESERVED}
+        self._taken |= {*owners_of(program), *externals_of(program)}
         self._found: dict[Node, str] = {}
 
     def of(self, x: Node) -> str:
@@ -751,10 +752,6 @@ class _Names:
 
 
 _RESERVED = (
-    "desired",
-    "centre",
-    "nearest_thrusts",
-    "smallest_thrusts",
     "i",
     "j",
     "k",

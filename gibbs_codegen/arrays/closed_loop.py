@@ -23,6 +23,7 @@ from gibbs_codegen.arrays.laws import (
     computed_torque,
     geometric,
     inputs_of,
+    moved_wrenches,
     within_limits,
 )
 from gibbs_codegen.arrays.nodes import (
@@ -304,7 +305,10 @@ class ClosedLoop:
         elif at.centre is None:
             force = computed_torque(model, q, v, desired, self.gains, learnt)
         else:
-            robot = Weight(self.given("mass"), self.given("weight", 3), self.given("axis", 3))
+            axis = self.given("axis", 3)
+            if self.moves:
+                axis = external("force_axis", (3,), moved_wrenches(model, q, self.rotors))
+            robot = Weight(self.given("mass"), self.given("weight", 3), axis)
             force = geometric(model, q, v, desired, self.gains, at.centre, robot, learnt)
         return inputs_of(model, q, force, self.rotors)
 

@@ -279,9 +279,7 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
     wrench = named(wrench, "wrench", "Force and torque that the rotors must exert on the base.")
     columns, efforts, refused = rotors.wrenches, force[robot.layout.v.joints], constant(0.0)
     if rotors.move:
-        loads = robot.input_matrix(q).transposed[:count]
-        moved = (base.wrench(rotors.centre, loads[k]) for k in range(count))
-        columns = join(*(reshaped(column, (1, 6)) for column in moved))
+        columns = moved_wrenches(robot, q, rotors)
         thrusts = smallest_thrusts(columns, wrench)
     else:
         thrusts = rotors.distribution @ wrench
@@ -295,8 +293,16 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
         # It returns no numbers where it finds none.
         refused = refused + choose(mark(wrench) + 1.0, 0.0, mark(thrusts), 0.0)
     if rotors.move:
-        efforts = efforts - loads.transposed[robot.layout.v.joints] @ thrusts
+        loads = robot.input_matrix(q)[robot.layout.v.joints].transposed[:count]
+        efforts = efforts - loads.transposed @ thrusts
     return join(thrusts, efforts), refused
+
+
+def moved_wrenches(robot: Functions, q: Node, rotors: Rotors) -> Node:
+    """Wrenches (N, 6) of unit thrusts about the base centre, where joints move the rotors."""
+    base, loads = base_of(robot, q), robot.input_matrix(q).transposed
+    moved = (base.wrench(rotors.centre, loads[k]) for k in range(robot.rotors))
+    return join(*(reshaped(column, (1, 6)) for column in moved))
 
 
 def within_limits(inputs: Node, limits: Limits) -> Node:

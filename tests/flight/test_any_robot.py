@@ -169,8 +169,7 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, np.inf, loads=Loads(push=True))
-    assert loop is not None
+    loop = CompiledLoop(closed, np.inf, Loads(push=True))
     taken, samples, _ = loop(0.0, state, step, 25)
     assert taken == 25
     for number, sample in enumerate(samples):

@@ -50,13 +50,9 @@ _FLYING_IN_C = (
     "tests/flight/integration/test_compiled_limits.py",
     "tests/flight/integration/test_block_loop.py",
 )
-NATIVE = tuple(
-    f"flight/native/{name}"
-    for name in (
-        *("allocation.h", "bounded.h", "environment.h", "geometric.h", "integral.h"),
-        *("kinematics.h", "lag.h", "laws.h", "plant.h", "ranges.h", "reference.h", "rk4.c"),
-        "vectors.h",
-    )
+NATIVE = (
+    *("allocation.c", "curves.c", "engine.c", "numbers.c", "sine_cosine_numbers.c"),
+    "smallest_thrusts.c",
 )
 NAMED = {
     "derivation": DERIVATION,

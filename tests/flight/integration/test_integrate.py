@@ -15,9 +15,9 @@ from support.emitted import emitted_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.desired.trajectory import desired_motion
-from gibbs_codegen.flight.integration import integrators
+from gibbs_codegen.flight.integration import compiled_loop, integrators
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop
+from gibbs_codegen.flight.integration.compiled_loop import CompiledSlope
 from gibbs_codegen.flight.integration.envelope import Envelope
 from gibbs_codegen.flight.integration.integrators import integrate, rk4_step
 from gibbs_codegen.flight.integration.state_history import Loads
@@ -426,7 +426,7 @@ def test_fixed_steps_are_no_longer_than_asked_for(
         return rk4_step(loop, time, state, ahead, loads)
 
     monkeypatch.setattr(integrators, "rk4_step", counted)
-    monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
+    monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
     settings = Settings(method="rk4", step=step, rate=60.0)
     push = Push((0.1, 0.0, 0.2), 0.0333, 0.0777)
     scenario = replace(read_scenario("hover", {"duration": 0.11}), push=push)
@@ -461,18 +461,18 @@ def test_a_push_begins_and_ends_when_it_should(fast: Load) -> None:
 def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Times at which derivatives are evaluated, in Python or in C, as they are."""
     times: list[float] = []
-    evaluate, compiled = ClosedLoop.derivative, CompiledLoop.rate
+    evaluate, compiled = ClosedLoop.derivative, CompiledSlope.__call__
 
     def derivative(loop: ClosedLoop, time: float, state: np.ndarray, loads: Loads) -> np.ndarray:
         times.append(time)
         return evaluate(loop, time, state, loads)
 
-    def rate(loop: CompiledLoop, time: float, state: np.ndarray) -> np.ndarray | None:
+    def rate(loop: CompiledSlope, time: float, state: np.ndarray) -> np.ndarray | None:
         times.append(time)
         return compiled(loop, time, state)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
-    monkeypatch.setattr(CompiledLoop, "rate", rate)
+    monkeypatch.setattr(CompiledSlope, "__call__", rate)
     return times
 
 
@@ -616,7 +616,7 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
         return evaluate(loop, time, state, loads) * (np.nan if time > 0.505 else 1.0)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
-    monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
+    monkeypatch.setattr(compiled_loop, "is_compiled", lambda *_: False)
     changes = {"motors": {"limits": [-20, 0], "time_constant": 0.5}}
     scenario = read_scenario("hover", {**changes, "integration": {"divergence": 1e3}})
     flight = simulate(fast("hexarotor"), scenario)

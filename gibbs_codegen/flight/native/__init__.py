@@ -1,1 +1,0 @@
-"""C of flights: the closed loop in fixed steps."""
