@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -72,8 +71,8 @@ class ProgramSteps:
         self._blocks = -(-count // lanes)
         # The array of each input by its name, in blocks where states have one each.
         self.given: dict[str, NDArray[Any]] = {}
-        constants = [self._constants(x, each) for x in owners.values()]
-        columns = [*map(self._column, constants)]
+        known = [self._constants(x, each) for x in owners.values()]
+        columns = [*map(self._column, known)]
         context = [np.ascontiguousarray(table, dtype=self.real) for table in tables]
         found = self._filled((self._blocks, guesses, lanes))
         addresses = np.empty((self._blocks, len(tables) + 1), dtype=np.uint64)
@@ -91,7 +90,7 @@ class ProgramSteps:
             columns.append(self._column(self.given[name]))
         self._given = np.stack(columns, axis=1)
         # What is pointed to, so that it lives as long.
-        self._owned = [constants, context, found, addresses]
+        self._owned = [known, context, found, addresses]
 
     def __call__(
         self,

@@ -205,8 +205,8 @@ def _library(
 class CompiledProgram:
     """A program in C for one state; `constants` by owner, or those of the robot file.
 
-    `tables` are arrays for what is written by hand. `inputs` and `outputs` are arrays by name, which
-    `run` reads and writes.
+    `tables` are arrays for what is written by hand. `inputs` and `outputs` are arrays by name,
+    which `run` reads and writes.
     """
 
     def __init__(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,7 @@ def loop_tables(closed: ClosedLoop) -> list[Array]:
 
 
 def loop_program(
-    closed: ClosedLoop, loads: Loads, each: Mapping[str, Any] | None = None
+    closed: ClosedLoop, loads: Loads, each: Collection[str] = ()
 ) -> closed_loop.ClosedLoop:
     """The closed loop as an array program, while something acts.
 
@@ -91,7 +91,7 @@ def loop_program(
         moves=closed.vehicle.rotors_move,
         refuses=allocation.refuses and (bool(allocation.missing) or closed.vehicle.rotors_move),
         around=_around(closed.environment, loads)[0],
-        each=tuple(each or ()),
+        each=each,
     )
 
 

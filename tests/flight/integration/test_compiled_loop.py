@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from conftest import compiled_soon
 from numpy.typing import NDArray
-from support.compiled import build, compile_only
 from support.random_robots import random_robot
-from support.tools import missing, run
+from support.tools import missing
 
 from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
@@ -264,5 +262,3 @@ def test_without_a_compiler_python_takes_the_steps(
     monkeypatch.setenv("CC", "no_such_compiler")
     assert CompiledLoops(closed, np.inf).at(NOTHING) is None
     assert "steps are taken in Python instead of C" in caplog.text
-
-
