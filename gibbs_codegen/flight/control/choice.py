@@ -57,12 +57,20 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
             "commands three moments",
             missing,
         )
+    at = ";"
+    if vehicle.rotors_move:  # Where they command least, before other remedies.
+        worst = np.reshape(q, (-1, q.shape[-1]))[np.argmin(ranks(vehicle.thrust_wrenches(q)))]
+        joints = zip(vehicle.joint_names, worst[vehicle.arm].tolist(), strict=True)
+        at = (
+            f" where {', '.join(f'{name} = {value:.4g}' for name, value in joints)} (rad or m); "
+            "choose another posture (arm.posture_deg or arm.moves), or"
+        )
     remedy = 'tilt some thrusts in the robot file, add rotors, or set control.law to "open_loop"'
     if not vehicle.rotors:
         remedy = 'add rotors to the robot file, or set control.law to "off", and it falls'
     raise AllocationError(
         f"{purpose}control, the rotors must command all directions, or the force along one axis "
-        f"and three moments, {lacks}{_posture(vehicle, q)} {remedy}",
+        f"and three moments, {lacks}{at} {remedy}",
         missing,
     )
 
@@ -94,17 +102,3 @@ def control_law(
         found = Controller(vehicle, reference, allocation, gains, law, memory)
     check_integral(found)
     return found
-
-
-def _posture(vehicle: Vehicle, q: Array) -> str:
-    """Where rotors that joints move command least, and how to choose another posture.
-
-    It comes before other remedies; a semicolon alone if no joint moves rotors.
-    """
-    if not vehicle.rotors_move:
-        return ";"
-    worst = np.argmin(ranks(vehicle.thrust_wrenches(q)))
-    at = np.reshape(q, (-1, q.shape[-1]))[worst][vehicle.arm]
-    joints = zip(vehicle.joint_names, at.tolist(), strict=True)
-    values = ", ".join(f"{name} = {value:.4g}" for name, value in joints)
-    return f" where {values} (rad or m); choose another posture (arm.posture_deg or arm.moves), or"

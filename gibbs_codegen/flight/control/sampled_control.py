@@ -179,19 +179,16 @@ class Sensing:
         The attitude is turned by a random rotation vector; rates of attitude angles are off by
         those of a random angular velocity.
         """
-        return Observation(time, *self._measured(q, v), *self._reference(time))
-
-    def _measured(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Coordinates (nq) and velocities (nv) with noise, in new arrays."""
-        if not np.any(self._deviations):
-            return q.copy(), v.copy()
-        moved, faster = self._deviations * self._noise.standard_normal(self._deviations.shape)
-        layout = self._vehicle.layout
-        if not layout.is_quaternion:
-            rates = rate_matrix(layout.attitude, q[layout.q.attitude])
-            for noise in (moved, faster):
-                noise[layout.v.attitude] = np.linalg.solve(rates, noise[layout.v.attitude])
-        return np.asarray(self._vehicle.integrate(q, moved)), v + faster
+        vehicle, layout = self._vehicle, self._vehicle.layout
+        q, v = q.copy(), v.copy()
+        if np.any(self._deviations):
+            moved, faster = self._deviations * self._noise.standard_normal(self._deviations.shape)
+            if not layout.is_quaternion:
+                rates = rate_matrix(layout.attitude, q[layout.q.attitude])
+                for noise in (moved, faster):
+                    noise[layout.v.attitude] = np.linalg.solve(rates, noise[layout.v.attitude])
+            q, v = np.asarray(vehicle.integrate(q, moved)), v + faster
+        return Observation(time, q, v, *self._reference(time))
 
 
 class OwnController(Protocol):

@@ -6,6 +6,7 @@ far from the motion, the spacing of all knots is halved, until it fits or become
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -50,8 +51,18 @@ def desired_base(
             parts.append(part)
             progress(min(1.0, (begin + BATCH) / pieces))
         if needed == refinement:
-            return _joined(vehicle, refined(time, refinement), parts)
+            break
         refinement = needed
+    attitude = vehicle.layout.q.attitude
+    for before, part in itertools.pairwise(parts):
+        # Each part begins within (−π, π], whatever the angles had grown to before.
+        part.q[:, attitude] = vehicle.kinematics.continued(
+            before.q[-1, attitude], part.q[:, attitude]
+        )
+    # Parts share their end knots.
+    series = ((part.q[:-1], part.v[:-1], part.a[:-1]) for part in parts)
+    ends = parts[-1].q[-1:], parts[-1].v[-1:], parts[-1].a[-1:]
+    return Motion(refined(time, refinement), *map(np.concatenate, zip(*series, ends, strict=True)))
 
 
 def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) -> Motion:
@@ -107,24 +118,6 @@ def _part(
     unit = vehicle.layout.v.units[int(coordinate)].removesuffix("/s")
     piece = int(instant) // CHECKS
     return motion, Deviation(piece, every[instant], off[instant, coordinate], unit)
-
-
-def _joined(vehicle: Vehicle, time: Array, parts: list[Motion]) -> Motion:
-    """One motion of parts that share their end knots, with attitude angles that go on beyond ±π."""
-    attitude = vehicle.layout.q.attitude
-    q = np.empty((len(time), vehicle.layout.q.size))
-    v, a = np.empty((2, len(time), vehicle.layout.v.size))
-    begin = 0
-    for part in parts:
-        if begin:
-            # Each part begins within (−π, π], whatever the angles had grown to before.
-            part.q[:, attitude] = vehicle.kinematics.continued(
-                q[begin, attitude], part.q[:, attitude]
-            )
-        share = slice(begin, begin + len(part.time))
-        q[share], v[share], a[share] = part.q, part.v, part.a
-        begin += len(part.time) - 1
-    return Motion(time, q, v, a)
 
 
 KNOT_SPACING = 0.005

@@ -385,9 +385,20 @@ class _Continuation:
         return (joints < self.limits[0]) | (joints > self.limits[1])
 
     def _reach(self, k: int, at_limit: Flags) -> None:
-        self.q[k], self.distances[k] = _reach_without(
-            self.vehicle, self.q[k], self.targets[k, 0], self.limits, at_limit
-        )
+        """Bring the tip to its path at knot k, if it can be done without joints `at_limit` (n).
+
+        Joints that come to a limit would else be moved off it by each step towards the target, only
+        to be driven into it again.
+        """
+        vehicle, (low, high), target = self.vehicle, self.limits, self.targets[k, 0]
+        found, distance = self.q[k], np.inf
+        if np.any(at_limit):
+            joints = np.clip(found[vehicle.arm], low, high)
+            narrow = np.where(at_limit, joints, low), np.where(at_limit, joints, high)
+            found, distance = reach(vehicle, found, target, narrow)
+        if distance > REACHED:
+            found, distance = reach(vehicle, self.q[k], target, self.limits)
+        self.q[k], self.distances[k] = found, distance
 
     def _set_rates(self, k: int) -> ArmRates:
         """Find rates and accelerations of the arm at knot k."""
@@ -442,23 +453,6 @@ class _Continuation:
             found[vehicle.arm] = joints
             found, distance = reach(vehicle, found, places[k], limits)
         return found if distance <= REACHED else singular
-
-
-def _reach_without(
-    vehicle: Vehicle, q: Array, target: Array, limits: JointBounds, at_limit: Flags
-) -> tuple[Array, float]:
-    """`reach`, with joints `at_limit` (n) left where they are if it can be done without them.
-
-    Joints that come to a limit would else be moved off it by each step towards the target, only to
-    be driven into it again.
-    """
-    if np.any(at_limit):
-        joints = np.clip(q[vehicle.arm], *limits)
-        narrow = np.where(at_limit, joints, limits[0]), np.where(at_limit, joints, limits[1])
-        found, distance = reach(vehicle, q, target, narrow)
-        if distance <= REACHED:
-            return found, distance
-    return reach(vehicle, q, target, limits)
 
 
 def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) -> None:

@@ -117,9 +117,18 @@ class ArcLength:
         # At rest is where a stretch meets another or standstill: all but the ends of the motion.
         inner = np.arange(len(speed)) % (len(speed) - 1) > 0
         ends = np.where(inner, 0.0, speed).tolist()
+        # Where the motion turns back, one stretch begins where another ends.
+        along, both = np.sum(v[1:] * v[:-1], axis=1), speed[1:] * speed[:-1]
+        turned = np.flatnonzero((along < _TURNED * both) & (both > 0.0))
+        slower = turned + (speed[turned + 1] < speed[turned])
+        # A step between two instants is part of a stretch unless the motion rests at both.
+        moves = (speed[1:] > 0.0) | (speed[:-1] > 0.0)
+        change = np.flatnonzero(np.diff(moves, prepend=False, append=False))
+        cuts = sorted({*change.tolist(), *slower.tolist()})
         self.stretches = [
             Stretch(time[a], time[b], lengths[a], lengths[b], (ends[a], ends[b]))
-            for a, b in _stretch_ends(v, speed)
+            for a, b in itertools.pairwise(cuts)
+            if moves[a]
         ]
 
     def speeds(self, time: Array) -> Array:
@@ -149,22 +158,6 @@ class ArcLength:
             short = self.length(middle) < lengths
             low, high = np.where(short, middle, low), np.where(short, high, middle)
         return high
-
-
-def _stretch_ends(v: Array, speed: Array) -> list[tuple[int, int]]:
-    """First and last instant of every stretch.
-
-    Where the motion turns back, one stretch begins where another ends. `speed` (s) is 0 at rest.
-    """
-    along = np.sum(v[1:] * v[:-1], axis=1)
-    both = speed[1:] * speed[:-1]
-    turned = np.flatnonzero((along < _TURNED * both) & (both > 0.0))
-    slower = turned + (speed[turned + 1] < speed[turned])
-    # A step between two instants is part of a stretch unless the motion rests at both.
-    moves = (speed[1:] > 0.0) | (speed[:-1] > 0.0)
-    change = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(int)))
-    cuts = sorted({*change.tolist(), *slower.tolist()})
-    return [(first, last) for first, last in itertools.pairwise(cuts) if moves[first]]
 
 
 def nodes(arc: ArcLength, stretch: Stretch, spacing: float) -> Array:

@@ -282,29 +282,56 @@ def _stretched_motion(
 ) -> TimedMotion:
     """The fastest motion that differs from that of a scenario by one factor of time.
 
-    Raises `UsageError` if none of the factors that are tried keeps the limits.
+    Raises `UsageError` if none of the factors that are tried keeps the limits, or the robot cannot
+    stand still with its joints as they are on the way.
     """
-    search = _StretchSearch(vehicle, scenario, limits, progress)
-    if search.kept(1.0) and _rests(search.found[1.0][0]):
-        return TimedMotion(scenario, search.found[1.0][0], _NOTHING)
-    ratio = 1.0 / _RATIO if search.found else _RATIO
+    found: dict[float, tuple[Reference, timing.Demand]] = {}
+    # Why there is no motion by a factor, or which limit it exceeds: a clause.
+    failed: dict[float, str] = {}
+
+    def keeps(factor: float) -> bool:
+        """Whether there is a motion by a factor of time, and it keeps the limits."""
+        attempts = len(found) + len(failed)
+        progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
+        try:
+            reference = desired_motion(vehicle, slow_motion(scenario, factor))
+        except UsageError as error:  # Too fast for the attitude or the arm to follow.
+            failed[factor] = str(error)
+            return False
+        time = check_times(reference.knots)
+        demand = timing.demand_of(vehicle, reference(time), time)
+        # Standing still as the base is at the start, with the joints as they are on the way.
+        q = reference(time)[0]
+        still = np.tile(q[0], (len(q), 1))
+        still[:, vehicle.arm] = q[:, vehicle.arm]
+        timing.check_still(vehicle, still, time / factor, limits)
+        if why := timing.worst_violation(vehicle, demand, limits):
+            failed[factor] = why
+            return False
+        found[factor] = reference, demand
+        return True
+
+    if keeps(1.0) and _rests(found[1.0][0]):
+        return TimedMotion(scenario, found[1.0][0], _NOTHING)
+    ratio = 1.0 / _RATIO if found else _RATIO
     factors = ratio ** np.arange(1, _MOST)
     factors = np.append(1.0, factors[factors * scenario.duration <= MAX_DURATION])
     # Faster until limits are exceeded, or slower until they are kept.
-    last = next((f for f in factors[1:] if search.kept(f) == (ratio > 1.0)), factors[-1])
-    if not search.found:
+    last = next((f for f in factors[1:] if keeps(f) == (ratio > 1.0)), factors[-1])
+    if not found:
         raise UsageError(
             f"timing: {vehicle.name} does not keep its limits, even if all of {scenario.name!r} "
-            f"takes {last:.3g} times as long: {search.why_not}; widen the limits, or give a "
+            f"takes {last:.3g} times as long: {failed[max(failed)]}; widen the limits, or give a "
             "gentler motion"
         )
     fast, slow = sorted((last, last / ratio))
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(fast * slow))
-        fast, slow = (fast, middle) if search.kept(middle) else (middle, slow)
-    factor = min(search.found)
-    bound = f"; any faster, {search.why_not}" if search.why_not else ""
-    reference, demand = search.found[factor]
+        fast, slow = (fast, middle) if keeps(middle) else (middle, slow)
+    factor = min(found)
+    reference, demand = found[factor]
+    # What stops the slowest of the motions that fail.
+    bound = f"; any faster, {failed[max(failed)]}" if failed else ""
     return TimedMotion(
         slow_motion(scenario, factor),
         reference,
@@ -313,46 +340,3 @@ def _stretched_motion(
         f"the timing{bound}",
         timing.binding(vehicle, demand, limits),
     )
-
-
-class _StretchSearch:
-    """Factors of time that were tried: the motions that keep limits, and why others do not."""
-
-    def __init__(
-        self, vehicle: Vehicle, scenario: Scenario, limits: timing.TimingLimits, progress: Progress
-    ) -> None:
-        self.vehicle, self.scenario, self.limits = vehicle, scenario, limits
-        self.found: dict[float, tuple[Reference, timing.Demand]] = {}
-        # Why there is no motion, or which limit it exceeds: a clause.
-        self._failed: dict[float, str] = {}
-        self._progress = progress
-
-    @property
-    def why_not(self) -> str:
-        """What stops the slowest of the motions that fail: a clause, or ""."""
-        return self._failed[max(self._failed)] if self._failed else ""
-
-    def kept(self, factor: float) -> bool:
-        """Whether there is a motion by a factor of time, and it keeps the limits.
-
-        Raises `UsageError` if the robot cannot stand still with its joints as they are on the way.
-        """
-        attempts = len(self.found) + len(self._failed)
-        self._progress("fastest timing", min(attempts / (_MOST + _HALVINGS), 1.0))
-        try:
-            reference = desired_motion(self.vehicle, slow_motion(self.scenario, factor))
-        except UsageError as error:  # Too fast for the attitude or the arm to follow.
-            self._failed[factor] = str(error)
-            return False
-        time = check_times(reference.knots)
-        demand = timing.demand_of(self.vehicle, reference(time), time)
-        # Standing still as the base is at the start, with the joints as they are on the way.
-        q, arm = reference(time)[0], self.vehicle.arm
-        still = np.tile(q[0], (len(q), 1))
-        still[:, arm] = q[:, arm]
-        timing.check_still(self.vehicle, still, time / factor, self.limits)
-        if why := timing.worst_violation(self.vehicle, demand, self.limits):
-            self._failed[factor] = why
-            return False
-        self.found[factor] = reference, demand
-        return True

@@ -144,21 +144,18 @@ class Grid:
 def differences(order: int, count: int, step: float) -> sparse.csr_array:
     """Matrix (count, count) of finite differences at knots `step` apart, of 4th order inside."""
     width = min(count, STENCIL + (order > 2))
-    weights: dict[int, Array] = {}
-    rows: list[int] = []
-    columns: list[int] = []
-    values = []
-    for knot in range(count):
-        first = min(max(knot - width // 2, 0), count - width)
-        if (place := knot - first) not in weights:
-            powers = np.vander(np.arange(width) - float(place), increasing=True).T
-            wanted = np.zeros(width)
-            wanted[order] = np.prod(np.arange(1, order + 1)) / step**order
-            weights[place] = np.linalg.solve(powers, wanted)
-        rows += [knot] * width
-        columns += range(first, first + width)
-        values.append(weights[place])
-    return sparse.csr_array((np.concatenate(values), (rows, columns)), shape=(count, count))
+    wanted = np.zeros(width)
+    wanted[order] = np.prod(np.arange(1, order + 1)) / step**order
+    # Of knots at each place of the stencil.
+    powers = [
+        np.vander(np.arange(width) - float(place), increasing=True).T for place in range(width)
+    ]
+    weights = np.array([np.linalg.solve(each, wanted) for each in powers])
+    knots = np.arange(count)
+    first = np.clip(knots - width // 2, 0, count - width)
+    columns = first[:, np.newaxis] + np.arange(width)
+    places = np.repeat(knots, width), columns.ravel()
+    return sparse.csr_array((weights[knots - first].ravel(), places), shape=(count, count))
 
 
 def nearest_motion(
@@ -312,8 +309,6 @@ class UnderactuatedBase:
 
     def part(self, span: slice) -> UnderactuatedBase:
         """The same at some of the knots."""
-        if len(self.joints.time[span]) == self.grid.count:
-            return self
         return self._at(span, self.joints.time[span])
 
     def with_room(self, count: int) -> tuple[UnderactuatedBase, slice]:

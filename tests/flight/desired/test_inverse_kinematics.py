@@ -31,7 +31,7 @@ from gibbs_codegen.flight.desired.inverse_kinematics import (
     first_posture,
     reach,
 )
-from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.orientation import (
@@ -692,14 +692,14 @@ def test_redundant_joints_do_not_hide_that_the_tip_is_off(
     """The distance left is that of the coordinates which are returned."""
     calls = 0
 
-    def failing(*given: Any) -> tuple[Array, float]:
+    def failing(arm: Any, k: int, at_limit: Flags) -> None:
         nonlocal calls
         calls += 1
-        found, left = holding(*given)
-        return found, left if calls % 4 else 0.25
+        holding(arm, k, at_limit)
+        arm.distances[k] = arm.distances[k] if calls % 4 else 0.25
 
-    holding = continuation._reach_without
-    monkeypatch.setattr(continuation, "_reach_without", failing)
+    holding = continuation._Continuation._reach
+    monkeypatch.setattr(continuation._Continuation, "_reach", failing)
     with pytest.raises(UnreachableError, match=r"it stays 0\.25 m away"):
         fly(octo, Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5)), 0.05)
 
