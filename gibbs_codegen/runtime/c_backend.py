@@ -184,16 +184,6 @@ class CompiledFunction:
             self._caller.bind(ctypes.cast(found, ctypes.c_void_p).value)
         return found
 
-    @functools.cached_property
-    def _batch(self) -> ctypes.c_void_p:
-        found = self._library.function(self._signature.name, "_batch")
-        return ctypes.cast(found, ctypes.c_void_p)
-
-    @functools.cached_property
-    def _batch_each(self) -> ctypes.c_void_p:
-        found = self._of_states.function(self._signature.name, "_batch_each")
-        return ctypes.cast(found, ctypes.c_void_p)
-
     def evaluate(self, by_name: Mapping[str, Any]) -> Any:
         """The function for any arguments: an array (..., *shape), or a tuple of them.
 
@@ -202,7 +192,13 @@ class CompiledFunction:
         """
         signature = self._signature
         constants = self._constants.chosen(by_name.get("constants"))
-        if self._is_lost or not self._can_be_had():
+        try:
+            one = None if self._is_lost else self._one
+        except (CompilerError, CacheError) as error:
+            one, self._is_lost = None, True
+            words = printable(error, 400)
+            _log.warning("%s: NumPy serves instead of C: %s", signature.name, words)
+        if one is None:
             entries = np.moveaxis(numbers(constants), -1, 0)
             return self._in_numpy(**{**by_name, "constants": tuple(entries)})
         of_all = constants if isinstance(constants, bytes) else None
@@ -217,35 +213,16 @@ class CompiledFunction:
         inputs, own = ([_rows(array, batch) for array in some] for some in (arrays, of_each))
         if not batch:
             self._lost()
-            self._one(of_all, *map(_pointer, (*inputs, *outputs)))
+            one(of_all, *map(_pointer, (*inputs, *outputs)))
             lost = bool(self._lost())
         else:
             lost = self._all_rows(of_all, [*inputs, *outputs, *own], batch)
-        if lost:
-            self._report_lost(arrays, outputs, batch)
+        if lost:  # Reported if arguments are finite, as the NumPy back end does.
+            finite = np.ones(batch, dtype=bool)
+            for output, shape in zip(outputs, signature.shapes, strict=True):
+                finite &= np.isfinite(output).reshape(*batch, math.prod(shape)).all(axis=-1)
+            self._report(signature.name, named, finite, 4)
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
-
-    def _can_be_had(self) -> bool:
-        """Whether the function is compiled, or can be; where it cannot, the log says why."""
-        try:
-            return self._one is not None
-        except (CompilerError, CacheError) as error:
-            self._is_lost = True
-            name = self._signature.name
-            _log.warning("%s: NumPy serves instead of C: %s", name, printable(error, 400))
-            return False
-
-    def _report_lost(self, arrays: Arrays, outputs: Arrays, batch: tuple[int, ...]) -> None:
-        """Report results that are not finite though arguments are, as the NumPy back end does.
-
-        Arguments are (..., width), results (*batch, *shape).
-        """
-        signature = self._signature
-        finite = np.ones(batch, dtype=bool)
-        for output, shape in zip(outputs, signature.shapes, strict=True):
-            finite &= np.isfinite(output).reshape(*batch, math.prod(shape)).all(axis=-1)
-        named = dict(zip(signature.arguments, arrays, strict=True))
-        self._report(signature.name, named, finite, 5)
 
     def _all_rows(self, constants: bytes | None, arrays: Arrays, batch: tuple[int, ...]) -> bool:
         """Compute all rows, on several threads where they are many.
@@ -255,7 +232,11 @@ class CompiledFunction:
         are filled, and constants of each state, all in C order.
         """
         count = math.prod(batch)
-        function = self._batch_each if constants is None else self._batch
+        library, form = self._library, "_batch"
+        if constants is None:
+            library, form = self._of_states, "_batch_each"
+        found = library.function(self._signature.name, form)
+        function = ctypes.cast(found, ctypes.c_void_p)
         flat = [a.reshape(-1) for a in arrays]
         parts = min(self._pool.threads, count // _MIN_ROWS)
         if parts < 2:

@@ -100,20 +100,16 @@ def find_compiler(chosen: str | None) -> Compiler:
         path = shutil.which(command[0]) if command else None
         if path:
             whole = (os.path.abspath(path), *command[1:])
-            return Compiler(whole, _version(whole))
+            code, said = _run([*whole, "--version"], 20.0, Path.cwd())
+            if code is None:
+                raise CompilerError(f"{whole[0]} does not answer --version")
+            return Compiler(whole, said)
     raise CompilerError(f"CC={chosen}: no such compiler" if chosen else "no C compiler found")
 
 
 def chosen_compiler() -> Compiler:
     """The compiler by the environment's CC, as of `find_compiler`."""
     return find_compiler(os.environ.get("CC") or None)
-
-
-def _version(command: Sequence[str]) -> str:
-    code, said = _run([*command, "--version"], 20.0, Path.cwd())
-    if code is None:
-        raise CompilerError(f"{command[0]} does not answer --version")
-    return said
 
 
 def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | None, str]:
@@ -204,8 +200,7 @@ class ModuleLibrary:
         """
         if self._is_whole:
             return compiled_library(self._folder, self._name, self._compiler, self._flags)
-        files = [f"{self._name}.h", f"{self._name}.c"]
-        return self._compiled(files, (), {_ROWS: (NATIVE / "rows.c").read_bytes()})
+        return self._compiled((), {_ROWS: (NATIVE / "rows.c").read_bytes()})
 
     @functools.cached_property
     def digest(self) -> str:
@@ -251,24 +246,14 @@ class ModuleLibrary:
             return self.core
         own = [name for name in self._functions if self._unit(name) == unit]
         parts = {part for name in own for part in FUNCTIONS[name].composed}
-        files = [f"{self._name}.h", f"{self._name}.c"]
-        if self._each:
-            files.append(f"{self._name}_each.c")
-        return self._compiled(files, [*parts, *own], {})
+        return self._compiled([*parts, *own], {})
 
-    def _compiled(
-        self, files: Sequence[str], functions: Collection[str], others: Mapping[str, bytes]
-    ) -> Path:
-        return compiled_files(
-            self._folder,
-            self._name,
-            files,
-            self._compiler,
-            self._flags,
-            others,
-            included=[f"{self._name}.c"] if self._each else [],
-            functions=functions,
-        )
+    def _compiled(self, functions: Collection[str], others: Mapping[str, bytes]) -> Path:
+        files, included = c_files(self._name), []
+        if self._each:
+            files, included = [*files, f"{self._name}_each.c"], [f"{self._name}.c"]
+        where = self._folder, self._name, files, self._compiler, self._flags
+        return compiled_files(*where, others, included, functions)
 
 
 def compiled_library(

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, ValidationInfo, field_validator
+from pydantic import AfterValidator
 
 from gibbs_codegen.errors import Fault, ScenarioFileError
 from gibbs_codegen.files.shipped import shipped_names, text_of
@@ -26,6 +26,7 @@ from gibbs_codegen.files.table import (
     file_table,
     key,
     needed,
+    optional,
     refusal,
 )
 from gibbs_codegen.files.toml import TOO_DEEP, checked, nested
@@ -87,6 +88,7 @@ def _one_after_the_other(moves: list[parts.Move]) -> list[parts.Move]:
     return moves
 
 
+_Values = dict[JointName, Number] | None
 _Moves = Annotated[
     list[parts.Move],
     Tables("arm.moves", 1000, "moves", "a list of moves, [{ to = …, duration = … }]"),
@@ -101,26 +103,22 @@ class ArmTable(Table):
     Names of joints are those of their coordinates, such as theta_7 and d_8.
     """
 
-    tip: Annotated[AnyPath | None, key("desired path of the tip in the world")] = None
-    tip_beside_base: Annotated[
-        AnyPath | None, key("desired path of the tip from the base centre, world axes")
-    ] = None
-    posture: Annotated[
-        dict[JointName, Number] | None,
-        key("travel that prismatic joints hold without a tip path, m; default 0"),
-    ] = None
-    posture_deg: Annotated[
-        dict[JointName, Number] | None,
-        key("angle that revolute joints hold without a tip path, degrees; default 0"),
-    ] = None
-    guess: Annotated[
-        dict[JointName, Number] | None,
-        key("travel of prismatic joints where the search for a tip path begins, m"),
-    ] = None
-    guess_deg: Annotated[
-        dict[JointName, Number] | None,
-        key("angle of revolute joints where the search for a tip path begins, degrees"),
-    ] = None
+    tip: AnyPath | None = optional("desired path of the tip in the world")
+    tip_beside_base: AnyPath | None = optional(
+        "desired path of the tip from the base centre, world axes"
+    )
+    posture: _Values = optional(
+        "travel that prismatic joints hold without a tip path, m; default 0"
+    )
+    posture_deg: _Values = optional(
+        "angle that revolute joints hold without a tip path, degrees; default 0"
+    )
+    guess: _Values = optional(
+        "travel of prismatic joints where the search for a tip path begins, m"
+    )
+    guess_deg: _Values = optional(
+        "angle of revolute joints where the search for a tip path begins, degrees"
+    )
     limits: Annotated[
         dict[JointName, Limits], key(f"least and greatest travel of prismatic joints, m; {_FILE}")
     ] = field(default_factory=dict)
@@ -247,20 +245,19 @@ class ScenarioTable(Table):
     )
     control: Annotated[parts.Control, key("the control law")] = parts.Control()
     motors: Annotated[parts.Motors, key("limits and lag of motors")] = parts.Motors()
-    sensors: Annotated[
-        parts.Sensors | None,
-        key("noise and delay of what a sampled law observes; default: the state as it is"),
-    ] = None
-    push: Annotated[parts.Push | None, key("a force and a torque at a frame; default: none")] = None
-    tip_force: Annotated[
-        parts.TipForce | None, key("a force on the tip, as a push of the frame tip; default: none")
-    ] = None
+    sensors: parts.Sensors | None = optional(
+        "noise and delay of what a sampled law observes; default: the state as it is"
+    )
+    push: parts.Push | None = optional("a force and a torque at a frame; default: none")
+    tip_force: parts.TipForce | None = optional(
+        "a force on the tip, as a push of the frame tip; default: none"
+    )
     payload: Annotated[
         tuple[parts.Payload, ...],
         Tables("payload", 20, "payloads"),
         key("point masses at frames, for a time; default: none"),
     ] = ()
-    wind: Annotated[parts.Wind | None, key("wind, and the drag of frames; default: none")] = None
+    wind: parts.Wind | None = optional("wind, and the drag of frames; default: none")
     wall: Annotated[
         tuple[parts.Wall, ...],
         Tables("wall", 20, "walls"),
@@ -293,38 +290,22 @@ class ScenarioTable(Table):
         if "push" in values and "tip_force" in values:
             yield "tip_force", "must be left out, since push says what pushes the robot"
 
-    @field_validator("arm")
-    @classmethod
-    def _moves_in_time(cls, arm: ArmTable, info: ValidationInfo) -> ArmTable:
-        duration = info.data.get("duration", math.inf)
-        late: list[tuple[Place, str]] = [
-            (
-                (each, joint, number, "begin"),
-                f"must be before {duration:g}, when the flight ends, not {move.begin:g}",
-            )
-            for each in ("moves", "moves_deg")
-            for joint, moves in getattr(arm, each).items()
-            for number, move in enumerate(moves)
-            if move.begin >= duration
-        ]
-        if late:
-            raise refusal(late)
-        return arm
-
-    @field_validator("integration")
-    @classmethod
-    def _is_not_endless(cls, settings: parts.Settings, info: ValidationInfo) -> parts.Settings:
-        duration = info.data.get("duration", 0.0)
-        faults = []
+    def _faults(self) -> Iterator[tuple[Place, str]]:
+        """Faults of moves after the end, and of more samples or steps than a flight may have."""
+        duration, settings = self.duration, self.integration
+        for each in ("moves", "moves_deg"):
+            for joint, moves in getattr(self.arm, each).items():
+                for number, move in enumerate(moves):
+                    if move.begin >= duration:
+                        words = f"must be before {duration:g}, when the flight ends"
+                        place = ("arm", each, joint, number, "begin")
+                        yield place, f"{words}, not {move.begin:g}"
         if settings.rate * duration > _MAX_SAMPLES:
             words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
-            faults.append((("rate",), words))
+            yield ("integration", "rate"), words
         if settings.method == "rk4" and duration / settings.step > _MAX_STEPS:
             words = f"more than {_MAX_STEPS} steps in {duration:g} s; take longer ones"
-            faults.append((("step",), words))
-        if faults:
-            raise refusal(faults)
-        return settings
+            yield ("integration", "step"), words
 
     def scenario(self) -> Scenario:
         """The scenario that the file describes: keys are fields but for those that are named."""

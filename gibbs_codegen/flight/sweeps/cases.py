@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.sweeps import sources
@@ -260,23 +259,16 @@ def axes_of(
         for column, targets in columns.items():
             bases = [_base(key, robot, scenario) for key in targets if varied.relative]
             found.append(Axis(column, tuple(targets), tuple(bases), varied))
-            _refuse_twice(of_target, targets, key)
+            # No entry may be one that another key is for, or be in one, or have one in it.
+            for new, (old, other) in itertools.product(targets, of_target.items()):
+                short, long = sorted((new, old), key=len)
+                if long.startswith(short) and long[len(short) :][:1] in ("", ".", "["):
+                    raise UsageError(
+                        f"{printable(other)} and {printable(key)} both set {printable(long)}; let "
+                        "one of them do so"
+                    )
             of_target |= dict.fromkeys(targets, key)
     return found
-
-
-def _refuse_twice(of_target: Mapping[str, str], targets: Sequence[str], key: str) -> None:
-    """Refuse a key for an entry that another key is for, or that is in one, or that one is in.
-
-    `of_target` has the keys so far, by those of their entries in full.
-    """
-    for new, (old, other) in itertools.product(targets, of_target.items()):
-        short, long = sorted((new, old), key=len)
-        if long.startswith(short) and long[len(short) :][:1] in ("", ".", "["):
-            raise UsageError(
-                f"{printable(other)} and {printable(key)} both set {printable(long)}; let one of "
-                "them do so"
-            )
 
 
 def _entries_of(key: str, robot: sources.RobotSource) -> dict[str, list[str]]:
@@ -360,19 +352,6 @@ class Block:
     def __len__(self) -> int:
         """How many cases there are."""
         return self.samples * math.prod(len(axis.varied.levels) or 1 for axis in self.axes)
-
-    def columns(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
-        """What each of its cases has of its own, by column."""
-        combination, sample = np.divmod(np.arange(len(self)), self.samples)
-        found: dict[str, Sequence[Any] | NDArray[Any]] = {}
-        for axis in reversed(self.axes):
-            if axis.varied.draw is None:
-                combination, level = np.divmod(combination, len(axis.varied.levels))
-                shown = [axis.shown(value) for value in axis.varied.levels]
-                found[axis.column] = [shown[each] for each in level.tolist()]
-            else:
-                found[axis.column] = axis.shown(self.drawn[axis.column])[sample]
-        return found
 
     def chosen(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """What the case at such a place has of its own: values by column, and entries by key."""

@@ -212,24 +212,19 @@ def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSour
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         folder = find_module(Path(word))
     else:
-        folder = _generated(word, modules, progress)
+        from gibbs_codegen.robot.file import read_robot
+
+        read, text = read_robot(word)
+        digest = hashlib.sha256(f"{__version__}\n{text}".encode()).hexdigest()
+        out = modules / digest[:16]
+        if not (out / read.name / "MANIFEST").is_file():
+            from gibbs_codegen.pipeline import generate_robot  # Late, as it imports SymPy.
+
+            progress(f"generating {read.name}", 0.0)
+            generate_robot(read, text, out, verify=False)
+        folder = (out / read.name).resolve()
     module = load(folder, "c")
     return RobotSource(word, folder, _digest_of(folder), module.PARAMETERS, "tip" in module.POINTS)
-
-
-def _generated(word: str, modules: Path, progress: Progress) -> Path:
-    """Folder of the module of a robot file, or of a robot that ships, generated if need be."""
-    from gibbs_codegen.robot.file import read_robot
-
-    read, text = read_robot(word)
-    digest = hashlib.sha256(f"{__version__}\n{text}".encode()).hexdigest()
-    out = modules / digest[:16]
-    if not (out / read.name / "MANIFEST").is_file():
-        from gibbs_codegen.pipeline import generate_robot  # Late, as it imports SymPy.
-
-        progress(f"generating {read.name}", 0.0)
-        generate_robot(read, text, out, verify=False)
-    return (out / read.name).resolve()
 
 
 def _digest_of(folder: Path) -> str:

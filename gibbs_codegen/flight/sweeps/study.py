@@ -296,29 +296,18 @@ def _unwritable(path: StrPath, error: OSError) -> OutputError:
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDArray[Any]:
     """The table of a sweep: a structured array with a row for each case."""
-    blocks, sizes = cases.blocks, [len(block) for block in cases.blocks]
-    columns: dict[str, NDArray[Any]] = {
-        "case": np.arange(len(cases)),
-        "robot": np.repeat([block.robot.word for block in blocks], sizes),
-        "scenario": np.repeat([block.scenario.word for block in blocks], sizes),
-    }
-    own = [block.columns() for block in blocks]
-    for name in cases.columns:
-        parts = [each.get(name, [math.nan] * n) for each, n in zip(own, sizes, strict=True)]
-        columns[name] = _column(parts)
+    known = [(case.index, case.robot, case.scenario, *case.values.values()) for case in cases]
     values, *reasons = zip(*rows, strict=True)
-    columns |= zip(measures, np.transpose(values), strict=True)
-    columns |= {name: np.array(texts) for name, texts in zip(REASONS, reasons, strict=True)}
+    names = ("case", "robot", "scenario", *cases.columns, *measures, *REASONS)
+    every = (*zip(*known, strict=True), *zip(*values, strict=True), *reasons)
+    columns = dict(zip(names, map(_column, every), strict=True))
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column
     return table
 
 
-def _column(parts: Sequence[Sequence[Any] | NDArray[Any]]) -> NDArray[Any]:
+def _column(values: Sequence[Any]) -> NDArray[Any]:
     """Numbers or switches as an array of these; a mixture, or anything else, as texts."""
-    arrays = [np.asarray(part) for part in parts]
-    kinds = {"number" if array.dtype.kind in "iuf" else array.dtype.kind for array in arrays}
-    if kinds == {"number"} or kinds == {"b"}:
-        return np.concatenate(arrays)
-    return np.array([str(value) for part in parts for value in part])
+    found = np.asarray(values)
+    return found if found.dtype.kind in "iufb" else np.array([str(value) for value in values])
