@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.arrays.nodes import Node, Program, Shape
 from gibbs_codegen.arrays.slopes import (
     call_slopes,
     coordinates_slope,
@@ -20,13 +20,17 @@ from gibbs_codegen.arrays.slopes import (
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS, derivative
 
+# Functions in which no parameter occurs.
+_WITHOUT_PARAMETERS = ("coordinate_rates", "integrate", "difference")
+
 
 def gradient(program: Program, by: str | Iterable[str]) -> Program:
     """The gradient of a weighted sum of a program's results by some inputs.
 
     Args:
         program: The program.
-        by: Names of inputs, or one name.
+        by: Names of inputs, or one name. `<owner>_parameters` are the parameters of an owner whose
+            functions are called, as `robot_parameters`, in the order of the module's `PARAMETERS`.
 
     Returns:
         A program that takes the inputs and, for each result, its weights `<output>_bar`, and
@@ -37,7 +41,9 @@ def gradient(program: Program, by: str | Iterable[str]) -> Program:
         UsageError: If what is called in the program has no derivatives, or an input is unknown.
         MissingFunctionError: If the module was generated without the derivatives that it needs.
     """
-    return _gradient(program, program.chosen(by))
+    names = (by,) if isinstance(by, str) else tuple(by)
+    program.chosen([name for name in names if name not in _owners(program)])
+    return _gradient(program, names)
 
 
 @lru_cache(maxsize=256)
@@ -46,34 +52,65 @@ def _gradient(program: Program, by: tuple[str, ...]) -> Program:
     weights = {
         name: nodes.variable(f"{name}_bar", *x.tangent) for name, x in program.outputs.items()
     }
-    moving = _moving(program, {inputs[name] for name in by})
-    found: dict[Node, Node] = {}
+    owners = frozenset(by) - frozenset(inputs)
+    moving = _moving(program, {inputs[name] for name in by if name in inputs}, owners)
+    found: dict[Node | str, Node] = {}
     for name, x in program.outputs.items():
         if x in moving:
             _add(found, x, weights[name])
-    _collect(program, moving, found)
-    outputs = {
-        f"{name}_bar": found.get(inputs[name]) or nodes.zeros(*inputs[name].tangent) for name in by
-    }
+    _collect(program, moving, owners, found)
+    outputs = {}
+    for name in by:
+        key = inputs.get(name, name)
+        outputs[f"{name}_bar"] = found.get(key) or nodes.zeros(
+            *(inputs[name].tangent if name in inputs else _owners(program)[name])
+        )
     name = f"{program.name}_gradient_by_{'_'.join(by)}"
     return Program(name, (*program.inputs, *weights.values()), outputs)
 
 
-def _moving(program: Program, by: set[Node]) -> set[Node]:
-    """The nodes that depend on some inputs."""
+@lru_cache(maxsize=256)
+def _owners(program: Program) -> dict[str, Shape]:
+    """Names of the parameters of all whose functions are called, and their shapes."""
+    found: dict[str, Shape] = {}
+    for x in program.nodes:
+        match x.operation:
+            case nodes.Call(functions):
+                found[f"{functions.owner}_parameters"] = (functions.parameters,)
+            case nodes.Invocation(inner):
+                found |= _owners(inner)
+    return found
+
+
+def _moving(program: Program, by: set[Node], owners: frozenset[str]) -> set[Node]:
+    """The nodes that depend on some inputs, or on parameters."""
     moving = set(by)
     for x in program.nodes:
-        if any(argument in moving for argument in x.arguments):
+        if _owned(x, owners) or any(argument in moving for argument in x.arguments):
             moving.add(x)
     return moving
 
 
-def _add(found: dict[Node, Node], x: Node, weight: Node) -> None:
-    """Add to the weights of a node."""
+def _owned(x: Node, owners: frozenset[str]) -> list[str]:
+    """Of some names of parameters those on which a node itself depends."""
+    match x.operation:
+        case nodes.Call(functions):
+            there: Collection[str] = (f"{functions.owner}_parameters",)
+        case nodes.Invocation(program):
+            there = _owners(program)
+        case _:
+            return []
+    return [name for name in owners if name in there]
+
+
+def _add(found: dict[Node | str, Node], x: Node | str, weight: Node) -> None:
+    """Add to the weights of a node, or of parameters."""
     found[x] = found[x] + weight if x in found else weight
 
 
-def _collect(program: Program, moving: set[Node], found: dict[Node, Node]) -> None:
+def _collect(
+    program: Program, moving: set[Node], owners: frozenset[str], found: dict[Node | str, Node]
+) -> None:
     """The weights of all nodes, from the results to the inputs.
 
     What several results of one call pass on is asked once, where the first of them was made: then
@@ -88,9 +125,9 @@ def _collect(program: Program, moving: set[Node], found: dict[Node, Node]) -> No
             continue
         weights = {y: found[y] for y in results if y in found}
         places = [place for place, argument in enumerate(x.arguments) if argument in moving]
-        for place, weight in _passed(x, weights, places) if weights else ():
+        for place, weight in _passed(x, weights, places, _owned(x, owners)) if weights else ():
             if not nodes.is_all(weight, 0.0):
-                _add(found, x.arguments[place], weight)
+                _add(found, place if isinstance(place, str) else x.arguments[place], weight)
 
 
 def _origin(x: Node) -> Any:
@@ -103,11 +140,16 @@ def _origin(x: Node) -> Any:
     return x
 
 
-def _passed(x: Node, weights: dict[Node, Node], places: list[int]) -> Iterator[tuple[int, Node]]:
-    """What weights of a node, or of the results of a call, are for its arguments."""
+def _passed(
+    x: Node, weights: dict[Node, Node], places: list[int], parameters: Sequence[str] = ()
+) -> Iterator[tuple[int | str, Node]]:
+    """What weights of a node, or of the results of a call, are for arguments and parameters."""
     match x.operation:
         case nodes.Call() as call:
-            yield from _of_call(call, weights, places)
+            for name in parameters:
+                yield from ((name, _of_parameters(call, y, w)) for y, w in weights.items())
+            if places:
+                yield from _of_call(call, weights, places)
             return
         case nodes.Invocation(program):
             by_name = {
@@ -115,7 +157,7 @@ def _passed(x: Node, weights: dict[Node, Node], places: list[int]) -> Iterator[t
                 for name, y in program.results(*x.arguments).items()
                 if y in weights
             }
-            yield from _of_invocation(program, x.arguments, by_name, places)
+            yield from _of_invocation(program, x.arguments, by_name, places, parameters)
             return
         case nodes.External():
             formula = nodes.formula_of(x)
@@ -215,13 +257,28 @@ def _of_call(
             yield place, nodes.reshaped(bar, x.arguments[place].tangent)
 
 
+def _of_parameters(call: nodes.Call, x: Node, w: Node) -> Node:
+    """Weights of the parameters: by the function of the module that has their derivatives."""
+    if call.name in _WITHOUT_PARAMETERS:
+        return nodes.zeros(call.functions.parameters)
+    name = derivative(call.name, "parameters")
+    if not name:
+        raise UsageError(f"no function of a module gives derivatives of {call.name} by parameters")
+    row = FUNCTIONS[name]
+    if len(row.arguments) > len(x.arguments):
+        return call.functions.outputs(name, *x.arguments, w)[0]
+    (matrix,) = call.functions.outputs(name, *x.arguments)
+    return matrix.transposed @ w
+
+
 def _of_invocation(
     program: Program,
     arguments: tuple[Node, ...],
     weights: dict[str, Node],
     places: list[int],
-) -> Iterator[tuple[int, Node]]:
+    parameters: Sequence[str],
+) -> Iterator[tuple[int | str, Node]]:
     """Weights of the arguments of a program that was called, given those of its results."""
     given = [weights.get(name) or nodes.zeros(*x.tangent) for name, x in program.outputs.items()]
-    inner = gradient(program, tuple(program.names[place] for place in places))
-    yield from zip(places, inner(*arguments, *given), strict=True)
+    inner = gradient(program, (*(program.names[place] for place in places), *parameters))
+    yield from zip((*places, *parameters), inner(*arguments, *given), strict=True)

@@ -28,7 +28,7 @@ class Functions:
         self.owner = owner
         self.signatures = {signature.name: signature for signature in module_signatures(module)}
         self.space = Space(len(module.COORDINATES), len(module.VELOCITIES))
-        self.inputs = len(module.INPUTS)
+        self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.layout = Layout.listed(
             module.ATTITUDE,
             module.COORDINATES,

@@ -2,15 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
 import numpy as np
 import pytest
 from support.differences import rate
+from support.kept import kept_folder, made_once
 
-from gibbs_codegen.arrays import Program, evaluate, gradient, jacobian, variable
+from gibbs_codegen.arrays import (
+    Node,
+    Program,
+    constant,
+    dot,
+    evaluate,
+    gradient,
+    jacobian,
+    variable,
+)
 from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
+from gibbs_codegen.flight.integration.loop_program import loop_program, loop_values
 from gibbs_codegen.flight.plant.allocation import Allocation
+from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import flight_start
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.programs import CompiledProgram
+from gibbs_codegen.verification.complex_steps import ComplexSteps
 
 Array = np.ndarray
+NEEDED = (
+    "forward_dynamics_vjp",
+    "inverse_dynamics_vjp",
+    "forward_dynamics_parameters_vjp",
+    "difference_derivatives",
+)
+STEP = 1e-40
+STEPS, SIZE = 4, 0.01
 
 
 def nearest(thrusts: Array, wrench: Array, columns: Array, least: Array, most: Array) -> Array:
@@ -60,3 +94,120 @@ def test_thrusts_within_limits_have_derivatives(rotors: int, share: float) -> No
         np.testing.assert_allclose(
             np.sum(bars[f"{name}_bar"] * along), weights @ slope, rtol=1e-9, atol=1e-9
         )
+
+
+class Complex:
+    """Functions of a module at complex arguments, with one parameter that is complex too."""
+
+    def __init__(self, module: ModuleType, parameter: str = "") -> None:
+        folder = Path(str(module.__file__)).parent
+        self._at = ComplexSteps(module, read_robot(str(folder / "robot.toml"))[0])
+        if parameter:
+            self._at._values[parameter] += 1j * STEP
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self._at(name, *arguments)
+
+
+@contextmanager
+def jax_in_doubles() -> Iterator[Any]:
+    """JAX, which computes with doubles meanwhile."""
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    try:
+        yield jax
+    finally:
+        jax.config.update("jax_enable_x64", False)
+
+
+class Cost:
+    """A weighted sum of the state after some steps of a closed loop, and where it is taken."""
+
+    def __init__(self, name: str) -> None:
+        robot, text = read_robot(name)
+        folder = kept_folder(robot, *NEEDED)
+
+        def make() -> None:
+            generate_robot(robot, text, folder, verify=False, derivatives=NEEDED)
+
+        self.folder = made_once(folder / robot.name, make)
+        self.module = load(self.folder)
+        start = flight_start(self.module, read_scenario("circle"), lambda *_: None, own=False)
+        loop = start.loop
+        loads = loop.loads(0.0)
+        spec = replace(loop_program(loop, loads), shared=False, inputs={})
+        owners = {"plant": self.module, "model": self.module}
+
+        def desired(at: float) -> Array:
+            return np.concatenate(Reference.__call__(loop.controller.reference, at))
+
+        def slope(time: float, x: Node) -> Node:
+            curves = evaluate(spec.curves, {"time": time}, owners, externals={"desired": desired})
+            given = constant(time), constant(curves["curves"]), x, *spec.rate_program.inputs[3:]
+            return spec.rate_program.results(*given)["rate"]
+
+        random = np.random.default_rng(5)
+        begin = loop.start(start.q, start.v)
+        x = state = variable("x", begin.size)
+        for time in np.arange(STEPS) * SIZE:
+            k1 = slope(time, x)
+            k2 = slope(time + 0.5 * SIZE, x + 0.5 * SIZE * k1)
+            x = x + SIZE * k2
+        weights = random.normal(size=begin.size) / (1.0 + abs(begin))
+        inputs = state, *spec.rate_program.inputs[3:]
+        self.program = Program("cost", inputs, {"cost": dot(weights, x)})
+        values = loop_values(loop, 1.0, loads) | {"x": begin + 1e-3 * random.normal(size=x.shape)}
+        self.values: dict[str, Any] = {key: values[key] for key in self.program.names}
+
+    def complex_slope(self, along: dict[str, Array], parameter: str = "") -> float:
+        """The derivative along a direction of inputs, and by a parameter of the plant."""
+        owners = {"plant": Complex(self.module, parameter), "model": Complex(self.module)}
+        moved = {key: self.values[key] + 1j * STEP * x for key, x in along.items()}
+        found = evaluate(self.program, self.values | moved, owners)
+        return float(np.imag(found["cost"])) / STEP
+
+
+# The paper's rods, which hardly resist being turned about themselves, magnify rounding.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "rounding"), [("hexarotor_3link", 1e-8), ("hextilt_flying_arm_5", 1e-10)]
+)
+def test_costs_of_closed_loops_have_the_gradients_of_complex_steps(
+    name: str, rounding: float
+) -> None:
+    cost = Cost(name)
+    owners = {"plant": cost.module, "model": cost.module}
+    names = ("x", "stiffness", "plant_parameters")
+    given = cost.values | {"cost_bar": 1.0}
+    program = gradient(cost.program, names)
+    found = evaluate(program, given, owners)
+    printed = CompiledProgram(load(cost.folder, "c"), program)(*(given[x] for x in program.names))
+    for key, wanted in found.items():
+        size = np.max(np.abs(wanted))
+        np.testing.assert_allclose(printed[key], wanted, rtol=0, atol=rounding * size)
+    random = np.random.default_rng(6)
+    for key in names[:2]:
+        along = random.normal(size=np.shape(cost.values[key]))
+        wanted = cost.complex_slope({key: along})
+        np.testing.assert_allclose(np.sum(found[f"{key}_bar"] * along), wanted, rtol=1e-9)
+    place, mass = next(
+        (place, key) for place, key in enumerate(cost.module.PARAMETERS) if "mass" in key
+    )
+    by_mass = found["plant_parameters_bar"][place]
+    np.testing.assert_allclose(by_mass, cost.complex_slope({}, mass), rtol=1e-9)
+    with jax_in_doubles() as jax:
+        module = load(cost.folder, "jax")
+
+        def value(x: Any, stiffness: Any, number: Any) -> Any:
+            constants = {"plant": module.prepare({mass: number})}
+            modules = {"plant": module, "model": module}
+            moved = cost.values | {"x": x, "stiffness": stiffness}
+            return evaluate(cost.program, moved, modules, constants, xp=jax.numpy)["cost"]
+
+        at = cost.values["x"], cost.values["stiffness"], cost.module.PARAMETERS[mass]
+        slopes = jax.grad(value, (0, 1, 2))(*at)
+    for slope, wanted in zip(
+        slopes, (found["x_bar"], found["stiffness_bar"], by_mass), strict=True
+    ):
+        size = np.max(np.abs(wanted))
+        np.testing.assert_allclose(slope, wanted, rtol=0, atol=max(rounding, 1e-9) * size)
