@@ -95,7 +95,39 @@ def add_kept(parser: Parser) -> None:
     _add_choice(parser, "emit {which}")
 
 
-def _generate(parser: Parser) -> None:
+def _add_json(parser: Parser) -> None:
+    parser.flag("--json", "print JSON instead of tables")
+
+
+def _add_changes(parser: Parser, flights: str) -> None:
+    """Add --set; `flights` says of which flights."""
+    meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
+    parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
+    return int(text)
+
+
+def argument_parser() -> Parser:
+    """Parser of the command line; `module` of what it returns is that of the command."""
+    whole = Parser(
+        prog="gibbs-codegen",
+        description="Derive the equations of motion of flying robots with arms, and write them as "
+        "fast functions in NumPy and C.",
+    )
+    whole.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
+    commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    def command(name: str, meaning: str) -> Parser:
+        made: Parser = commands.add_parser(name, help=meaning)
+        made.set_defaults(module="import_robot" if name == "import" else name)
+        return made
+
+    # In the order of the help.
+    parser = command("generate", "derive a robot's equations of motion and write its module")
     _add_robot(parser)
     add_kept(parser)
     parser.add("--out", "DIR", "folder in which modules are written", default="generated")
@@ -110,19 +142,15 @@ def _generate(parser: Parser) -> None:
     )
     parser.flag("--no-verify", "write the module without checking its functions first")
 
-
-def _info(parser: Parser) -> None:
+    parser = command(
+        "info", "show a robot's base, chains, coordinates, motors and operation counts"
+    )
     _add_robot(parser)
     _add_json(parser)
     also = "of a module, those that it has are counted, too"
     _add_choice(parser, f"count the operations of {{which}}; {also}")
 
-
-def _add_json(parser: Parser) -> None:
-    parser.flag("--json", "print JSON instead of tables")
-
-
-def _show(parser: Parser) -> None:
+    parser = command("show", "print the paper's equations of one chain as text or LaTeX")
     _add_robot(parser)
     meaning = "number of the chain, as `info` lists them"
     parser.add("--chain", "J", meaning, type=int, required=True)
@@ -137,8 +165,9 @@ def _show(parser: Parser) -> None:
     formats = ("text", "latex")
     parser.add("--format", None, "how to print the equations", choices=formats, default="text")
 
-
-def _verify(parser: Parser) -> None:
+    parser = command(
+        "verify", "compare a module with formulations that share no code with the derivation"
+    )
     _add_module(parser)
     parser.add("--states", "K", "number of random states to compare at", type=int, default=20)
     parser.add("--seed", None, "seed of the states", type=int, default=0)
@@ -146,8 +175,7 @@ def _verify(parser: Parser) -> None:
     parser.add("--backend", None, meaning, choices=("numpy", "c"), action="append")
     _add_json(parser)
 
-
-def _simulate(parser: Parser) -> None:
+    parser = command("simulate", "fly a scenario with a module, and write time series and figures")
     _add_module(parser)
     parser.add("--scenario", "NAME|FILE", f"the scenario to fly: {_SCENARIOS}", default="paper")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
@@ -163,14 +191,7 @@ def _simulate(parser: Parser) -> None:
     meaning = "write an animation as well, in this format"
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
 
-
-def _add_changes(parser: Parser, flights: str) -> None:
-    """Add --set; `flights` says of which flights."""
-    meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
-    parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
-
-
-def _sweep(parser: Parser) -> None:
+    parser = command("sweep", "fly scenarios in many variants, and measure every flight")
     meaning = f"{_PLACES}, which comes first; of others a module is generated"
     parser.add("robots", "ROBOT", meaning, nargs="+")
     meaning = f"a scenario to fly: {_SCENARIOS}; may be repeated (default: paper)"
@@ -200,8 +221,7 @@ def _sweep(parser: Parser) -> None:
     parser.add("--out", "DIR", meaning, default="sweep")
     parser.flag("--no-figures", "draw no figures")
 
-
-def _view(parser: Parser) -> None:
+    parser = command("view", "show a robot or a flight in the browser, live or as one file")
     flight = "a folder that `simulate` wrote, or its flight.npz"
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {flight}")
     meaning = "write one file that any browser opens without a request, instead of serving"
@@ -209,14 +229,7 @@ def _view(parser: Parser) -> None:
     parser.add("--port", "P", "port of the server, or the next free one", type=_port, default=8080)
     parser.flag("--no-browser", "do not open the browser")
 
-
-def _port(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
-        raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
-    return int(text)
-
-
-def _new(parser: Parser) -> None:
+    parser = command("new", "write a commented robot file to start from")
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
     parser.flag(
         "--placed",
@@ -224,8 +237,7 @@ def _new(parser: Parser) -> None:
         "at the end of each, and links have Denavit-Hartenberg parameters, as in the paper",
     )
 
-
-def _import(parser: Parser) -> None:
+    parser = command("import", "write a robot file from a robot in URDF, xacro or MJCF")
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
     parser.add("file", "FILE", f"a .urdf, .xacro or .xml file; {extras}")
     parser.add(
@@ -251,52 +263,17 @@ def _import(parser: Parser) -> None:
     )
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
-
-def _export(parser: Parser) -> None:
+    parser = command("export", "write a robot in URDF or MJCF")
     parser.add("robot", "ROBOT", _DERIVES)
     parser.add("--format", None, "format of the file", choices=("urdf", "mjcf"), required=True)
     meaning = "file to write (default: the robot's name and .urdf or .xml)"
     parser.add("--out", "FILE", meaning)
     parser.flag("--force", "replace FILE if it exists")
 
-
-def _schema(parser: Parser) -> None:
+    parser = command(
+        "schema",
+        "print the JSON schema of robot or scenario files, with which editors complete keys",
+    )
     parser.add("file", None, "kind of file that the schema is for", choices=("robot", "scenario"))
 
-
-# In the order of the help: what adds the arguments, and what the command does.
-_COMMANDS = {
-    "generate": (_generate, "derive a robot's equations of motion and write its module"),
-    "info": (_info, "show a robot's base, chains, coordinates, motors and operation counts"),
-    "show": (_show, "print the paper's equations of one chain as text or LaTeX"),
-    "verify": (
-        _verify,
-        "compare a module with formulations that share no code with the derivation",
-    ),
-    "simulate": (_simulate, "fly a scenario with a module, and write time series and figures"),
-    "sweep": (_sweep, "fly scenarios in many variants, and measure every flight"),
-    "view": (_view, "show a robot or a flight in the browser, live or as one file"),
-    "new": (_new, "write a commented robot file to start from"),
-    "import": (_import, "write a robot file from a robot in URDF, xacro or MJCF"),
-    "export": (_export, "write a robot in URDF or MJCF"),
-    "schema": (
-        _schema,
-        "print the JSON schema of robot or scenario files, with which editors complete keys",
-    ),
-}
-
-
-def argument_parser() -> Parser:
-    """Parser of the command line; `module` of what it returns is that of the command."""
-    parser = Parser(
-        prog="gibbs-codegen",
-        description="Derive the equations of motion of flying robots with arms, and write them as "
-        "fast functions in NumPy and C.",
-    )
-    parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, (add_arguments, meaning) in _COMMANDS.items():
-        command = commands.add_parser(name, help=meaning)
-        add_arguments(command)
-        command.set_defaults(module="import_robot" if name == "import" else name)
-    return parser
+    return whole
