@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ from gibbs_codegen.robot.layout import QUATERNION, frames_of, joint_terms
 from gibbs_codegen.robot.model import AXES, BASE, Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import joint_frame, mounted_rotors
-from gibbs_codegen.robot.posture import MassProperties, base_properties, whole_properties
+from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -61,28 +61,51 @@ def run(options: argparse.Namespace) -> int:
         )
 
     if options.json:
-        print(json.dumps(report(model), indent=2))
+        data = _facts(model) | {"hybrid_pattern": _pattern(robot)}
+        print(json.dumps(data, indent=2))
     else:
-        print_report(model, Console(width=terminal.width(elsewhere=100), highlight=False))
+        _print_report(model, Console(width=terminal.width(elsewhere=100), highlight=False))
     return 0
 
 
-def machine_facts(robot: Robot) -> dict[str, Any]:
+def _machine_facts(robot: Robot) -> dict[str, Any]:
     """Masses, hover, warnings, links, rotors and frames, in values that JSON can hold."""
     base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
-    offset = float(np.hypot(base.com[0], base.com[1]))
-    warnings = [*filter(None, [lopsided(robot)]), *implausible(robot)]
     reach = _reach(robot, found)
     margins = None if reach is None or reach.margins is None else reach.margins.tolist()
     return {
         "mass": robot.total_mass,
-        "base": asdict(base) | {"offset": offset, "hover": found.thrusts},
+        "base": asdict(base)
+        | {"offset": float(np.hypot(base.com[0], base.com[1])), "hover": found.thrusts},
         "machine": asdict(whole)
         | {"thrust_margin": found.margin}
         | {"wrench_margins": margins and dict(zip(DIRECTIONS, margins, strict=True))},
-        "warnings": warnings,
-        "link_list": _links(robot),
-        "rotor_list": _rotors(robot),
+        "warnings": [*filter(None, [lopsided(robot)]), *implausible(robot)],
+        "link_list": [
+            {
+                "name": link_label(robot, i),
+                "parent": _body(robot, robot.parents[i - 1]),
+                "joint": "held" if link.constrained else link.joint,
+                "coordinate": coordinate_of(robot, i) if link.moves or link.constrained else None,
+                "axis": list(link.axis) if link.moves or link.constrained else None,
+                "mass": link.body.total_mass,
+                "limits": [link.limits.low, link.limits.high],
+                "unit": joint_terms(robot, i).unit,
+            }
+            | asdict(link.passive)
+            for i, link in enumerate(robot.links, start=1)
+        ],
+        "rotor_list": [
+            {
+                "name": rotor_label(robot, k),
+                "on": _body(robot, rotor.on),
+                "position": list(rotor.position),
+                "direction": list(rotor.direction),
+                "drag": rotor.drag,
+                "limits": rotor.limits,
+            }
+            for k, rotor in enumerate(mounted_rotors(robot), start=1)
+        ],
         "frames": [
             {"name": frame.name, "on": _body(robot, frame.on), "xyz": list(frame.pose.xyz)}
             | {"rpy_deg": [float(angle) for angle in frame.pose.rpy_deg]}
@@ -115,45 +138,22 @@ def _body(robot: Robot, number: int) -> str:
     return "base" if number == BASE else link_label(robot, number)
 
 
-def _links(robot: Robot) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": link_label(robot, i),
-            "parent": _body(robot, robot.parents[i - 1]),
-            "joint": "held" if link.constrained else link.joint,
-            "coordinate": coordinate_of(robot, i) if link.moves or link.constrained else None,
-            "axis": list(link.axis) if link.moves or link.constrained else None,
-            "mass": link.body.total_mass,
-            "limits": [link.limits.low, link.limits.high],
-            "unit": joint_terms(robot, i).unit,
-        }
-        | asdict(link.passive)
-        for i, link in enumerate(robot.links, start=1)
+def _print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
+    """Print what `_machine_facts` says: masses, hover thrusts, warnings, and tables."""
+    columns = {"base": base_properties(robot)}
+    if robot.links:
+        columns["whole, joints at zero"] = whole_properties(robot)
+    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
+    where = "arm 1's axes" if by_rule else "the base's axes"
+    properties = columns.values()
+    rows = [
+        ["mass", *(number(found.mass) for found in properties)],
+        ["centre of mass", *(_listed(found.com) for found in properties)],
+        ["xx, yy, zz", *(_listed(found.inertia[:3]) for found in properties)],
+        ["xy, xz, yz", *(_listed(found.inertia[3:]) for found in properties)],
     ]
-
-
-def _rotors(robot: Robot) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": rotor_label(robot, k),
-            "on": _body(robot, rotor.on),
-            "position": list(rotor.position),
-            "direction": list(rotor.direction),
-            "drag": rotor.drag,
-            "limits": rotor.limits,
-        }
-        for k, rotor in enumerate(mounted_rotors(robot), start=1)
-    ]
-
-
-def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
-    """Print what `machine_facts` says: masses, hover thrusts, warnings, and tables.
-
-    The tables are of links, rotors and frames.
-    """
-    base, whole = base_properties(robot), whole_properties(robot)
-    columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
-    print_table(_mass_table(robot, columns), console)
+    title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
+    print_table(plain_table(title, "", *columns, rows=rows), console)
     found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
     lines = hover_lines(robot, found)
     if margins := data["machine"]["wrench_margins"]:
@@ -164,32 +164,16 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
         console.print(line)
     for warning in data["warnings"]:
         console.print(f"warning: {warning}", style="bold", markup=False)
-    for table in (_link_table(data), *_place_tables(robot), _rotor_table(data), _frame_table(data)):
+    for table in _part_tables(robot, data):
         if table.row_count:
             print_table(table, console)
 
 
-def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:
-    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
-    where = "arm 1's axes" if by_rule else "the base's axes"
-    title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
-    properties = columns.values()
-    rows = [
-        ["mass", *(number(found.mass) for found in properties)],
-        ["centre of mass", *(_listed(found.com) for found in properties)],
-        ["xx, yy, zz", *(_listed(found.inertia[:3]) for found in properties)],
-        ["xy, xz, yz", *(_listed(found.inertia[3:]) for found in properties)],
-    ]
-    return plain_table(title, "", *columns, rows=rows)
-
-
-def _listed(values: Sequence[float]) -> str:
-    return ", ".join(map(number, values))
-
-
-def _link_table(data: dict[str, Any]) -> Table:
+def _part_tables(robot: Robot, data: dict[str, Any]) -> Iterator[Table]:
+    """Links, where their joints are in the form that the robot file has, rotors and frames."""
+    links, rotors = data["link_list"], data["rotor_list"]
     # A column of its own for coordinates only where they are not called like their links.
-    own_names = any(link["coordinate"] not in (None, link["name"]) for link in data["link_list"])
+    own_names = any(link["coordinate"] not in (None, link["name"]) for link in links)
     coordinate = ("coordinate",) if own_names else ()
     names = ("link", "joint", *coordinate, "mass, kg", "limits", "damping")
     rows = [
@@ -198,19 +182,15 @@ def _link_table(data: dict[str, Any]) -> Table:
             *(number(link["mass"]), _range(link["limits"], link["unit"])),
             number(link["damping"]) if link["damping"] else "-",
         ]
-        for link in data["link_list"]
+        for link in links
     ]
-    return plain_table("\nLinks", *names, rows=rows)
-
-
-def _place_tables(robot: Robot) -> list[Table]:
-    """Where the joints of links are on their parents, in the form that the robot file has."""
+    yield plain_table("\nLinks", *names, rows=rows)
     posed = ("link", "parent", "position, m", "roll, pitch, yaw, °", "axis")
     poses = plain_table("\nPlaces of the links' joints, at zero, and their axes", *posed)
     title = "\nDenavit–Hartenberg parameters of the links (modified; the axis is z)"
     parameters = plain_table(title, "link", "parent", "alpha, °", "a, m", "d, m", "theta, °")
     for i, link in enumerate(robot.links, start=1):
-        carried = (link_label(robot, i), _body(robot, robot.parents[i - 1]))
+        carried = (links[i - 1]["name"], links[i - 1]["parent"])
         if link.pose:
             angles = _listed([float(angle) for angle in link.pose.rpy_deg])
             poses.add_row(*carried, _listed(link.pose.xyz), angles, _direction(link.axis))
@@ -218,12 +198,8 @@ def _place_tables(robot: Robot) -> list[Table]:
             step = joint_frame(robot, i)[1][0], link.d
             numbers = (float(link.alpha_deg), *step, float(link.theta_deg))
             parameters.add_row(*carried, *map(number, numbers))
-    return [poses, parameters]
-
-
-def _rotor_table(data: dict[str, Any]) -> Table:
+    yield from (poses, parameters)
     names = ("rotor", "on", "position, m", "direction", "drag, m", "limits")
-    rotors = data["rotor_list"]
     rows = [
         [
             *(rotor["name"], rotor["on"], _short(rotor["position"])),
@@ -234,16 +210,16 @@ def _rotor_table(data: dict[str, Any]) -> Table:
     ]
     if len(rotors) > _MOST_LISTED:
         rows.append(["…", f"{len(rotors) - _MOST_LISTED} more; --json lists all"])
-    return plain_table("\nRotors", *names, rows=rows)
-
-
-def _frame_table(data: dict[str, Any]) -> Table:
-    names = ("frame", "on", "position, m", "roll, pitch, yaw, °")
+    yield plain_table("\nRotors", *names, rows=rows)
     rows = [
         [frame["name"], frame["on"], _short(frame["xyz"]), _short(frame["rpy_deg"])]
         for frame in data["frames"]
     ]
-    return plain_table("\nFrames", *names, rows=rows)
+    yield plain_table("\nFrames", "frame", "on", "position, m", "roll, pitch, yaw, °", rows=rows)
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(map(number, values))
 
 
 def _short(values: Sequence[float]) -> str:
@@ -269,31 +245,37 @@ def _range(bounds: Sequence[float | None], unit: str) -> str:
     return f"±{high:.3g} {unit}" if low == -high else f"{low:.3g} … {high:.3g} {unit}"
 
 
-def report(model: Model) -> dict[str, Any]:
-    """Everything that `info` shows of a derived robot, in values that JSON can hold."""
-    return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
-
-
 def _facts(model: Model) -> dict[str, Any]:
     """All but the pattern of the hybrid system, which takes long for very many rotors."""
     robot, motors, hint = model.robot, arrangement(model.robot), tilt_hint(model.robot)
+    (output,) = model.program.function("hybrid_input_matrix").outputs
+    width = output.shape[1]
+    names = [c.name for c in model.description.inputs]
+    chains = list(zip(decompose(robot), coupling_map(robot), strict=True))
+    # For each row of the hybrid system: its unknown, the chains that add there, its inputs.
+    rows = []
+    for place, unknown in enumerate(model.description.hybrid_coordinates):
+        adding = [chain.number for chain, places in chains if place in places]
+        entries = output.entries[place * width : (place + 1) * width]
+        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
+        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
     return {
         "name": robot.name,
         "rotors": robot.rotors,
         "links": len(robot.links),
         "attitude": robot.base.attitude,
         "origin": robot.base.origin,
-        **machine_facts(robot),
+        **_machine_facts(robot),
         "chains": [
             asdict(chain)
             | {"massive": chain.massive, "constrained": chain.is_constrained}
             | {"places": list(places)}
-            for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
+            for chain, places in chains
         ],
         "coordinates": [asdict(c) for c in model.description.coordinates],
         "velocities": [asdict(c) for c in model.description.velocities],
         "inputs": [asdict(c) for c in model.description.inputs],
-        "hybrid_rows": _hybrid_rows(model),
+        "hybrid_rows": rows,
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
@@ -317,30 +299,14 @@ def _pattern(robot: Robot) -> list[list[list[int]]]:
     return [[list(chains) for chains in row] for row in filled_matrix(robot)]
 
 
-def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
-    """For each row of the hybrid system: its unknown, the chains that add there, its inputs."""
-    robot = model.robot
-    (output,) = model.program.function("hybrid_input_matrix").outputs
-    width = output.shape[1]
-    names = [c.name for c in model.description.inputs]
-    chains = list(zip(decompose(robot), coupling_map(robot), strict=True))
-    rows = []
-    for place, unknown in enumerate(model.description.hybrid_coordinates):
-        adding = [chain.number for chain, places in chains if place in places]
-        entries = output.entries[place * width : (place + 1) * width]
-        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
-        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
-    return rows
-
-
-def print_report(model: Model, console: Console) -> None:
+def _print_report(model: Model, console: Console) -> None:
     """Print the report of a derived robot in a readable layout."""
     data, robot = _facts(model), model.robot
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
         f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
     )
-    print_machine(robot, data, console)
+    _print_machine(robot, data, console)
     _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.
     hybrid = bool(robot.links or robot.base.rotors)
@@ -358,7 +324,12 @@ def print_report(model: Model, console: Console) -> None:
         console.print(_pattern_text(data, _pattern(robot)))
     elif hybrid:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
-    print_table(_operation_table(data), console)
+    names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
+    rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
+    table = plain_table("\nOperations per call", *names, rows=rows)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    print_table(table, console)
 
 
 def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
@@ -463,12 +434,3 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
         )
     if motors["tilt_hint"]:
         console.print(f"Hint: {motors['tilt_hint']['text']}")
-
-
-def _operation_table(data: dict[str, Any]) -> Table:
-    names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
-    rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
-    table = plain_table("\nOperations per call", *names, rows=rows)
-    for column in table.columns[1:]:
-        column.justify = "right"
-    return table
