@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from copy import deepcopy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,10 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.model import Body, Link, Robot, Rod
-from gibbs_codegen.robot.placement import Array, arm_frame, joint_frame, turn_about
-from gibbs_codegen.robot.rigid_body import size_fault
+from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
+from gibbs_codegen.robot.placement import Array, joint_frame
+from gibbs_codegen.robot.posture import AT_ORIGIN, base_bodies, frames_on
+from gibbs_codegen.robot.rigid_body import inertia_matrix, size_fault
 
 Motion = tuple[str, ...]
 
@@ -36,7 +36,7 @@ _NOTHING = 1e-12
 _NO_MOMENT = 1e-15
 # Shares below this in a motion of unit shares are rounding; those that are real are geometry.
 _NO_SHARE = 1e-7
-_LINEAR, _ANGULAR, _JOINTS = slice(0, 3), slice(3, 6), 6
+_JOINTS = 6
 
 
 def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
@@ -165,121 +165,50 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     """Momenta of all bodies over their own masses, for unit rates, and lengths of their roundings.
 
     Columns are the base centre's velocity, the base's angular velocity, and the joints' rates, at
-    an arbitrary configuration of the joints. The lengths are what rounding is relative to.
+    an arbitrary configuration of the joints. Masses are taken out, and of the moments of inertia
+    the roots: what is left are lengths.
     """
-    joints = len(robot.moving)
-    swarm, base = _Swarm(_JOINTS + joints), _Place(_JOINTS + joints)
-    for k in range(1, robot.base.rotors + 1):
-        axes, start = arm_frame(robot.base, k)
-        swarm.add(robot.base.arm(k), base.turned(axes), start)
-    if robot.base.body:
-        swarm.add(robot.base.body, base)
-    positions = dict(zip(robot.moving, _configuration(joints, number), strict=True))
-    columns = {i: column for column, i in enumerate(robot.moving, start=_JOINTS)}
-    scale = _longest(robot)
-    places = [base]
-    for i, (link, parent) in enumerate(zip(robot.links, robot.parents, strict=True), start=1):
-        axes, step = joint_frame(robot, i)
-        place = places[parent].stepped(step).turned(axes)
-        if i in columns:
-            place = place.moved(link, columns[i], positions[i], scale)
-        places.append(place)
-        swarm.add(link.body, place)
-    # A row for each joint with armature, which resists it whatever it carries.
-    resisted = [columns[i] for i in columns if robot.links[i - 1].passive.armature > 0.0]
-    return np.vstack([*swarm.momenta, np.eye(_JOINTS + joints)[resisted]]), swarm.levers
-
-
-def _longest(robot: Robot) -> float:
-    """The longest length of a robot, or 1 where it is a point."""
-    rods = [robot.base.arm(k).length for k in range(1, robot.base.rotors + 1)]
-    steps = [float(np.linalg.norm(joint_frame(robot, i + 1)[1])) for i in range(len(robot.links))]
-    return max([*rods, *steps, *(link.body.length for link in robot.links)], default=0.0) or 1.0
-
-
-class _Place:
-    """A body's frame: what unit rates make of its origin, and the way that leads there.
-
-    `twists` are the origin's velocity and the angular velocity for unit rates, `attitude` the
-    frame's axes in the base's.
-    """
-
-    def __init__(self, coordinates: int) -> None:
-        self.twists = np.zeros((6, coordinates))
-        self.twists[:, :_JOINTS] = np.eye(6)
-        self.way = np.zeros(coordinates)
-        self.attitude = np.eye(3)
-
-    @property
-    def turning(self) -> NDArray[np.bool_]:
-        """Which coordinates turn the body."""
-        return np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
-
-    def stepped(self, step: Array) -> _Place:
-        """Another point of the same body, a step away in its own axes."""
-        place, step = deepcopy(self), self.attitude @ step
-        place.twists[_LINEAR] += np.cross(self.twists[_ANGULAR].T, step).T
-        place.way += self.turning * np.linalg.norm(step)
-        return place
-
-    def turned(self, axes: Array) -> _Place:
-        """The same place in other axes of the body."""
-        place = deepcopy(self)
-        place.attitude = self.attitude @ axes
-        return place
-
-    def moved(self, link: Link, column: int, position: float, scale: float) -> _Place:
-        """The link's frame, which a joint turns (rad) or slides (in shares of `scale`) here."""
-        axis = np.array(link.axis)
-        if link.joint == "prismatic":
-            place = self.stepped(axis * (position * scale))
-            place.twists[_LINEAR, column] = self.attitude @ axis
-            return place
-        place = self.turned(turn_about(axis, position))
-        place.twists[_ANGULAR, column] = self.attitude @ axis
-        return place
-
-
-class _Swarm:
-    """Bodies by themselves: their momenta, and the lengths that these are made of."""
-
-    def __init__(self, coordinates: int) -> None:
-        self.momenta: list[Array] = []
-        self._turning = np.zeros(coordinates, bool)
-        self._reach = np.zeros(coordinates)
-
-    @property
-    def levers(self) -> Array:
-        """Lengths that momenta are made of; of translations 1."""
-        return np.where(self._turning, self._reach, 1.0)
-
-    def add(self, body: Body, place: _Place, start: Array | float = 0.0) -> None:
-        """Add linear and angular momentum of a body, from `start` in the base's axes (m).
-
-        Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
-        """
-        mass, com, inertia = _central(body)
-        arm = start + place.attitude @ com
-        moments, axes = np.linalg.eigh(inertia)
+    base, moving = robot.base, robot.moving
+    size = _JOINTS + len(moving)
+    lengths = [base.arm(k).length for k in range(1, base.rotors + 1)]
+    for i, link in enumerate(robot.links, start=1):
+        lengths += [float(np.linalg.norm(joint_frame(robot, i)[1])), link.body.length]
+    shares = np.array(_configuration(len(moving), number))
+    slides = np.array([robot.links[i - 1].joint == "prismatic" for i in moving], bool)
+    positions = shares * np.where(slides, max(lengths, default=0.0) or 1.0, 1.0)
+    frames = frames_on(robot, AT_ORIGIN, positions)
+    # Of each body the way to its frame, and of each column the axis, and a point on it or nothing.
+    ways, turns = [0.0], [(*np.zeros((3, 3, size)),)]
+    linear, angular, _ = turns[BASE]
+    linear[:, :3] = angular[:, 3:_JOINTS] = np.eye(3)
+    for i, (link, frame, parent) in enumerate(
+        zip(robot.links, frames.links, robot.parents, strict=True), start=1
+    ):
+        before = frames.links[parent - 1] if parent != BASE else frames.base
+        ways.append(ways[parent] + float(np.linalg.norm(frame.origin - before.origin)))
+        linear, angular, points = (part.copy() for part in turns[parent])
+        if i in moving:
+            column, axis = _JOINTS + moving.index(i), frame.axes @ np.array(link.axis)
+            (linear if link.joint == "prismatic" else angular)[:, column] = axis
+            points[:, column] = frame.origin
+        turns.append((linear, angular, points))
+    bodies = [(arm, frame, BASE) for arm, frame in base_bodies(robot, frames)]
+    bodies += [(link.body, frames.links[i], i + 1) for i, link in enumerate(robot.links)]
+    momenta, turning, levers = [], np.zeros(size, bool), np.zeros(size)
+    for each, frame, number in bodies:
+        body, (linear, angular, points) = as_rigid_body(each), turns[number]
+        moments, axes = np.linalg.eigh(inertia_matrix(body.inertia) / (body.mass or 1.0))
         radii = np.sqrt(np.where(moments < _NO_MOMENT * moments[-1], 0.0, moments))
-        spins = (place.attitude @ axes).T @ place.twists[_ANGULAR]
-        self.momenta.append(radii[:, None] * spins)
-        self._turning |= place.turning
-        if mass > 0.0:
-            levers = np.cross(place.twists[_ANGULAR].T, arm).T
-            self.momenta.append(place.twists[_LINEAR] + levers)
-            reach = place.turning * (place.way + np.linalg.norm(arm) + radii[-1])
-            self._reach = np.maximum(self._reach, reach)
-
-
-def _central(body: Body) -> tuple[float, Array, Array]:
-    """Mass, centre of mass, and inertia about it per unit of mass."""
-    mass = body.total_mass
-    per_mass = 1.0 / mass if mass > 0.0 else 1.0
-    if isinstance(body, Rod):
-        thin = body.length**2 / 12.0 if mass > 0.0 else 0.0
-        section = np.diag(body.section_inertia) * per_mass
-        return mass, np.array([body.length / 2, 0.0, 0.0]), section + np.diag([0.0, thin, thin])
-    xx, yy, zz, xy, xz, yz = body.inertia
-    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * per_mass
-    return mass, np.array(body.com), matrix
+        momenta.append(radii[:, None] * ((frame.axes @ axes).T @ angular))
+        turned = np.linalg.norm(angular, axis=0) > 0.5
+        turning |= turned
+        if body.mass > 0.0:
+            place = frame.place(body.com)
+            arms = place[:, None] - points
+            momenta.append(linear + np.cross(angular, arms, axis=0))
+            reach = ways[number] + np.linalg.norm(place - frames.centre) + radii[-1]
+            levers = np.maximum(levers, turned * reach)
+    # A row for each joint with armature, which resists it whatever it carries.
+    armatures = [robot.links[i - 1].passive.armature for i in moving]
+    resisted = [_JOINTS + k for k, armature in enumerate(armatures) if armature > 0.0]
+    return np.vstack([*momenta, np.eye(size)[resisted]]), np.where(turning, levers, 1.0)

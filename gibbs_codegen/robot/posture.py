@@ -225,7 +225,7 @@ class MassProperties:
 
 def base_properties(robot: Robot) -> MassProperties:
     """Mass properties of the base: its central body and its rods."""
-    return _sum_of_bodies(_base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
+    return _sum_of_bodies(base_bodies(robot, frames_on(robot, AT_ORIGIN, _at_zero(robot))))
 
 
 def whole_properties(
@@ -234,14 +234,15 @@ def whole_properties(
     """Mass properties of the whole robot, with moving joints at rad or m, at zero if None."""
     frames = frames_on(robot, AT_ORIGIN, _at_zero(robot) if joints is None else joints)
     links = zip((link.body for link in robot.links), frames.links, strict=True)
-    return _sum_of_bodies([*_base_bodies(robot, frames), *links])
+    return _sum_of_bodies([*base_bodies(robot, frames), *links])
 
 
 def _at_zero(robot: Robot) -> placement.Array:
     return np.zeros(len(robot.moving))
 
 
-def _base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, Frame]]:
+def base_bodies(robot: Robot, frames: RobotFrames) -> list[tuple[Body, Frame]]:
+    """The rods of the base and its central body, each with its frame."""
     base = robot.base
     rods = [(base.arm(k), frame) for k, frame in enumerate(frames.rods, start=1)]
     return [*rods, *([(base.body, frames.base)] if base.body else [])]
