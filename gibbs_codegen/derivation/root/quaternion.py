@@ -318,26 +318,7 @@ class QuaternionRoot:
             c_rate = let(along * let(let(b - 3 * c) * inverse))
             a_rate = let(along * let(c - b))
         with tape.group("what is made of a change of the motion"):
-            block = zeros(6, 6)
-            for j in range(3):
-                unit = axis_vector(j)
-                across = tape.cross(turn, unit)
-                image = tape.add(
-                    tape.scale(a, unit),
-                    minus(tape.scale(b, across)),
-                    tape.scale(let(c * turn[j]), turn),
-                )
-                rate = tape.add(
-                    tape.scale(a_rate, unit),
-                    minus(tape.scale(b_rate, across)),
-                    minus(tape.scale(b, tape.cross(linear, unit))),
-                    tape.scale(let(c_rate * turn[j] + c * linear[j]), turn),
-                    tape.scale(let(c * turn[j]), linear),
-                )
-                for i in range(3):
-                    block[i][j] = block[3 + i][3 + j] = image[i]
-                    block[3 + i][j] = rate[i]
-        return block
+            return _of_changes(tape, turn, linear, (a, -b, c), (a_rate, -b_rate, c_rate))
 
     def difference_by_start(self, tape: Scalars, start: Values, end: Values) -> Matrix:
         """How `difference` moves with the first pose: minus the inverse left Jacobian of SE(3).
@@ -380,24 +361,8 @@ class QuaternionRoot:
             slope = let(sp.Rational(1, 4) - 3 * e + twice)
             e_rate = let(along * let(slope * let(1 / square)))
         with tape.group("what a displacement of the second pose makes"):
-            block, half = zeros(6, 6), sp.Rational(1, 2)
-            for j in range(3):
-                unit = axis_vector(j)
-                image = tape.add(
-                    tape.scale(h, unit),
-                    tape.scale(half, tape.cross(turn, unit)),
-                    tape.scale(let(e * turn[j]), turn),
-                )
-                rate = tape.add(
-                    tape.scale(h_rate, unit),
-                    tape.scale(half, tape.cross(linear, unit)),
-                    tape.scale(let(e_rate * turn[j] + e * linear[j]), turn),
-                    tape.scale(let(e * turn[j]), linear),
-                )
-                for i in range(3):
-                    block[i][j] = block[3 + i][3 + j] = image[i]
-                    block[3 + i][j] = rate[i]
-            return block
+            rates = (h_rate, sp.S.Zero, e_rate)
+            return _of_changes(tape, turn, linear, (h, sp.Rational(1, 2), e), rates)
 
     def acceleration_rows(
         self, tape: Scalars, turns: Sequence[Rotation]
@@ -427,6 +392,38 @@ class QuaternionRoot:
             by_velocity.append([*ZERO, *tape.cross(unit, omega), *still])
         nothing = [[sp.S.Zero] * len(by_turning[0])] * 3
         return [*by_attitude, *nothing], [*by_turning, *by_velocity]
+
+
+def _of_changes(
+    tape: Scalars,
+    turn: Vector,
+    linear: Vector,
+    gains: tuple[sp.Expr, sp.Expr, sp.Expr],
+    rates: tuple[sp.Expr, sp.Expr, sp.Expr],
+) -> Matrix:
+    """What a·1 + b·turn× + c·turn turnᵀ, of `gains` a, b and c, does to twists (6×6).
+
+    Beside its blocks stands its derivative along `linear`, with `rates` of the gains.
+    """
+    let, (a, b, c), (a_rate, b_rate, c_rate) = tape.let, gains, rates
+    block = zeros(6, 6)
+    for j in range(3):
+        unit = axis_vector(j)
+        across = tape.cross(turn, unit)
+        image = tape.add(
+            tape.scale(a, unit), tape.scale(b, across), tape.scale(let(c * turn[j]), turn)
+        )
+        rate = tape.add(
+            tape.scale(a_rate, unit),
+            tape.scale(b_rate, across),
+            tape.scale(b, tape.cross(linear, unit)),
+            tape.scale(let(c_rate * turn[j] + c * linear[j]), turn),
+            tape.scale(let(c * turn[j]), linear),
+        )
+        for i in range(3):
+            block[i][j] = block[3 + i][3 + j] = image[i]
+            block[3 + i][j] = rate[i]
+    return block
 
 
 def _half_angle(tape: Scalars, turn: Vector) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
