@@ -102,13 +102,17 @@ class BaseColumns:
             segment, wrench = rotor_wrench(self.centred, self.centred.bodies, k)
             label = rotor_identifier(symbolic.robot, k)
             with tape.group(f"column of the thrust of motor {label}"):
-                if segment == 0:
-                    columns.append(tape.combination(wrench.entries, self._by_wrenches))
-                    continue
-                wrench = self.articulation.tree.to_working_frame(tape, segment, wrench)
-                _, converted = self._solved
-                columns.append(converted(self.columns.by_wrench(segment, wrench.entries)))
+                columns.append(self._by_wrench(segment, wrench))
         return columns
+
+    def _by_wrench(self, segment: int, wrench: Wrench) -> Values:
+        """A column of a wrench on a segment about its joint, or the base's centre, in its frame."""
+        tape = self.symbolic.tape
+        if segment == 0:
+            return tape.combination(wrench.entries, self._by_wrenches)
+        wrench = self.articulation.tree.to_working_frame(tape, segment, wrench)
+        _, converted = self._solved
+        return converted(self.columns.by_wrench(segment, wrench.entries))
 
     @cached_property
     def _by_wrenches(self) -> list[Values]:
@@ -134,7 +138,7 @@ class BaseColumns:
 
     def by_frames(self) -> list[Values]:
         """Six columns for each frame, by the components of a wrench there in world axes."""
-        tape, tree = self.symbolic.tape, self.articulation.tree
+        tape = self.symbolic.tape
         frames = segment_frames(self.symbolic)
         columns: list[Values] = []
         for mounted in mounted_frames(self.centred):
@@ -144,12 +148,7 @@ class BaseColumns:
                     along = [axis[c % 3] for axis in frames[k].own]
                     unit = [*along, *ZERO] if c < 3 else [*ZERO, *along]
                     wrench = Wrench.of(unit).shifted(tape, mounted.position)
-                    if k == 0:
-                        columns.append(tape.combination(wrench.entries, self._by_wrenches))
-                        continue
-                    wrench = tree.to_working_frame(tape, k, wrench)
-                    _, converted = self._solved
-                    columns.append(converted(self.columns.by_wrench(k, wrench.entries)))
+                    columns.append(self._by_wrench(k, wrench))
         return columns
 
     def _turning(self) -> list[Values]:

@@ -41,9 +41,8 @@ from gibbs_codegen.derivation.unit_motions import (
     joint_velocities,
     subtree_moments,
 )
-from gibbs_codegen.robot.layout import Places
-from gibbs_codegen.symbolic.tape import Scalars, Stage, Values, Vector
-from gibbs_codegen.symbolic.vectors import ZERO, Matrix, X, Y, Z, zeros
+from gibbs_codegen.symbolic.tape import Scalars, Stage, Vector
+from gibbs_codegen.symbolic.vectors import ZERO, Matrix, X, Y, Z
 
 
 def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -58,10 +57,6 @@ def inverse_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     with tape.group("forces of the joints with their armature, dampers and springs"):
         own = [tape.let(force + m * a - passive) for force, m, a, passive in parts]
     return symbolic.places.joined(base, own)
-
-
-# Entries between joints by row and column: indices of segments, 1 or more.
-Entries = dict[tuple[int, int], sp.Expr]
 
 
 @dataclass(frozen=True)
@@ -117,9 +112,9 @@ class JointDerivatives:
     """
 
     columns: dict[int, Column] = field(default_factory=dict)
-    mass: Entries = field(default_factory=dict)
-    by_angle: Entries = field(default_factory=dict)
-    by_rate: Entries = field(default_factory=dict)
+    mass: tree_dynamics.Entries = field(default_factory=dict)
+    by_angle: tree_dynamics.Entries = field(default_factory=dict)
+    by_rate: tree_dynamics.Entries = field(default_factory=dict)
 
     def pass_in(
         self, tape: Scalars, tree: SegmentTree, i: int, passage: GroupPassage, own: Column
@@ -239,35 +234,12 @@ def inertial_derivatives(
         by_angle = [root.rows(tape, column.angle) for column in columns]
     mirrored = {(j, i): entry for (i, j), entry in joints.mass.items()}
     return (
-        _assembled(places, block_dq, by_angle, [dq for dq, _ in rows], joints.by_angle),
-        _assembled(places, block_dv, by_rate, [dv for _, dv in rows], joints.by_rate),
-        _assembled(places, mass_block, mass, mass, joints.mass | mirrored),
+        tree_dynamics.assembled(
+            places, block_dq, by_angle, [dq for dq, _ in rows], joints.by_angle
+        ),
+        tree_dynamics.assembled(places, block_dv, by_rate, [dv for _, dv in rows], joints.by_rate),
+        tree_dynamics.assembled(places, mass_block, mass, mass, joints.mass | mirrored),
     )
-
-
-def _assembled(
-    places: Places,
-    block: Matrix,
-    columns: Sequence[Values],
-    rows: Sequence[Values],
-    entries: Entries,
-) -> Matrix:
-    """A matrix in the order of v, of the base and the joints.
-
-    `block` is that of the base by itself, `columns` are the joints' columns on the base, `rows` the
-    joints' rows in its columns, and `entries` are between joints, by their segments.
-    """
-    base, joints = places.base, places.joint_places
-    matrix = zeros(places.size, places.size)
-    for i, own in zip(base, block, strict=True):
-        for j, entry in zip(base, own, strict=True):
-            matrix[i][j] = entry
-    for joint, outer, inner in zip(joints, columns, rows, strict=True):
-        for place, above, beside in zip(base, outer, inner, strict=True):
-            matrix[place][joint], matrix[joint][place] = above, beside
-    for (i, j), entry in entries.items():
-        matrix[joints[i - 1]][joints[j - 1]] = entry
-    return matrix
 
 
 def coriolis_matrix(symbolic: SymbolicRobot) -> Matrix:

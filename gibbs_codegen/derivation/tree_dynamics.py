@@ -24,6 +24,7 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion, State
 from gibbs_codegen.derivation.root import Root
 from gibbs_codegen.derivation.segment_tree import GroupPassage, SegmentTree
+from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars, Values
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -291,19 +292,39 @@ def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
     It is zero between joints of which neither supports the other.
     """
     inertia = joint_space_inertia(tape, tree)
-    places = root.places(tree.joints)
-    base, joints = places.base, places.joint_places
-    matrix = zeros(places.size, places.size)
     with tape.group("mass matrix of attitude and position"):
         root_block = root.mass_block(tape, inertia.composite)
-    for i, row in zip(base, root_block, strict=True):
-        for j, entry in zip(base, row, strict=True):
+    with tape.group("mass matrix between the joints and attitude and position"):
+        rows = [root.rows(tape, wrench) for wrench in inertia.wrenches]
+    entries = {(j + 1, k + 1): entry for (j, k), entry in inertia.entries.items()}
+    entries |= {(k, j): entry for (j, k), entry in entries.items()}
+    return assembled(root.places(tree.joints), root_block, rows, rows, entries)
+
+
+# Entries between joints by row and column: indices of segments, 1 or more.
+Entries = dict[tuple[int, int], sp.Expr]
+
+
+def assembled(
+    places: Places,
+    block: Matrix,
+    columns: Sequence[Values],
+    rows: Sequence[Values],
+    entries: Entries,
+) -> Matrix:
+    """A matrix in the order of v, of the base and the joints.
+
+    `block` is that of the base by itself, `columns` are the joints' columns on the base, `rows` the
+    joints' rows in its columns, and `entries` are between joints, by their segments.
+    """
+    base, joints = places.base, places.joint_places
+    matrix = zeros(places.size, places.size)
+    for i, own in zip(base, block, strict=True):
+        for j, entry in zip(base, own, strict=True):
             matrix[i][j] = entry
-    for k, wrench in zip(joints, inertia.wrenches, strict=True):
-        with tape.group("mass matrix between the joints and attitude and position"):
-            entries = root.rows(tape, wrench)
-        for i, entry in zip(base, entries, strict=True):
-            matrix[i][k] = matrix[k][i] = entry
-    for (j, k), entry in inertia.entries.items():
-        matrix[joints[j]][joints[k]] = matrix[joints[k]][joints[j]] = entry
+    for joint, outer, inner in zip(joints, columns, rows, strict=True):
+        for place, above, beside in zip(base, outer, inner, strict=True):
+            matrix[place][joint], matrix[joint][place] = above, beside
+    for (i, j), entry in entries.items():
+        matrix[joints[i - 1]][joints[j - 1]] = entry
     return matrix
