@@ -13,11 +13,14 @@ import numpy as np
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.robot.layout import frames_of
-from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
-from gibbs_codegen.robot.names import parameter_prefix
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
-from gibbs_codegen.verification.parameters import bodies, parameter_values
+from gibbs_codegen.verification.equations import Expected
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import parameter_values, with_values
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
 
 _FILE = "the robot file"
 _CONSTANTS_LIMIT = 1e-9
@@ -76,41 +79,16 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def without_effect(robot: Robot) -> Iterator[str]:
-    """Names of parameters that nothing depends on, so that a module may leave them out.
-
-    The robot may not have some of them.
-    """
-    yield "base_length"
-    followed = {
-        parent
-        for link, parent in zip(robot.links, robot.parents, strict=True)
-        if link.pose is None and link.a is None
-    }
-    followed |= {frame.on for frame in frames_of(robot) if frame.name == "tip"}
-    for i, link in enumerate(robot.links, start=1):
-        prefix = parameter_prefix(robot, i)
-        weighed = isinstance(link.body, Rod) and link.body.mass_per_length != 0.0
-        if i not in followed and not weighed:
-            yield f"{prefix}_length"
-        if link.passive.stiffness == 0.0:
-            yield f"{prefix}_rest"
-        if not _matters(robot, i):
-            yield from (f"{prefix}_{key}" for key in ("x", "y", "z", "a", "d", "length"))
-    for prefix, body in bodies(robot):
-        if body.total_mass == 0.0:
-            yield from (f"{prefix}_com_{axis}" for axis in "xyz")
-
-
-def _matters(robot: Robot, i: int) -> bool:
-    """Whether anything depends on where a link is: it, or what it carries, is more than a place."""
-    link, body = robot.links[i - 1], as_rigid_body(robot.links[i - 1].body)
-    named = {frame.on for frame in robot.frames} | {rotor.on for rotor in robot.thrusters}
-    if link.moves or body.mass != 0.0 or any(body.inertia) or i in named:
-        return True
-    return any(
-        _matters(robot, child) for child, parent in enumerate(robot.parents, start=1) if parent == i
+def has_effect(robot: Robot, name: str) -> bool:
+    """Whether anything depends on a parameter; if nothing does, a module may leave it out."""
+    states = States.random(Tree(robot), 1, 0)
+    value = parameter_values(robot)[name]
+    there, here = (
+        Expected(formulated(NewtonEuler(Tree(each))), states).rows
+        for each in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
     )
+    changes = (np.abs(found - here[what][0]) / size for what, (found, size) in there.items())
+    return any((change > _CONSTANTS_LIMIT).any() for change in changes)
 
 
 def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
@@ -123,9 +101,8 @@ def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
             yield f"{_shown(name)} is no parameter of this robot"
         elif repr(value) != repr(expected[name]):
             yield f"{name} is {_shown(value)}, not {expected[name]!r}"
-    optional = {*found, *without_effect(robot)}
     for name, value in expected.items():
-        if name not in optional and value != 0.0:
+        if name not in found and value != 0.0 and has_effect(robot, name):
             yield f"{name} is missing, and not zero"
 
 

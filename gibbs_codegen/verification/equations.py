@@ -59,7 +59,7 @@ class Expected:
             *mass_rows(tree, found, states, self.sizes),
             *displacement_rows(tree, states),
         ]
-        self._rows = {what: (theirs, size) for what, theirs, size in rows}
+        self.rows = {what: (theirs, size) for what, theirs, size in rows}
 
     def compare_functions(
         self, evaluation: Evaluation, states: States, against: str, singly: bool = False
@@ -81,8 +81,8 @@ class Expected:
         # Where angles are large, rounding their sums is what limits the rest.
         angles = np.maximum(1.0, self._rounding * self.sizes.angles[:count] / self._limit)
         comparisons = []
-        for what in filter(self._rows.__contains__, values):
-            ours, (theirs, size) = values[what][:count], self._rows[what]
+        for what in filter(self.rows.__contains__, values):
+            ours, (theirs, size) = values[what][:count], self.rows[what]
             if what in self._driven:  # Unlike the accelerations, M a is well-conditioned.
                 size = self.sizes.balance(ours) + size[:count]
                 with np.errstate(invalid="ignore"):  # Infinite ones are infinitely far off.

@@ -148,7 +148,6 @@ class NewtonEuler:
         steady = joint_motions(tree, v, np.zeros_like(a), frames)
         still = joint_motions(tree, np.zeros_like(v), np.zeros_like(a), frames)
         moved = joint_motions(tree, v, a, frames)
-        centre = self._centre(frames)
         bias = []
         for point in tree.named:
             _, linear = steady[point.joint].at(frames.rotations[point.joint] @ point.local)
@@ -160,15 +159,11 @@ class NewtonEuler:
             inverse_dynamics=self._efforts(moved, frames, tree.gravity),
             poses=tree.poses(frames),
             jacobians=np.stack([self._jacobian(frames, seat) for seat in tree.seats], axis=1),
-            kinetic_energy=self._kinetic_energy(steady, frames),
-            potential_energy=self._potential_energy(frames),
             positions=tree.positions(frames, tree.points),
             bias_accelerations=np.stack(bias, axis=1),
-            centre_of_mass=centre,
-            centre_jacobian=self._centre_jacobian(frames),
-            momentum=self._momentum(steady, frames, centre),
             gravity_forces=-self._efforts(still, frames, tree.gravity),
             joint_wrenches=joint_wrenches(tree, moved, frames, states.u),
+            **self._masses(steady, frames),
         )
 
     def mass_matrix(self, q: Array) -> Array:
@@ -183,55 +178,37 @@ class NewtonEuler:
         efforts = self._efforts(motions, frames, 0.0)
         return np.swapaxes(efforts, -1, -2)
 
-    def _kinetic_energy(self, motions: list[Motion], frames: Frames) -> Array:
-        """König's theorem, summed over the bodies."""
-        energy: Array = np.zeros(())
-        for joint, motion, rotation in zip(
-            self.tree.joints, motions, frames.rotations, strict=True
-        ):
-            velocity, _ = motion.at(rotation @ joint.com)
-            own = np.einsum("sji,sj->si", rotation, motion.angular_velocity)
-            energy = energy + 0.5 * joint.mass * np.sum(velocity**2, axis=-1)
-            energy = energy + 0.5 * np.einsum("si,ij,sj->s", own, joint.inertia, own)
-        return energy
+    def _masses(self, motions: list[Motion], frames: Frames) -> dict[str, Array]:
+        """What is summed over the bodies: their energies, centre of mass, Jacobian and momentum.
 
-    def _potential_energy(self, frames: Frames) -> Array:
-        """Weight times height, summed over the bodies."""
-        rotations, positions, _ = frames
-        energy: Array = np.zeros(())
-        for joint, rotation, position in zip(self.tree.joints, rotations, positions, strict=True):
-            height = (position + rotation @ joint.com)[:, 2]
-            energy = energy + joint.mass * self.tree.gravity * height
-        return energy
-
-    def _centre(self, frames: Frames) -> Array:
-        """The centre of mass, (s, 3)."""
-        bodies = zip(self.tree.joints, frames.rotations, frames.positions, strict=True)
-        moment: Array = np.zeros(3)
-        for joint, rotation, position in bodies:
-            moment = moment + joint.mass * (position + rotation @ joint.com)
-        return moment / self.tree.mass
-
-    def _centre_jacobian(self, frames: Frames) -> Array:
-        """Jacobian of the centre of mass, (s, 3, size)."""
-        moment: Array = np.zeros((3, self.tree.size))
-        for number, joint in enumerate(self.tree.joints):
-            jacobian = self._jacobian(frames, Point(number, joint.com))
-            moment = moment + joint.mass * jacobian[:, :3]
-        return moment / self.tree.mass
-
-    def _momentum(self, motions: list[Motion], frames: Frames, centre: Array) -> Array:
-        """Momentum (s, 6), kg m/s and kg m²/s: linear, then angular about the centre of mass."""
+        Momentum is linear, then angular about the centre of mass, kg m/s and kg m²/s.
+        """
+        tree, (rotations, positions, _) = self.tree, frames
+        kinetic: Array = np.zeros(())
+        potential: Array = np.zeros(())
+        first: Array = np.zeros(3)
+        jacobian: Array = np.zeros((3, tree.size))
         linear: Array = np.zeros(3)
         angular: Array = np.zeros(3)
-        rotations, positions, _ = frames
-        for number, (joint, motion) in enumerate(zip(self.tree.joints, motions, strict=True)):
+        for number, (joint, motion) in enumerate(zip(tree.joints, motions, strict=True)):
             lever, spin = rotations[number] @ joint.com, motion.angular_velocity
-            push = joint.mass * motion.at(lever)[0]
-            turning = cross(positions[number] + lever - centre, push)
-            turning = turning + times(_in_world(joint, rotations[number]), spin)
-            linear, angular = linear + push, angular + turning
-        return np.concatenate([linear, angular], axis=-1)
+            place, (velocity, _) = positions[number] + lever, motion.at(lever)
+            own, push = times(_in_world(joint, rotations[number]), spin), joint.mass * velocity
+            kinetic = kinetic + 0.5 * np.sum(velocity * push + spin * own, axis=-1)
+            potential = potential + joint.mass * tree.gravity * place[:, 2]
+            first = first + joint.mass * place
+            moved = self._jacobian(frames, Point(number, joint.com))
+            jacobian = jacobian + joint.mass * moved[:, :3]
+            linear, angular = linear + push, angular + own + cross(place, push)
+        centre = first / tree.mass
+        angular = angular - cross(centre, linear)
+        return {
+            "kinetic_energy": kinetic,
+            "potential_energy": potential,
+            "centre_of_mass": centre,
+            "centre_jacobian": jacobian / tree.mass,
+            "momentum": np.concatenate([linear, angular], axis=-1),
+        }
 
     def _efforts(self, motions: list[Motion], frames: Frames, gravity: float) -> Array:
         """Efforts (…, size), N m and N, of the joints against inertia and `gravity`, in m/s²."""

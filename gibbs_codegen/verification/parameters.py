@@ -162,15 +162,6 @@ def with_values(robot: model.Robot, values: Mapping[str, float]) -> model.Robot:
     return mapped(robot, lambda name, value, _: values.get(name, value))
 
 
-def bodies(robot: model.Robot) -> Iterator[tuple[str, model.Body]]:
-    """Every body that has parameters of its own, after what the names of these begin with."""
-    yield from _arms(robot)
-    if robot.base.body:
-        yield "base", robot.base.body
-    for i, link in enumerate(robot.links, start=1):
-        yield parameter_prefix(robot, i), link.body
-
-
 def _arms(robot: model.Robot) -> Iterator[tuple[str, model.Body]]:
     for k, arm in enumerate(robot.base.arms, start=1):
         yield "base_arm" if robot.base.shares_one_arm else f"base_arm{k}", arm
