@@ -140,17 +140,19 @@ class _Point:
 
     def function(self, name: str) -> _Function:
         """A function that others are derivatives of."""
-        if name.startswith("frame"):
-            return _Frames(self, name)
         if name in _ARRAYS:
             return _Array(self, name)
         return _Motion(self, name) if name in _MOTIONS else _Forces(self, name)
 
 
 class _Function:
-    """A function at the states of a point; `values` are its results, and sizes of their entries."""
+    """A function at the states of a point; `values` are its results, and sizes of their entries.
+
+    `rows` are units of the results that the Jacobian is of, and `units` those of its columns.
+    """
 
     values: list[tuple[Array, Array]]
+    rows: Array
 
     def __init__(self, point: _Point, name: str) -> None:
         self.point, self.name = point, name
@@ -171,33 +173,16 @@ class _Function:
 
     @property
     def size(self) -> Array:
-        """Sizes of the entries of the Jacobian."""
-        raise NotImplementedError
+        """Sizes of the entries of the Jacobian: one, that of the largest, in their units."""
+        units = self.rows[..., None] / self.units
+        shares = np.abs(self.jacobian / units)
+        axes = tuple(range(1, shares.ndim))
+        largest: Array = shares.max(axis=axes, keepdims=True, initial=0.0)
+        return largest * units
 
     def as_forces(self, array: Array) -> Array:
         """What is compared of results and of their derivatives, (s, rows, …)."""
         return array
-
-
-class _Frames(_Function):
-    """Poses or velocities of the frames."""
-
-    def __init__(self, point: _Point, name: str) -> None:
-        super().__init__(point, name)
-        sizes = point.sizes
-        natural = np.ones_like(self.value)
-        if name == "frame_poses":
-            natural[..., :3, 3] = sizes.reach[:, None, None]
-        else:
-            rate = sizes.rate[:, None, None]
-            rate = rate if name == "frame_velocities" else rate * rate
-            natural[:] = np.repeat([sizes.length, 1.0], 3) * rate
-        self.values = [(self.value, natural)]
-
-    @property
-    def size(self) -> Array:
-        """Those of the values, by the units of the arguments."""
-        return self.values[0][1][..., None] / self.units
 
 
 class _Array(_Function):
@@ -216,14 +201,6 @@ class _Array(_Function):
         axes = (1,) * (self.value.ndim - 1)
         self.values = [(self.value, size.reshape(-1, *axes) * self.rows)]
 
-    @property
-    def size(self) -> Array:
-        """One size for all entries: that of the largest, in their units."""
-        units = self.rows[..., None] / self.units
-        shares = np.abs(self.jacobian / units)
-        largest = shares.max(axis=tuple(range(1, shares.ndim)), keepdims=True, initial=0.0)
-        return largest * units
-
 
 # Weights of an array's entries, and their units, from the scales of coordinates and of inputs.
 _ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
@@ -238,7 +215,22 @@ _ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
         "w_jacobian",
         lambda point, scales, inputs: np.tile(point.tree.reach / scales, (3, 1)),
     ),
+    "frame_poses": ("", lambda point, scales, inputs: _placed(point.tree.reach)),
+    "frame_velocities": ("", lambda point, scales, inputs: _twist(point, 1)),
+    "frame_bias_accelerations": ("", lambda point, scales, inputs: _twist(point, 2)),
 }
+
+
+def _placed(reach: float) -> Array:
+    """Units of a homogeneous transform (4, 4) of a robot of a size, m."""
+    units = np.ones((4, 4))
+    units[:3, 3] = reach
+    return units
+
+
+def _twist(point: _Point, rates: int) -> Array:
+    """Units of a velocity, or of an acceleration with two `rates`, linear and then angular."""
+    return point.tree.tempo**rates * np.repeat([point.tree.reach, 1.0], 3)
 
 
 class _Motion(_Function):
@@ -251,6 +243,10 @@ class _Motion(_Function):
         q, v = np.split(self.value, [point.states.q.shape[-1]], axis=-1)
         ends = (q, v) if v.size else (q,)
         self.values = [(x, np.abs(x).max(-1, keepdims=True) * np.ones_like(x)) for x in ends]
+        displaced = point.units["q"]
+        self.rows = np.concatenate([displaced, point.units["v"]]) if v.size else displaced
+        if name == "integrate":  # Here v is a displacement.
+            self.units = np.tile(displaced, 2)
 
     def __call__(self, **arguments: Array) -> Array:
         """Coordinates, and velocities after a step, (…, rows)."""
@@ -266,16 +262,6 @@ class _Motion(_Function):
         (q, _), *_ = self.values
         of_q, of_v = np.split(rates, [q.shape[-1]], axis=1)
         return np.concatenate([self.point.steps.displacements(q, of_q), of_v], axis=1)
-
-    @property
-    def size(self) -> Array:
-        """One size for all entries: that of the largest, in their units."""
-        rows = columns = self.units
-        if self.name == "integrate":  # Here v is a displacement.
-            rows, columns = self.point.units["q"], np.tile(self.point.units["q"], 2)
-        units = rows[: self.jacobian.shape[1], None] / columns
-        largest = np.abs(self.jacobian / units).max(axis=(1, 2), keepdims=True, initial=0.0)
-        return largest * units
 
 
 def _euler(steps: ComplexSteps, q: Array, v: Array, u: Array, h: Array) -> tuple[Array, ...]:
