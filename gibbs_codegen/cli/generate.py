@@ -15,7 +15,6 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.files.module_writer import kept_options
 from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.balance import balance_lines, lopsided
-from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
 
@@ -36,8 +35,15 @@ def run(options: argparse.Namespace) -> int:
     chosen = options.derivatives or False, options.functions
     if options.check:
         with terminal.progress() as progress:
-            found = pipeline.check_robot(*what, progress, *chosen)
-        return _report_check(*found, kept)
+            folder, differing = pipeline.check_robot(*what, progress, *chosen)
+        if not differing:
+            print(f"{printable(folder)}: up to date")
+            return 0
+        why = "differs from what would be written" if folder.is_dir() else "is not there yet"
+        made = f"; it was generated with {kept or 'no options'}" if folder.is_dir() else ""
+        listed = printable(", ".join(differing))
+        print(f"{printable(folder)}: {why}: {listed}{made}", file=sys.stderr)
+        return 1
     start = time.perf_counter()
     with terminal.progress() as progress:
         model, folder = pipeline.generate_robot(
@@ -57,7 +63,10 @@ def run(options: argparse.Namespace) -> int:
     print(words)
     if options.repeats:
         print(f"as before, with {options.repeats}")
-    _print_balance(robot)
+    for line in balance_lines(robot):
+        print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
+    if warning := lopsided(robot):
+        print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
     return 0
 
 
@@ -78,26 +87,3 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
             setattr(options, name, value)
             written = rf"--{name.replace('_', '-')}(?:[= ][^-]\S*)?(?!\S)"
             options.repeats = " ".join([options.repeats, *re.findall(written, kept)]).lstrip()
-
-
-def _print_balance(robot: Robot) -> None:
-    """Print how the base is balanced, and a warning if it is lopsided."""
-    for line in balance_lines(robot):
-        print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
-    if warning := lopsided(robot):
-        print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
-
-
-def _report_check(folder: Path, differing: list[str], kept: str) -> int:
-    """Print what a check found; return the exit code.
-
-    `differing` are the names of the files that differ, and `kept` the options of the module there.
-    """
-    if not differing:
-        print(f"{printable(folder)}: up to date")
-        return 0
-    what = "differs from what would be written" if folder.is_dir() else "is not there yet"
-    listed = printable(", ".join(differing))
-    made = f"; it was generated with {kept or 'no options'}" if folder.is_dir() else ""
-    print(f"{printable(folder)}: {what}: {listed}{made}", file=sys.stderr)
-    return 1

@@ -22,7 +22,6 @@ from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.figures.study import write_study_figures
 from gibbs_codegen.flight.sweeps import cases
-from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity
 from gibbs_codegen.flight.sweeps.study import Study
 from gibbs_codegen.flight.sweeps.sweep import sweep
 
@@ -207,7 +206,12 @@ def _print_sensitivities(study: Study, console: Console) -> None:
     """Print what each measure depends on most, where anything can be said of it."""
     table = plain_table("what keys explain", "", "alone", "with others", "correlation")
     for measure in study.measures:
-        found = [each for each in study.sensitivity(measure) if _is_seen(each)]
+        found = [  # What explains something, and more than chance might.
+            each
+            for each in study.sensitivity(measure)
+            if each.alone > max(each.alone_error, _LEAST)
+            or each.joint > max(each.joint_error, _LEAST)
+        ]
         for number, each in enumerate(found[:_MOST_KEYS]):
             if number == 0:
                 table.add_row(Text(printable(measure)))  # Text: brackets in names are no markup.
@@ -217,11 +221,6 @@ def _print_sensitivities(study: Study, console: Console) -> None:
     if table.row_count:
         console.print()
         console.print(table)
-
-
-def _is_seen(each: Sensitivity) -> bool:
-    """Whether a key explains something, and more than chance might."""
-    return each.alone > max(each.alone_error, _LEAST) or each.joint > max(each.joint_error, _LEAST)
 
 
 def _share(share: float, error: float) -> str:

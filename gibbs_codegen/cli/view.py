@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.runtime.load import load, require
-
-if TYPE_CHECKING:
-    from gibbs_codegen.flight.viewer.view import Viewed
 
 
 @terminal.ended_by_signals()
@@ -24,13 +20,24 @@ def run(options: argparse.Namespace) -> int:
     if options.html is not None and Path(options.html).suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--html: {printable(options.html)}: give a name that ends in .html")
     from gibbs_codegen.flight.viewer.page import beside
-    from gibbs_codegen.flight.viewer.view import view, view_html
+    from gibbs_codegen.flight.viewer.view import flight_file, view, view_html
 
     if options.html is not None:
         # Before long work: told if nothing can be written there.
         with beside(Path(options.html)):
             pass
-    with _viewed(options.what) as what:
+    with ExitStack() as until_shown:
+        what: Any = flight_file(options.what)
+        if not what:
+            module = robot_argument.found_module(options.what, terminal.progress())
+            try:
+                folder, _ = until_shown.enter_context(module)
+            except UsageError as error:
+                if Path(options.what).is_file():
+                    raise
+                hint = "to show a flight, give a folder with a flight.npz"
+                raise UsageError(f"{error}; {hint}") from None
+            what = load(folder)
         if options.html is None:
             print("Press Ctrl-C to stop.", flush=True)
             view(what, options.port, browser=not options.no_browser)
@@ -39,23 +46,3 @@ def run(options: argparse.Namespace) -> int:
     page.save(options.html)
     print(f"{printable(options.html)}: {page.title}, {page.size / 1e6:.2f} MB")
     return 0
-
-
-@contextmanager
-def _viewed(word: str) -> Iterator[Viewed]:
-    """The flight or the module that a word names; a module that is generated goes in the end."""
-    from gibbs_codegen.flight.viewer.view import flight_file
-
-    if flight := flight_file(word):
-        yield flight
-        return
-    with ExitStack() as until_shown:
-        module = robot_argument.found_module(word, terminal.progress())
-        try:
-            folder, _ = until_shown.enter_context(module)
-        except UsageError as error:
-            if Path(word).is_file():
-                raise
-            hint = "to show a flight, give a folder with a flight.npz"
-            raise UsageError(f"{error}; {hint}") from None
-        yield load(folder)

@@ -52,13 +52,11 @@ class Definitions:
 
     def expression(self, value: sp.Expr) -> sp.Expr:
         """A value in names, and numbered quantities, which are defined as need be."""
-        leaves = {symbol: self._value(symbol) for symbol in _symbols(value)}
-        return value.xreplace(leaves)
-
-    def _value(self, symbol: sp.Symbol) -> sp.Expr:
-        if symbol in self._tape.statements and symbol not in self._values:
-            self._values[symbol] = self._read(symbol)
-        return self._values.get(symbol, symbol)
+        symbols = _symbols(value)
+        for symbol in symbols:
+            if symbol in self._tape.statements and symbol not in self._values:
+                self._values[symbol] = self._read(symbol)
+        return value.xreplace({symbol: self._values.get(symbol, symbol) for symbol in symbols})
 
     def _read(self, symbol: sp.Symbol) -> sp.Expr:
         statement = self._tape.statements[symbol]

@@ -33,7 +33,11 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
     found = _leaves(expression)
     if not found:
         return expression
-    leaves = sorted(found | _related(found), key=sp.default_sort_key)
+    # And sines and cosines of the angles that occur, and of single ones by which two differ.
+    angles = {leaf.args[0] for leaf in found if isinstance(leaf, (sp.sin, sp.cos))}
+    angles |= {a - b for a in angles for b in angles if (a - b).is_Symbol}
+    related = {function(angle) for angle in angles for function in (sp.sin, sp.cos)}
+    leaves = sorted(found | related, key=sp.default_sort_key)
     expansion = _Expansion(leaves, most)
     places = [leaves.index(key) for key in keys if key in leaves]
     groups: dict[Monomial, Terms] = defaultdict(dict)
@@ -57,13 +61,6 @@ def count_terms(expression: sp.Expr) -> int:
         counts = [count_terms(argument) for argument in expression.args]
         return sum(counts) if expression.is_Add else max(counts)
     return 1
-
-
-def _related(leaves: set[sp.Expr]) -> set[sp.Expr]:
-    """Sines and cosines of the angles that occur, and of single ones by which two differ."""
-    angles = {leaf.args[0] for leaf in leaves if isinstance(leaf, (sp.sin, sp.cos))}
-    angles |= {a - b for a in angles for b in angles if (a - b).is_Symbol}
-    return {function(angle) for angle in angles for function in (sp.sin, sp.cos)}
 
 
 def _leaves(expression: sp.Expr) -> set[sp.Expr]:
@@ -140,16 +137,13 @@ class _Expansion:
         for factor in sorted(factors, key=len):
             if len(product) * len(factor) > 50 * self._most:
                 raise TooLongError
-            product = self._reduced(product * factor)
+            terms = dict(product * factor)
+            for place, base in self._roots:
+                terms = _square_replaced(terms, place, [(None, base)])
+            for cosine, sine in self._angles:
+                terms = _square_replaced(terms, sine, [(None, 1), (cosine, -1)])
+            product = self._ring.from_dict(terms)
         return product
-
-    def _reduced(self, polynomial: Any) -> Any:
-        terms = dict(polynomial)
-        for place, base in self._roots:
-            terms = _square_replaced(terms, place, [(None, base)])
-        for cosine, sine in self._angles:
-            terms = _square_replaced(terms, sine, [(None, 1), (cosine, -1)])
-        return self._ring.from_dict(terms)
 
     def shortest(self, terms: Terms) -> Terms:
         """The same polynomial in fewer terms.

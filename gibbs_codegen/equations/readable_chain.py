@@ -9,7 +9,6 @@ matrix and the residual come from the functions that code is derived from.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import lru_cache, partial
 
 import sympy as sp
@@ -44,7 +43,7 @@ from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.description import constrained_coordinate
 from gibbs_codegen.robot.model import AXES, Robot
 from gibbs_codegen.robot.names import coordinate_of
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
 from gibbs_codegen.symbolic.vectors import NO_ROTATION, Matrix, Rotation, Wrench, X, Z, axis_vector
 
 
@@ -134,6 +133,11 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     for k in chain.motors:
         segment, wrench = _motor_wrench(plain, chain, k)
         wrenches[k] = segment, made.wrench(k, segment, wrench)
+    given = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
+    passive = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
+    for i, armature, force in given:
+        if i in chain.own:
+            passive[chain.coordinates.index(coordinate_of(robot, i))] = (armature, force)
     return ReadableChain(
         symbolic,
         chain,
@@ -141,20 +145,10 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         serial,
         chain_state(symbolic, chain),
         wrenches,
-        _passive(symbolic, chain),
+        tuple(passive),
         tuple(made.definitions),
         names,
     )
-
-
-def _passive(symbolic: SymbolicRobot, chain: Chain) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
-    """For each coordinate of a chain the armature that it has there, and what acts by itself."""
-    given = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
-    found = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
-    for i, armature, force in given:
-        if i in chain.own:
-            found[chain.coordinates.index(coordinate_of(symbolic.robot, i))] = (armature, force)
-    return tuple(found)
 
 
 def own_frames(readable: ReadableChain) -> SegmentTree:
@@ -187,14 +181,12 @@ def item_frames(readable: ReadableChain) -> tuple[tuple[sp.Expr, ...], ...]:
         return ((sp.Symbol(joint), sp.S.Zero, *step, sp.S.Zero, sp.S.Zero, sp.S.Zero),)
     rows = []
     for link in readable.links:
-        gamma, alpha, theta = map(_number, (link.turn_deg, link.alpha_deg, link.theta_deg))
+        gamma, alpha, theta = (  # As they are printed.
+            sp.Integer(angle) if angle.denominator == 1 else sp.Float(float(angle))
+            for angle in (link.turn_deg, link.alpha_deg, link.theta_deg)
+        )
         rows.append((link.coordinate, gamma, *link.step, alpha, link.d, theta))
     return tuple(rows)
-
-
-def _number(angle_deg: Fraction) -> sp.Expr:
-    """An angle as it is printed."""
-    return sp.Integer(angle_deg) if angle_deg.denominator == 1 else sp.Float(float(angle_deg))
 
 
 def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
@@ -228,25 +220,20 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, W
         return rotor_wrench(symbolic, symbolic.chain_bodies(chain), k)
     tape = symbolic.tape
     lever = axis_vector(X, symbolic.rod_reach(k))
-    direction = _thrust_direction(symbolic.robot, k)
+    # An axis, or its components as symbols, those that are zero left out.
+    given = symbolic.robot.base.thrust[k - 1]
+    direction = tuple(
+        sp.Symbol(f"epsilon_{k}_{axis}") if entry else sp.S.Zero
+        for axis, entry in zip("xyz", given, strict=True)
+    )
+    if given in AXES.values():
+        direction = axis_vector(given.index(1.0))
     if k == 1:
         lever = tape.add(symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
         direction = symbolic.rod_frame(1).vector(tape, direction)
     drag = tape.scale(symbolic.parameters.drags[k], direction)
     wrench = Wrench(direction, tape.add(tape.cross(lever, direction), drag))
     return 0 if k == 1 else 1, wrench
-
-
-def _thrust_direction(robot: Robot, k: int) -> Vector:
-    """ε of motor k: an axis, or its components as symbols, those that are zero left out."""
-    direction = robot.base.thrust[k - 1]
-    if direction in AXES.values():
-        return axis_vector(direction.index(1.0))
-    x, y, z = (
-        sp.Symbol(f"epsilon_{k}_{axis}") if entry else sp.S.Zero
-        for axis, entry in zip("xyz", direction, strict=True)
-    )
-    return (x, y, z)
 
 
 def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -> Segment:

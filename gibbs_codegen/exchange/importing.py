@@ -17,11 +17,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange.mjcf import read_mjcf
 from gibbs_codegen.exchange.sources import Finding, Kind, Source, snapped_source
 from gibbs_codegen.exchange.tree import check_kinds, locked, rerooted, with_root, without_anchor
 from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
-from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
+from gibbs_codegen.exchange.xml_file import expanded, parse_xml, read_bytes
 from gibbs_codegen.robot.balance import LARGEST_DRAG
 from gibbs_codegen.robot.model import Attitude, Robot
 from gibbs_codegen.robot.names import name_from
@@ -49,7 +50,20 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     Raises `SourceFileError` if the file is refused, and `UsageError` if there is no such file,
     joint or link.
     """
-    source = without_anchor(with_root(_read(path, options)))
+    data, file = read_bytes(path), str(path)
+    if path.suffix.lower() == ".xacro":
+        data = expanded(path)
+    tag = parse_xml(data, file).tag
+    if tag == "mujoco":
+        source = read_mjcf(path, data, options.base)
+    elif tag == "robot":
+        source = read_urdf(data, file)
+    else:
+        raise UsageError(
+            f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
+            "MJCF has <mujoco>"
+        )
+    source = without_anchor(with_root(source))
     if options.rotors is not None:
         from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
 
@@ -63,25 +77,6 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     name = name_from(source.name or path.name.split(".")[0])
     robot, findings = welded(source, name, options.attitude, options.snap)
     return robot, [*source.findings, *findings, *_rotor_findings(source)]
-
-
-def _read(path: Path, options: ImportOptions) -> Source:
-    data, file = read_bytes(path), str(path)
-    if path.suffix.lower() == ".xacro":
-        from gibbs_codegen.exchange.xml_file import expanded
-
-        data = expanded(path)
-    tag = parse_xml(data, file).tag
-    if tag == "mujoco":
-        from gibbs_codegen.exchange.mjcf import read_mjcf
-
-        return read_mjcf(path, data, options.base)
-    if tag != "robot":
-        raise UsageError(
-            f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
-            "MJCF has <mujoco>"
-        )
-    return read_urdf(data, file)
 
 
 def _rotor_findings(source: Source) -> list[Finding]:

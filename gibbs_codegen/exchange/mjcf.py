@@ -165,27 +165,43 @@ class _Reader:
         bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
         links: dict[str, sources.Link] = {}
         joints: list[sources.Joint] = []
-        anchors = self._anchors(root)
+        first, count = model.body_jntadr[root], model.body_jntnum[root]
+        for j in range(first, first + count):
+            if model.jnt_type[j] != _FREE:
+                why = "a joint between the world and the root: the robot flies"
+                self._leave_out(self.joint_names[j], why)
         for body in bodies:
             if model.body_gravcomp[body]:
                 self._leave_out(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
                 links[link] = sources.Link(link)
                 joints.append(joint)
-            links[self.names[body]] = sources.Link(self.names[body], self._inertial(body))
+            axes = _turn(model.body_iquat[body])
+            inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+            place = Placement(vector(model.body_ipos[body]))
+            inertial = sources.Inertial(
+                float(model.body_mass[body]), place, (inertia + inertia.T) / 2
+            )
+            links[self.names[body]] = sources.Link(self.names[body], inertial)
         x, y, z = (float(value) for value in model.opt.gravity)
         if x or y or z > 0.0:
             what = f"{x:g} {y:g} {z:g} is not downwards along z"
             self.findings.append(sources.Finding("note", "gravity", what))
         rotors, findings = mjcf_rotors(model, self.names, bodies)
+        seats, frames = model.actuator_trnid[model.actuator_trntype == _SITE, 0], []
+        for s in range(model.nsite):
+            name, body = model.site(s).name, model.site_bodyid[s]
+            if name and body in bodies and s not in seats:
+                pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
+                frames.append(sources.Frame(name, self.names[body], pose))
         return sources.Source(
             self.file,
             bytes(model.names).partition(b"\0")[0].decode().removeprefix(_UNNAMED),
             links,
             tuple(joints),
             rotors,
-            anchors=anchors,
-            frames=tuple(self._frames(bodies)),
+            anchors=frozenset(self.joint_names[first : first + count]),
+            frames=tuple(frames),
             gravity=abs(z),
             findings=(*self.findings, *findings),
         )
@@ -206,22 +222,6 @@ class _Reader:
 
     def _leave_out(self, what: str, why: str) -> None:
         self.findings.append(sources.Finding("left out", what, why))
-
-    def _anchors(self, body: int) -> frozenset[str]:
-        """Joints of the root, which are left out."""
-        first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
-        for j in range(first, first + count):
-            if self.model.jnt_type[j] != _FREE:
-                why = "a joint between the world and the root: the robot flies"
-                self._leave_out(self.joint_names[j], why)
-        return frozenset(self.joint_names[first : first + count])
-
-    def _inertial(self, body: int) -> sources.Inertial:
-        model = self.model
-        axes = _turn(model.body_iquat[body])
-        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
-        place = Placement(vector(model.body_ipos[body]))
-        return sources.Inertial(float(model.body_mass[body]), place, (inertia + inertia.T) / 2)
 
     def _joints(self, body: int) -> Iterator[tuple[str, sources.Joint]]:
         """Joints of a body, each with the name of the link that it moves."""
@@ -304,15 +304,6 @@ class _Reader:
         if model.jnt_limited[j]:
             low, high = (float(bound) - zero for bound in model.jnt_range[j])
         return passive, JointLimits(low, high, self.efforts.get(j))
-
-    def _frames(self, bodies: list[int]) -> Iterator[sources.Frame]:
-        model = self.model
-        rotors = model.actuator_trnid[model.actuator_trntype == _SITE, 0]
-        for s in range(model.nsite):
-            name = model.site(s).name
-            if name and model.site_bodyid[s] in bodies and s not in rotors:
-                pose = Placement.of_matrix(model.site_pos[s], _turn(model.site_quat[s]))
-                yield sources.Frame(name, self.names[model.site_bodyid[s]], pose)
 
 
 def _names(own: list[str], what: str) -> list[str]:

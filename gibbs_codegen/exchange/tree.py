@@ -161,22 +161,21 @@ def rerooted(source: Source, link: str) -> Source:
         return source
     turned = {*reverse}
     others = [joint for joint in source.joints if joint not in turned]
-    joints = (*map(_reversed, reverse), *others)
+    # Child in parent: pose · motion(q) · offset. Parent in child: offset⁻¹ · motion(−q) · pose⁻¹.
+    backwards = [
+        replace(
+            joint,
+            parent=joint.child,
+            child=joint.parent,
+            pose=joint.offset.inverse,
+            axis=vector([-entry for entry in joint.axis]),
+            offset=joint.pose.inverse,
+        )
+        for joint in reverse
+    ]
+    joints = (*backwards, *others)
     finding = Finding("base", link, f"in place of {source.root}")
     return source.found(finding, joints=joints, root=link)
-
-
-def _reversed(joint: Joint) -> Joint:
-    # Child in parent: pose · motion(q) · offset. Parent in child: offset⁻¹ · motion(−q) · pose⁻¹.
-    x, y, z = joint.axis
-    return replace(
-        joint,
-        parent=joint.child,
-        child=joint.parent,
-        pose=joint.offset.inverse,
-        axis=vector((-x, -y, -z)),
-        offset=joint.pose.inverse,
-    )
 
 
 def near(name: str, known: Iterable[str]) -> str:

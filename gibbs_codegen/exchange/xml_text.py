@@ -16,7 +16,6 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange import sources
 from gibbs_codegen.exchange.placement import HERE, Placement, degrees
-from gibbs_codegen.robot.model import Angles3, Vector3
 from gibbs_codegen.robot.rigid_body import inertia_fault
 
 # Readers demand limits; what has none gets some that nothing reaches.
@@ -39,7 +38,9 @@ def urdf_text(source: sources.Source) -> str:
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
-        pose = Placement(rotor.position, _along(rotor.direction))
+        x, y, z = rotor.direction  # Along z of the frame.
+        roll, pitch = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z)
+        pose = Placement(rotor.position, (degrees(roll), degrees(pitch), degrees(0.0)))
         element = _urdf_mount(root, rotor.name, "fixed", pose, (rotor.on, thrust))
         ET.SubElement(element, "axis", xyz="0 0 1")
         ET.SubElement(element, "m_f_rate", value=repr(rotor.drag))
@@ -98,12 +99,6 @@ def _urdf_joint(root: ET.Element, joint: sources.Joint) -> None:
     ET.SubElement(element, "limit", texts)
     if joint.passive.damping:
         ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
-
-
-def _along(direction: Vector3) -> Angles3:
-    """Angles of a frame whose z points in a direction."""
-    x, y, z = direction
-    return degrees(math.atan2(-y, math.hypot(x, z))), degrees(math.atan2(x, z)), degrees(0.0)
 
 
 def numbers(values: Iterable[float]) -> str:

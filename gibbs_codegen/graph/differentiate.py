@@ -91,15 +91,10 @@ def _pushed(
             terms = [graph.product(part, rates[m]) for m, part in parts if m in rates]
             if terms and not graph.is_zero(rate := graph.sum(terms)):
                 rates[node] = rate
-        columns.append([_signed(graph, rates.get(ref >> 1), ref) for ref in outputs])
+        found = [rates.get(ref >> 1, graph.zero) for ref in outputs]
+        pairs = zip(found, outputs, strict=True)
+        columns.append([graph.minus(rate) if ref & 1 else rate for rate, ref in pairs])
     return columns
-
-
-def _signed(graph: Graph, rate: Ref | None, output: Ref) -> Ref:
-    """The rate of an output, which may be its node's opposite, from the node's; None is zero."""
-    if rate is None:
-        return graph.zero
-    return graph.minus(rate) if output & 1 else rate
 
 
 def vjp(

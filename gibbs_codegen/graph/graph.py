@@ -88,9 +88,6 @@ class Graph:
             self.constant.append(constant)
         return 2 * node
 
-    def _all_constant(self, refs: Iterable[Ref]) -> bool:
-        return all(self.constant[ref >> 1] for ref in refs)
-
     def symbol(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter if constant, by its name in the program."""
         return self._node(Kind.INPUT, (), name, constant)
@@ -117,7 +114,9 @@ class Graph:
 
     def sum(self, terms: Iterable[Ref]) -> Ref:
         """A sum; like terms are put together, and so are constants."""
-        counts = self._coefficients(terms)
+        counts: dict[int, int] = {}
+        for term in terms:
+            counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
         number = 0.0
         constants: list[Ref] = []
         varying: list[Ref] = []
@@ -136,13 +135,6 @@ class Graph:
             constants = [self._ordered_sum(constants)]
         return self._ordered_sum(constants + varying)
 
-    @staticmethod
-    def _coefficients(terms: Iterable[Ref]) -> dict[int, int]:
-        counts: dict[int, int] = {}
-        for term in terms:
-            counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
-        return counts
-
     def _ordered_sum(self, terms: list[Ref]) -> Ref:
         """The sum of terms of which no two are alike."""
         if not terms:
@@ -152,7 +144,8 @@ class Graph:
         terms.sort()
         sign = terms[0] & 1
         refs = tuple([term ^ sign for term in terms])
-        return self._node(Kind.SUM, refs, None, self._all_constant(refs)) ^ sign
+        constant = all(self.constant[ref >> 1] for ref in refs)
+        return self._node(Kind.SUM, refs, None, constant) ^ sign
 
     def product(self, first: Ref, second: Ref) -> Ref:
         """A product of two values; constant factors are put together first."""

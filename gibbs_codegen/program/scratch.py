@@ -73,17 +73,16 @@ class LiveRanges:
                     (name, i) for name in steps.used_names(item) if name in self.first_definition
                 )
                 if isinstance(item, steps.Loop):
-                    self._add_loop(i, item)
-
-    def _add_loop(self, section: int, loop: steps.Loop) -> None:
-        using: dict[str, set[int]] = {name: {_EVERY} for name in loop.invariants}
-        for row in loop.operands.values():
-            for iteration, name in enumerate(row):
-                using.setdefault(name, set()).add(iteration)
-        self._using[section] = using
-        self._defining[section] = {
-            name: iteration for row in loop.results.values() for iteration, name in enumerate(row)
-        }
+                    using: dict[str, set[int]] = {name: {_EVERY} for name in item.invariants}
+                    for row in item.operands.values():
+                        for iteration, name in enumerate(row):
+                            using.setdefault(name, set()).add(iteration)
+                    self._using[i] = using
+                    self._defining[i] = {
+                        name: iteration
+                        for row in item.results.values()
+                        for iteration, name in enumerate(row)
+                    }
 
     @property
     def slotted(self) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import BASE, RigidBody, Robot, as_rigid_body
+from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import Array, mounted_rotors
 from gibbs_codegen.robot.rigid_body import inertia_matrix, named_bodies
@@ -367,7 +367,9 @@ def implausible(robot: Robot) -> tuple[str, ...]:
             "in millimetres? (they are in m)"
         )
     for name, each in named_bodies(robot):
-        gyration = _gyration(as_rigid_body(each))
+        body = as_rigid_body(each)
+        largest = max(float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1]), 0.0)
+        gyration = float(np.sqrt(largest / body.mass)) if body.mass else 0.0
         if extent and gyration > _LARGEST_GYRATION * extent:
             found.append(
                 f"the inertia of {name} is that of its mass at {gyration:.3g} m, and the whole "
@@ -389,9 +391,3 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 "limits are in rad, limits_deg in degrees"
             )
     return tuple(found)
-
-
-def _gyration(body: RigidBody) -> float:
-    """Radius of gyration about the axis of the largest moment of inertia, m, 0 without mass."""
-    largest = float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1])
-    return float(np.sqrt(max(largest, 0.0) / body.mass)) if body.mass else 0.0

@@ -65,7 +65,15 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
     chains = [_rod_chain(robot, k) for k in range(2, robot.base.rotors + 1)]
     # Numbers of the bodies whose mass is in a chain.
     counted: set[int] = {BASE} if chains else set()
-    for path in _paths(robot):
+    # The ways to links that carry no other, or one empty way.
+    paths = []
+    for leaf in range(1, len(robot.links) + 1):
+        if leaf not in robot.parents:
+            path = [leaf]
+            while (before := robot.parents[path[0] - 1]) != BASE:
+                path.insert(0, before)
+            paths.append(tuple(path))
+    for path in paths or [()]:
         chains.append(_link_chain(robot, len(chains) + 1, path, {BASE, *path} - counted))
         counted.update((BASE, *path))
     return tuple(chains)
@@ -87,18 +95,6 @@ def _rod_chain(robot: Robot, k: int) -> Chain:
         coordinates=coordinates,
         unknowns=(*coordinates, constraint_torque(robot, k).name),
     )
-
-
-def _paths(robot: Robot) -> list[tuple[int, ...]]:
-    """Links on the way to each that carries no other; one empty way where there are no links."""
-    paths = []
-    for leaf in range(1, len(robot.links) + 1):
-        if leaf not in robot.parents:
-            path = [leaf]
-            while (before := robot.parents[path[0] - 1]) != BASE:
-                path.insert(0, before)
-            paths.append(tuple(path))
-    return paths or [()]
 
 
 def _link_chain(robot: Robot, number: int, path: tuple[int, ...], new: set[int]) -> Chain:

@@ -269,6 +269,8 @@ class Description:
         rotors = dict(zip(inputs, robot.thrusters, strict=False))
         thrusts = {name: rotor.limits for name, rotor in rotors.items() if rotor.limits}
         efforts = zip(inputs[robot.rotors :], limits.values(), strict=True)
+        rods = len(self.bodies) - len(robot.links)
+        names = ("base", *self.bodies[rods:])
         return {
             "COORDINATE_UNITS": layout.q.units,
             "VELOCITY_UNITS": layout.v.units,
@@ -276,7 +278,7 @@ class Description:
             "COORDINATE_PLACES": _places(layout.q),
             "VELOCITY_PLACES": _places(layout.v),
             "CARRIERS": self._carriers(),
-            "PARENTS": self._parents(),
+            "PARENTS": ("base",) * rods + tuple(names[parent] for parent in robot.parents),
             "COORDINATE_LIMITS": _bounded({n: (each.low, each.high) for n, each in limits.items()}),
             "VELOCITY_LIMITS": _bounded(
                 {name: _either_way(each.velocity) for name, each in limits.items()}
@@ -307,12 +309,6 @@ class Description:
         bodies += [robot.parents[i - 1] for i in robot.moving]
         bodies += [frame.on for frame in frames_of(robot)[1:]]
         return tuple(of_body[body] for body in bodies)
-
-    def _parents(self) -> tuple[str, ...]:
-        """What each of the bodies is joined to: the base, or another of them."""
-        rods = len(self.bodies) - len(self.robot.links)
-        names = ("base", *self.bodies[rods:])
-        return ("base",) * rods + tuple(names[parent] for parent in self.robot.parents)
 
     def coordinate_text(self, place: int) -> str:
         """The entry of v at a place, from 0, in a message: "theta_8 (the joint of link 2)"."""

@@ -45,13 +45,11 @@ def paper_family(rotors: int, links: int) -> Robot:
     if not 0 <= links <= MAX_LINKS:
         raise UsageError(f"links must be from 0 to {MAX_LINKS}, not {links}")
     base = Base(rotors, (_BASE_ARM,), alternating_thrust(rotors), (0.0,) * rotors)
-    return Robot(f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link", base, _arm(links))
-
-
-def _arm(links: int) -> tuple[Link, ...]:
-    if links == 0:
-        return ()
-    upright = Link(_ARM_LINK, alpha_deg=Fraction(90))
-    if links == 1:
-        return (upright,)
-    return (Link(Rod(0.0)), upright, *(Link(_ARM_LINK) for _ in range(links - 2)))
+    # A column without length; a lone link stands upright without it.
+    arm = (Link(Rod(0.0)), Link(_ARM_LINK, alpha_deg=Fraction(90)))
+    arm += (Link(_ARM_LINK),) * max(links - 2, 0)
+    return Robot(
+        f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link",
+        base,
+        arm[:links] if links > 1 else arm[1 : 1 + links],
+    )

@@ -6,7 +6,7 @@ emitted `positions` come from; a test compares the two.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,7 +133,9 @@ def default_posture(robot: Robot) -> placement.Array:
         q[place] = 0.0 if robot.links[i - 1].joint == "revolute" else bends[i][0]
     frames = robot_frames(robot, q)
     leaves = [i for i in range(1, len(robot.links) + 1) if i not in robot.parents]
-    carried = {i: [*_links_up_to(robot, i)] for i in range(1, len(robot.links) + 1)}
+    carried: dict[int, list[int]] = {}  # A link, and all that carry it.
+    for i, parent in enumerate(robot.parents, start=1):
+        carried[i] = [i, *carried.get(parent, ())]
     # What a joint turns: the joints (n) after it with their axes, and the ends of the arms.
     joints = np.reshape([frames.links[i - 1].origin for i in carried], (-1, 3))
     turned = [frames.links[i - 1].axes @ np.array(robot.links[i - 1].axis) for i in carried]
@@ -152,13 +154,6 @@ def default_posture(robot: Robot) -> placement.Array:
         joints[after] = origin + (joints[after] - origin) @ turns[best].T
         axes[after] = axes[after] @ turns[best].T
     return q
-
-
-def _links_up_to(robot: Robot, i: int) -> Iterator[int]:
-    """Numbers of a link and of all that carry it, inwards."""
-    while i != BASE:
-        yield i
-        i = robot.parents[i - 1]
 
 
 def _bends(robot: Robot, i: int) -> list[float]:

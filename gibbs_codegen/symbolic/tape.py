@@ -318,8 +318,15 @@ class Tape(Scalars):
         return self._define(times(constant, product), self.stages[product])
 
     def _name_sum(self, expression: sp.Expr) -> sp.Expr:
-        terms = [signed(self._term(term)) for term in expression.args]
-        if not _all_differ(terms):
+        terms = []
+        for term in expression.args:
+            # A signed symbol is its own name, and stays the same object.
+            is_atom = term.is_Symbol or is_minus_symbol(term) or term.is_number
+            terms.append(signed(term if is_atom else self.let(term)))
+        symbols = [term for _, term in terms if term.is_Symbol]
+        numbers = [term for _, term in terms if not term.is_Symbol]
+        # A symbol may stand there twice, or two numbers, or a zero.
+        if len({*symbols}) < len(symbols) or len(numbers) > 1 or 0 in numbers:
             named = sp.Add(*(sign * term for sign, term in terms))
             if not named.is_Add:
                 return self.let(named)
@@ -335,11 +342,6 @@ class Tape(Scalars):
             hoisted = [signed(self._signed_sum(hoisted, Stage.PARAMETER))]
         stage = max(self.stages[term] for _, term in varying)
         return self._signed_sum(hoisted + varying, stage)
-
-    def _term(self, term: sp.Expr) -> sp.Expr:
-        """A term by its name. A signed symbol is its own, and is returned as the same object."""
-        is_atom = term.is_Symbol or is_minus_symbol(term) or term.is_number
-        return term if is_atom else self.let(term)
 
     def _signed_sum(self, terms: list[SignedTerm], stage: Stage) -> sp.Expr:
         """Name a sum up to its sign: fewer minus signs than plus signs, the first term positive."""
@@ -373,13 +375,6 @@ class Tape(Scalars):
     def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
         self.stages[symbol] = stage
         self._ranks[symbol] = len(self._ranks)
-
-
-def _all_differ(terms: list[SignedTerm]) -> bool:
-    """Whether nothing can be put together: no symbol twice, and one number at most, not zero."""
-    symbols = [term for _, term in terms if term.is_Symbol]
-    numbers = [term for _, term in terms if not term.is_Symbol]
-    return len({*symbols}) == len(symbols) and len(numbers) < 2 and 0 not in numbers
 
 
 class InlineTape(Scalars):

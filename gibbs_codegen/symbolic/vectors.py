@@ -57,8 +57,10 @@ def gather(expression: sp.Expr) -> sp.Expr:
     """
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):
-        numbers, rest = _number_and_rest(term)
-        coefficients[rest] = coefficients.get(rest, sp.S.Zero) + numbers
+        factors = sp.Mul.make_args(term)
+        number = sp.Mul(*(factor for factor in factors if factor.is_number))
+        rest = sp.Mul(*(factor for factor in factors if not factor.is_number))
+        coefficients[rest] = coefficients.get(rest, sp.S.Zero) + number
     return sp.Add(*(_settled(number) * rest for rest, number in coefficients.items()))
 
 
@@ -68,14 +70,6 @@ def _settled(number: sp.Expr) -> sp.Expr:
     multiple = _FRACTION * sp.N(number, DIGITS)
     nearest = sp.Integer(round(multiple))
     return nearest / _FRACTION if abs(multiple - nearest) < _VANISHING else number
-
-
-def _number_and_rest(term: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    numbers: list[sp.Expr] = []
-    rest: list[sp.Expr] = []
-    for factor in sp.Mul.make_args(term):
-        (numbers if factor.is_number else rest).append(factor)
-    return sp.Mul(*numbers), sp.Mul(*rest)
 
 
 Matrix = list[list[sp.Expr]]
