@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 from gibbs_codegen.derivation import (
     forces,
@@ -26,17 +25,6 @@ def _block(s: systems.Systems, rows: str, columns: str) -> Matrix:
 def _by_q(s: systems.Systems) -> Matrix:
     """Rows by q of the second derivatives of the inputs' forces."""
     return s.input_hessian[: len(s.symbolic.v)]
-
-
-def _loaded_by(s: systems.Systems, letter: str) -> systems.Array:
-    """Derivatives by "q", "v", "u" or "W" of the accelerations under wrenches on the frames."""
-    found: systems.Array = getattr(s.loaded_derivatives, f"acceleration_d{letter}")
-    return found
-
-
-def _loaded_gradient(s: systems.Systems, place: int) -> systems.Array:
-    """Gradient of their weighed sum by an argument, of which it is the place."""
-    return s.loaded_gradient[place]
 
 
 DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
@@ -127,12 +115,16 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     ),
     "differentiated_loaded": lambda s: s.loaded_derivatives.acceleration,
     **{
-        f"forward_dynamics_with_wrenches_d{letter}": partial(_loaded_by, letter=letter)
+        f"forward_dynamics_with_wrenches_d{letter}": (
+            lambda s, name=f"acceleration_d{letter}": getattr(s.loaded_derivatives, name)
+        )
         for letter in "qvuW"
     },
     "forward_dynamics_with_wrenches_jvp": lambda s: s.jvp(s.loaded_dynamics, "qvuW"),
     **{
-        f"forward_dynamics_with_wrenches_{letter}_bar": partial(_loaded_gradient, place=place)
+        f"forward_dynamics_with_wrenches_{letter}_bar": (
+            lambda s, place=place: s.loaded_gradient[place]
+        )
         for place, letter in enumerate("qvuW")
     },
     "forward_dynamics_with_wrenches_p_bar": (

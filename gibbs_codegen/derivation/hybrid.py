@@ -10,7 +10,7 @@ constrained joints, too, at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -26,7 +26,7 @@ from gibbs_codegen.derivation.forces import (
 from gibbs_codegen.derivation.motion import State
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.robot.chains import Chain, coupling_map
+from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.description import constrained_coordinate
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import coordinate_of
@@ -217,7 +217,17 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
         if i in symbolic.robot.moving
     }
     _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
-    thrust = _chain_inputs(symbolic, chain, serial, rows)
+    # What the inputs u (columns) do to the chain's coordinates (rows) (eq. 13).
+    thrust = zeros(len(chain.coordinates), len(symbolic.u))
+    bodies = symbolic.chain_bodies(chain)
+    for motor in chain.motors:
+        for row, entry in enumerate(rotor_column(symbolic, serial, bodies, motor)):
+            thrust[row][motor - 1] = entry
+        if chain.rod is not None and motor > 1:
+            (here,) = root.places(serial.joints).joint_places
+            thrust[here][motor - 1] = motor_torque_about_rod(symbolic, motor)
+    for i, row in rows.items():
+        thrust[row][symbolic.robot.rotors + symbolic.robot.moving.index(i)] = sp.S.One
     for _ in chain.constrained:  # The last rows are ζᵀθ̈_j = 0.
         residual.append(sp.S.Zero)
         thrust.append([sp.S.Zero] * len(symbolic.u))
@@ -256,26 +266,6 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
             for j in range(len(symbolic.u)):
                 thrust[row][j] = let(thrust[row][j] + chain.inputs[i][j])
     return system
-
-
-def _chain_inputs(
-    symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree, rows: Mapping[int, int]
-) -> Matrix:
-    """What the inputs u (columns) do to a chain's coordinates (rows) (eq. 13).
-
-    `rows` has the row of each joint that moves and is counted in this chain, by its link's number.
-    """
-    matrix = zeros(len(chain.coordinates), len(symbolic.u))
-    bodies = symbolic.chain_bodies(chain)
-    for motor in chain.motors:
-        for row, entry in enumerate(rotor_column(symbolic, serial, bodies, motor)):
-            matrix[row][motor - 1] = entry
-        if chain.rod is not None and motor > 1:
-            (here,) = symbolic.root.places(serial.joints).joint_places
-            matrix[here][motor - 1] = motor_torque_about_rod(symbolic, motor)
-    for i, row in rows.items():
-        matrix[row][symbolic.robot.rotors + symbolic.robot.moving.index(i)] = sp.S.One
-    return matrix
 
 
 # For each entry by rows and columns, the numbers of chains.

@@ -75,18 +75,20 @@ class Parameters:
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
         arms = range(1, robot.base.rotors + 1)
         self.drags = {k: self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms}
-        self.arms = {k: self._body(self._arm_prefix(k), robot.base.arm(k)) for k in arms}
+        number = "" if robot.base.shares_one_arm else "{}"
+        self.arms = {k: self._body(f"base_arm{number.format(k)}", robot.base.arm(k)) for k in arms}
         central = self._body("base", robot.base.body) if robot.base.body else None
         self.central_body = central.inertia if central else None
         self.links = {i: self._link(i) for i in range(1, len(robot.links) + 1)}
-        self.rotors = {k: self._rotor(k) for k in range(1, len(robot.thrusters) + 1)}
+        self.rotors: dict[int, tuple[Vector, sp.Expr]] = {}
+        for k, rotor in enumerate(robot.thrusters, start=1):
+            prefix = rotor_prefix(robot, k)
+            position = self._vector(prefix, rotor.position)
+            self.rotors[k] = position, self._value(f"{prefix}_drag", rotor.drag, "m")
         self.frames = {
             frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
             for frame in robot.frames
         }
-
-    def _arm_prefix(self, k: int) -> str:
-        return "base_arm" if self.robot.base.shares_one_arm else f"base_arm{k}"
 
     def _value(self, name: str, default: float, unit: str) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
@@ -129,12 +131,6 @@ class Parameters:
             self._value(f"{prefix}_stiffness", passive.stiffness, "N m/rad" if turns else "N/m"),
             self._value(f"{prefix}_rest", passive.rest, "rad" if turns else "m"),
         )
-
-    def _rotor(self, k: int) -> tuple[Vector, sp.Expr]:
-        rotor = self.robot.thrusters[k - 1]
-        prefix = rotor_prefix(self.robot, k)
-        position = self._vector(prefix, rotor.position)
-        return position, self._value(f"{prefix}_drag", rotor.drag, "m")
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:
         return self._values(prefix, ("x", "y", "z"), values, "m")

@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
@@ -62,10 +61,16 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
     for number in range(_CONFIGURATIONS):
         q = _configuration(len(mass_matrix.inputs["q"]), number)
         values = mass_matrix.evaluate("mass_matrix", defaults, {"q": q})
-        least, coordinate = _least_inertia(np.array(values[0]).reshape(size, size))
-        if least >= _SMALLEST:
+        matrix = np.array(values[0]).reshape(size, size)
+        diagonal = np.diag(matrix)
+        if (diagonal <= 0).any():
+            found.append((0.0, int(np.argmin(diagonal))))
+            continue
+        unit = np.sqrt(diagonal)
+        eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+        if eigenvalues[0] >= _SMALLEST:
             return
-        found.append((least, coordinate))
+        found.append((float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))))
     largest = Description(robot).coordinate_text(max(found)[1])
     raise SingularRobotError(robot.name, [(largest,)], ill_conditioned=True)
 
@@ -101,16 +106,6 @@ def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -
 
 def _configuration(size: int, number: int) -> list[float]:
     return [0.3 + 0.7 * math.sin(1.7 * i + 0.9 * number) for i in range(size)]
-
-
-def _least_inertia(matrix: NDArray[np.float64]) -> tuple[float, int]:
-    """Smallest eigenvalue of a mass matrix with a unit diagonal; the coordinate it is most of."""
-    diagonal = np.diag(matrix)
-    if (diagonal <= 0).any():
-        return 0.0, int(np.argmin(diagonal))
-    unit = np.sqrt(diagonal)
-    eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
-    return float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))
 
 
 def massless_motions(robot: Robot) -> list[Motion]:

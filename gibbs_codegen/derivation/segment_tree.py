@@ -169,7 +169,12 @@ class SegmentTree:
         if len(names) == 1:
             return names[0]
         if names == [f"link {k}" for k in links]:
-            return f"links {_in_words(links)}"
+            parts: list[str] = []
+            for _, pairs in groupby(enumerate(links), key=lambda pair: pair[1] - pair[0]):
+                run = [number for _, number in pairs]
+                parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+            *before, last = parts
+            return f"links {', '.join(before)} and {last}" if before else f"links {last}"
         if len(names) > _MOST_NAMED:
             return f"{names[0]} and the {len(names) - 1} links that it carries"
         return f"{', '.join(names[:-1])} and {names[-1]}"
@@ -231,16 +236,6 @@ class SegmentTree:
         segment = self.segments[k]
         with tape.group(f"inertia of {segment.name}, turned by the joints"):
             return self.to_working_frame(tape, k, segment.inertia)
-
-
-def _in_words(numbers: Sequence[int]) -> str:
-    """Ascending numbers in words, such as "2 and 3", "1 to 3" or "2, 4 and 5"."""
-    parts: list[str] = []
-    for _, pairs in groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
-        run = [number for _, number in pairs]
-        parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
-    *before, last = parts
-    return f"{', '.join(before)} and {last}" if before else last
 
 
 @dataclass(frozen=True)

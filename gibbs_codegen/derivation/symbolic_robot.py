@@ -296,15 +296,27 @@ class SymbolicRobot:
     @cached_property
     def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:
         """The chains of the decomposition by themselves, each with the mass that it has there."""
-        return tuple((chain, self._chain_tree(chain)) for chain in decompose(self.robot))
-
-    def _chain_tree(self, chain: Chain) -> SegmentTree:
-        with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
-            core = self.core_inertia() if chain.has_core else NO_INERTIA
-            core = core.mapped(self.tape.let)
-        if chain.rod is not None:
-            return SegmentTree((self._root_segment(core), self._rod_segment(chain.rod)))
-        return self._tree(core, self.chain_bodies(chain))
+        found = []
+        for chain in decompose(self.robot):
+            with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
+                core = self.core_inertia() if chain.has_core else NO_INERTIA
+                core = core.mapped(self.tape.let)
+            if chain.rod is None:
+                found.append((chain, self._tree(core, self.chain_bodies(chain))))
+                continue
+            name, rod = f"base arm {chain.rod}", self.parameters.arms[chain.rod].inertia
+            with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
+                inertia = rod.mapped(self.tape.let)
+            segment = Segment(
+                inertia=inertia,
+                rotation=self.rod_frame(chain.rod),
+                parent=0,
+                step=self.centre,
+                name=name,
+                joint_name=f"joint {chain.rod}",
+            )
+            found.append((chain, SegmentTree((self._root_segment(core), segment))))
+        return tuple(found)
 
     def chain_bodies(self, chain: Chain) -> JointedBodies:
         """The links of an open chain with all its joints, each with the mass that it has there."""
@@ -330,19 +342,6 @@ class SymbolicRobot:
 
     def _root_segment(self, inertia: Inertia) -> Segment:
         return Segment(inertia, self.root.segment_rotation, name="the base")
-
-    def _rod_segment(self, k: int) -> Segment:
-        name = f"base arm {k}"
-        with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
-            inertia = self.parameters.arms[k].inertia.mapped(self.tape.let)
-        return Segment(
-            inertia=inertia,
-            rotation=self.rod_frame(k),
-            parent=0,
-            step=self.centre,
-            name=name,
-            joint_name=f"joint {k}",
-        )
 
 
 def _with_block(matrix: Matrix, places: Places, block: Matrix) -> Matrix:

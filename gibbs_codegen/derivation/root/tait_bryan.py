@@ -335,18 +335,12 @@ class TaitBryanRoot:
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
         """Linear and angular velocity of a point per unit rate, in world axes."""
-        turning = [(tape.cross(axis, point), axis) for axis in self._world_axes(tape)]
+        axes = [axis_vector(axis) for axis in self.axes]  # In the world, once they are turned.
+        for i in (1, 2):
+            for rotation in reversed(self.rotations[:i]):
+                axes[i] = rotation.vector(tape, axes[i])
+        turning = [(tape.cross(axis, point), axis) for axis in axes]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
-
-    def _world_axes(self, tape: Scalars) -> list[Vector]:
-        """Axes of θ₋₁, θ₀, θ₁ in the world."""
-        axes = []
-        for i, axis in enumerate(self.axes):
-            vector = axis_vector(axis)
-            for j in range(i - 1, -1, -1):
-                vector = self.rotations[j].vector(tape, vector)
-            axes.append(vector)
-        return axes
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """6×6 entries for θ₋₁, θ₀, θ₁, x, y, z."""
@@ -380,7 +374,12 @@ class TaitBryanRoot:
         with tape.group("acceleration of the origin, in world axes"):
             x, y, z = self.world(tape, linear)
         with tape.group("accelerations of the attitude angles"):
-            angles = self._angle_accelerations(tape, angular)
+            a, b, c = self.axes
+            if not self.spins_about_normal:
+                angular = self.rotations[2].vector(tape, angular)
+            first_axis = self.rotations[1].inverse.vector(tape, axis_vector(a))
+            first = tape.let(angular[a] * tape.let(1 / first_axis[a]))
+            angles = (first, angular[b], tape.let(angular[c] - first_axis[c] * first))
         with tape.group("acceleration of the origin, in world axes"):
             return [*angles, x, y, tape.let(z - base.gravity)]
 
@@ -426,14 +425,6 @@ class TaitBryanRoot:
         first_axis = self.rotations[1].inverse.vector(tape, axis_vector(self.axes[0]))
         cos, sin = first_axis[self.axes[0]], first_axis[self.axes[2]]
         return TaitBryanFrame(self.axes, self.rotations[:2], vectors, cos, sin)
-
-    def _angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
-        a, b, c = self.axes
-        if not self.spins_about_normal:
-            angular = self.rotations[2].vector(tape, angular)
-        first_axis = self.rotations[1].inverse.vector(tape, axis_vector(a))
-        first = tape.let(angular[a] * tape.let(1 / first_axis[a]))
-        return (first, angular[b], tape.let(angular[c] - first_axis[c] * first))
 
     def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
         """The identity."""
