@@ -192,7 +192,13 @@ def compare_single_precision(
     In batches, with default constants; and state by state, with those of other parameters.
     """
     tree = Tree(robot)
-    if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
+    sizes = Sizes(tree, States.random(tree, 1, seed))
+    natural = (sizes.matrix, sizes.inertial_effort, sizes.kinetic, sizes.potential, sizes.gibbs)
+    numbers = np.concatenate([np.abs(size).ravel() for size in natural])
+    # Products of two of them must be numbers of all digits.
+    real = np.finfo(np.float32)
+    least = numbers[numbers > 0.0].min() ** 2 * float(real.eps)
+    if least <= float(real.tiny) or numbers.max() ** 2 >= float(real.max):
         return [], {SINGLE_PRECISION: "products of the robot's numbers are out of the range"}
     if not determined(robot, _DETERMINED):
         return [], {SINGLE_PRECISION: _HIDDEN}
@@ -203,25 +209,16 @@ def compare_single_precision(
     not_done = {f"{SINGLE_PRECISION}, other parameters": _HIDDEN} if other is robot else {}
     comparisons: list[Comparison] = []
     for varied, singly in ((robot, False), (other, True)):
-        tree, numbers = Tree(varied), parameter_values(varied)
+        tree, values = Tree(varied), parameter_values(varied)
         try:
             if singly:
-                program.use([numbers[name] for name in module.PARAMETERS])
+                program.use([values[name] for name in module.PARAMETERS])
         except ValueError as error:
             return [failed("init_constants", SINGLE_PRECISION, error)], {}
         states = States.extreme(tree, sum(batches), (seed, 4), FAR_SINGLE).rounded()
         expected = Expected(formulated(NewtonEuler(tree)), states, single=True)
         comparisons += expected.compare_functions(program, states, SINGLE_PRECISION, singly)
     return merged(comparisons), not_done
-
-
-def _in_range(sizes: Sizes) -> bool:
-    """Whether products of two sizes are numbers of all digits in single precision."""
-    natural = (sizes.matrix, sizes.inertial_effort, sizes.kinetic, sizes.potential, sizes.gibbs)
-    numbers = np.concatenate([np.abs(size).ravel() for size in natural])
-    single = np.finfo(np.float32)
-    least = numbers[numbers > 0.0].min() ** 2 * float(single.eps)
-    return bool(least > float(single.tiny) and numbers.max() ** 2 < float(single.max))
 
 
 ROLLOUTS = "rollouts"

@@ -482,20 +482,34 @@ def _coriolis_rows(point: _Point, values: Values) -> Iterator[Row]:
 
 def _regressor_rows(point: _Point, values: Values) -> Iterator[Row]:
     """The regressor's columns make up the forces of all bodies that the robot may have."""
-    for what, ours in values.items():
-        count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
-        states = States.random(point.tree, count, 0)
-        matrix = point.call.results(what, states)[what]
-        rng = np.random.default_rng(0)
-        forces, efforts = [], []
-        for _ in range(_SETS):
-            other = Tree(_with_bodies(point.robot, point.tree, rng))
-            found = formulated(NewtonEuler(other)).at(states)
-            forces.append(found.inverse_dynamics[:, other.free])
-            efforts.append(Sizes(other, states).free_inertial_effort)
-        theirs, size = np.stack(forces, axis=-1), np.stack(efforts, axis=-1)
-        found_forces = _projected(matrix, theirs, size.max(axis=-1, keepdims=True))
-        yield Row(f"{what}.columns", found_forces, theirs, size)
+    ((what, ours),) = values.items()
+    count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
+    states = States.random(point.tree, count, 0)
+    matrix = point.call.results(what, states)[what]
+    rng = np.random.default_rng(0)
+    forces, efforts = [], []
+    reach, mass = point.tree.reach, point.tree.mass
+
+    def other_body(body: Body) -> Body:  # Of the robot's size; it may be impossible.
+        com, inertia = reach * rng.normal(size=3), mass * reach**2 * rng.normal(size=6)
+        return RigidBody(body.length, mass * rng.uniform(0.5, 1.0), (*com,), (*inertia,))
+
+    for _ in range(_SETS):
+        other = Tree(mapped(point.robot, lambda _, value, __: value, other_body))
+        found = formulated(NewtonEuler(other)).at(states)
+        forces.append(found.inverse_dynamics[:, other.free])
+        efforts.append(Sizes(other, states).free_inertial_effort)
+    theirs, size = np.stack(forces, axis=-1), np.stack(efforts, axis=-1)
+    # What is nearest to the forces among combinations of the columns.
+    units = size.max(axis=-1, keepdims=True)
+    columns, wanted = ((x / units).reshape(-1, x.shape[-1]) for x in (matrix, theirs))
+    found_forces = np.full_like(theirs, np.nan)
+    if np.isfinite(columns).all():
+        lengths = np.linalg.norm(columns, axis=0)
+        columns = columns / np.where(lengths > 0.0, lengths, 1.0)
+        solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+        found_forces = (columns @ solution).reshape(theirs.shape) * units
+    yield Row(f"{what}.columns", found_forces, theirs, size)
 
 
 def _base_parameter_rows(point: _Point, values: Values) -> Iterator[Row]:
@@ -514,31 +528,6 @@ def _base_parameter_rows(point: _Point, values: Values) -> Iterator[Row]:
         ours = times(regressor, parameters)
         size = sizes.free_inertial_effort
         yield Row(f"{what}.product", ours, theirs, size)
-
-
-def _with_bodies(robot: Robot, tree: Tree, rng: np.random.Generator) -> Robot:
-    """The robot with other masses, centres and inertias of its size, which may be impossible."""
-
-    def other(body: Body) -> Body:
-        com, inertia = tree.reach * rng.normal(size=3), tree.reach**2 * rng.normal(size=6)
-        mass = tree.mass * rng.uniform(0.5, 1.0)
-        return RigidBody(body.length, mass, tuple(com), tuple(tree.mass * inertia))
-
-    return mapped(robot, lambda _, value, __: value, other)
-
-
-def _projected(matrix: Array, forces: Array, units: Array) -> Array:
-    """What is nearest to forces (s, nv, sets) among combinations of a matrix's columns, (s, nv, ·).
-
-    `units` (s, nv, 1) are the sizes of the rows.
-    """
-    columns, wanted = ((x / units).reshape(-1, x.shape[-1]) for x in (matrix, forces))
-    if not np.isfinite(columns).all():
-        return np.full_like(forces, np.nan)
-    lengths = np.linalg.norm(columns, axis=0)
-    columns = columns / np.where(lengths > 0.0, lengths, 1.0)
-    solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-    return (columns @ solution).reshape(forces.shape) * units
 
 
 _KINDS: dict[str, Callable[..., Iterator[Row]]] = {

@@ -197,11 +197,6 @@ def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Ar
     moved[:, q.attitude] = ends
     moved[:, q.position] = states.q[:, q.position] + times(rotation, motions[:, :3, 3])
     moved[:, q.joints] = states.q[:, q.joints] + states.v[:, v.joints]
-    return rates, moved, _apart(q, v, states)
-
-
-def _apart(q: Entries, v: Entries, states: States) -> Array:
-    """Displacements (s, nv) from each state to the first."""
     back = np.swapaxes(quaternion_matrices(states.q0[:, q.attitude]), -1, -2)
     there = quaternion_matrices(states.q1[:, q.attitude])
     way = times(back, states.q1[:, q.position] - states.q0[:, q.position])
@@ -212,7 +207,7 @@ def _apart(q: Entries, v: Entries, states: States) -> Array:
     apart[:, v.attitude] = turns
     apart[:, v.position] = np.linalg.solve(np.swapaxes(gains, -1, -2), way[..., None])[..., 0]
     apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
-    return apart
+    return rates, moved, apart
 
 
 def _turns(quaternions: Array) -> Array:

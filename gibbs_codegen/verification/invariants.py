@@ -119,24 +119,21 @@ class Invariants:
             size = sizes.free_effort
             yield compared("potential_energy", "−∂V/∂q = R at rest", -by_q, resting, size, EXACT)
         if has("kinetic_energy", "potential_energy", "forward_dynamics", "input_matrix"):
-            yield self._power_balance()
+            a, tree = values["forward_dynamics"], self.tree
 
-    def _power_balance(self) -> Comparison:
-        """The rate of the energy is what the inputs do, less what dampers take."""
-        states, values, sizes, tree = self.states, self.values, self.sizes, self.tree
-        q, v, a = states.q, states.v, values["forward_dynamics"]
+            def energy(q: Array, v: Array) -> Array:
+                return self.steps("kinetic_energy", q, v) + self.steps("potential_energy", q)
 
-        def energy(q: Array, v: Array) -> Array:
-            return self.steps("kinetic_energy", q, v) + self.steps("potential_energy", q)
-
-        slopes = self.steps.jacobian(energy, {"q": q, "v": v})
-        rate = np.sum(slopes * np.concatenate([v, a], axis=-1), axis=-1)
-        damped = tree.passive.damping[tree.free] * v
-        power = np.sum(v * (times(values["input_matrix"], states.u) - damped), axis=-1)
-        # Rates or coordinates change by their own size in the inverse of this.
-        gain = np.abs(a / sizes.scales).sum(axis=-1)
-        size = (sizes.kinetic + sizes.potential) * (sizes.rate + np.sqrt(gain) + gain / sizes.rate)
-        return compared("forward_dynamics", "power balance, Ė = vᵀB u", rate, power, size, EXACT)
+            slopes = self.steps.jacobian(energy, {"q": q, "v": v})
+            rate = np.sum(slopes * np.concatenate([v, a], axis=-1), axis=-1)
+            damped = tree.passive.damping[tree.free] * v
+            power = np.sum(v * (times(values["input_matrix"], states.u) - damped), axis=-1)
+            # Rates or coordinates change by their own size in the inverse of this.
+            gain = np.abs(a / sizes.scales).sum(axis=-1)
+            size = sizes.kinetic + sizes.potential
+            size = size * (sizes.rate + np.sqrt(gain) + gain / sizes.rate)
+            what = "power balance, Ė = vᵀB u"
+            yield compared("forward_dynamics", what, rate, power, size, EXACT)
 
 
 OF_EACH = "constants of each state"

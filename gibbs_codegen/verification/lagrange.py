@@ -45,8 +45,16 @@ class Lagrange:
         rows, columns = (x.reshape(*x.shape[:2], -1) for x in (by_q * masses[:, None], by_q))
         matrix = rows @ np.swapaxes(columns, -1, -2)
         weight = tree.gravity * (by_q[..., 2] @ masses)
-        residual = self._by_coordinates(q, v) - weight - self._change(self._momentum, q, v)
         places, velocity = self._mass_places(q), _along(self._mass_places, q, v)
+
+        def momentum(q: Array, v: Array) -> Array:  # ∂T/∂v
+            moving = _along(self._mass_places, q, v)
+            return np.einsum("sipk,p,spk->si", self._place_gradients(q), masses, moving)
+
+        # ∂T/∂q is what the change of ∂p/∂q along the motion adds.
+        changing = self._change(lambda x, _: self._place_gradients(x), q, v)
+        by_coordinates = np.einsum("sipk,spk->si", changing, velocity * masses[:, None])
+        residual = by_coordinates - weight - self._change(momentum, q, v)
         shares = masses / masses.sum()
         centre, linear = shares @ places, masses @ velocity
         angular = np.cross(places - centre[:, None], velocity * masses[:, None]).sum(axis=1)
@@ -67,23 +75,6 @@ class Lagrange:
             momentum=np.concatenate([linear, angular], axis=-1),
             gravity_forces=-weight,
         )
-
-    def _momentum(self, q: Array, v: Array) -> Array:
-        """∂T/∂v at all states, (s, size)."""
-        by_q = self._place_gradients(q)
-        velocity = _along(self._mass_places, q, v)
-        return np.einsum("sipk,p,spk->si", by_q, self._masses, velocity)
-
-    def _by_coordinates(self, q: Array, v: Array) -> Array:
-        """∂T/∂q, (s, size).
-
-        ∂ṗ/∂q is the rate of ∂p/∂q, which is as small as what a coordinate moves is short or light:
-        so it keeps its digits beside all the rest.
-        """
-        changing = self._change(lambda x, _: self._place_gradients(x), q, v)
-        velocity = _along(self._mass_places, q, v)
-        weighted = velocity * self._masses[:, None]
-        return np.einsum("sipk,spk->si", changing, weighted)
 
     def _place_gradients(self, q: Array) -> Array:
         """∂p/∂q of the point masses, (s, size, points, 3)."""

@@ -47,11 +47,21 @@ class MuJoCo:
             return
         try:
             with _without_log():
-                self._model = mujoco.MjModel.from_xml_string(_model_text(tree, more))
+                children = {
+                    number: [k for k, joint in enumerate(tree.joints) if joint.parent == number]
+                    for number in range(WORLD, len(tree.joints))
+                }
+                bodies = [_body_text(tree, children, number, more) for number in children[WORLD]]
+                self._model = mujoco.MjModel.from_xml_string(
+                    '<mujoco><compiler angle="radian"/>'
+                    f'<option gravity="0 0 {-tree.gravity!r}">'
+                    '<flag contact="disable" constraint="disable"/></option>'
+                    f"<worldbody>{''.join(bodies)}</worldbody></mujoco>"
+                )
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
-        bodies = {self._model.body(number).name for number in range(self._model.nbody)}
-        if any(f"body_{seat.joint}" not in bodies for seat in tree.seats):
+        made = {self._model.body(number).name for number in range(self._model.nbody)}
+        if any(f"body_{seat.joint}" not in made for seat in tree.seats):
             raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")
         self._data = mujoco.MjData(self._model)
         self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
@@ -128,25 +138,6 @@ def _without_log() -> Iterator[None]:
         yield
     finally:
         mujoco.set_mju_user_warning(former)
-
-
-def _model_text(tree: Tree, more: float) -> str:
-    """The tree in MJCF, with `more` times as much inertia added to bodies that are thin.
-
-    A joint whose body has no mass is given to the bodies that hang on it, since MuJoCo moves no
-    body without mass; where several hang on it, it stays and MuJoCo rejects it.
-    """
-    children = {
-        number: [child for child, joint in enumerate(tree.joints) if joint.parent == number]
-        for number in range(WORLD, len(tree.joints))
-    }
-    bodies = "".join(_body_text(tree, children, number, more) for number in children[WORLD])
-    return (
-        '<mujoco><compiler angle="radian"/>'
-        f'<option gravity="0 0 {-tree.gravity!r}">'
-        '<flag contact="disable" constraint="disable"/></option>'
-        f"<worldbody>{bodies}</worldbody></mujoco>"
-    )
 
 
 def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: float) -> str:

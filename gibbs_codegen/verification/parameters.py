@@ -265,38 +265,28 @@ def variations(
     What would leave an acceleration undetermined at zero, alone or with others, keeps its value.
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
-    groups = _groups(names, count) if zeros else []
-    # The list grows where parameters are kept back by others, which have another turn then.
-    for number, group in enumerate(groups, start=count):
-        varied = variation(robot, names, seed, number)
-        zero = _zero_together(varied, group)
-        kept_back = [name for name in group if name not in zero]
-        if zero and kept_back:
-            groups.append(kept_back)
-        yield _with_zeros(varied, zero)
-
-
-def _groups(names: Collection[str], count: int) -> list[list[str]]:
-    """Parameters to be zero together: masses by themselves, of which others are factors."""
+    # Masses are zero by themselves, since others are their factors.
     ordered = sorted(names)
     masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
     others = [name for name in ordered if name not in masses]
     groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
-    return [group for group in groups if group]
-
-
-def _zero_together(varied: model.Robot, names: Sequence[str]) -> list[str]:
-    """As many of the parameters as can be zero together, by halving what cannot."""
-    zero: list[str] = []
-    waiting = [list(names)]
-    while waiting:
-        part = waiting.pop()
-        if determined(_with_zeros(varied, [*zero, *part])):
-            zero += part
-        elif len(part) > 1:
-            half = len(part) // 2
-            waiting += [part[half:], part[:half]]
-    return zero
+    groups = [group for group in groups if group and zeros]
+    # The list grows where parameters are kept back by others, which have another turn then.
+    for number, group in enumerate(groups, start=count):
+        varied = variation(robot, names, seed, number)
+        zero: list[str] = []  # As many as can be together, by halving what cannot.
+        waiting = [list(group)]
+        while waiting:
+            part = waiting.pop()
+            if determined(_with_zeros(varied, [*zero, *part])):
+                zero += part
+            elif len(part) > 1:
+                half = len(part) // 2
+                waiting += [part[half:], part[:half]]
+        kept_back = [name for name in group if name not in zero]
+        if zero and kept_back:
+            groups.append(kept_back)
+        yield _with_zeros(varied, zero)
 
 
 def _with_zeros(robot: model.Robot, names: Sequence[str]) -> model.Robot:
