@@ -40,7 +40,14 @@ def run(options: argparse.Namespace) -> int:
     _check(text, robot, findings, options)
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
-    _print_report(findings)
+    table = plain_table("", "done", "what", "how", show_header=False)
+    for kind, found in itertools.groupby(in_order(findings), key=lambda line: line.kind):
+        lines = [*found]
+        for line, shown in zip(lines[:_SHOWN], (kind, *[""] * _SHOWN), strict=False):
+            table.add_row(shown, Text(printable(line.subject, 60)), Text(printable(line.detail)))
+        if len(lines) > _SHOWN:
+            table.add_row("", f"and {len(lines) - _SHOWN} more")
+    Console(width=width(), highlight=False).print(table)
     print(
         f"{printable(out)}: written, for a robot named {robot.name} with {robot.rotors} rotors and "
         f"{len(robot.links)} moving links, {robot.total_mass:.4g} kg"
@@ -87,15 +94,3 @@ def _locked(words: Sequence[str]) -> dict[str, float]:
                 f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
             )
     return values
-
-
-def _print_report(findings: Sequence[Finding]) -> None:
-    """Print what was done as a table."""
-    table = plain_table("", "done", "what", "how", show_header=False)
-    for kind, found in itertools.groupby(in_order(findings), key=lambda line: line.kind):
-        lines = [*found]
-        for line, shown in zip(lines[:_SHOWN], (kind, *[""] * _SHOWN), strict=False):
-            table.add_row(shown, Text(printable(line.subject, 60)), Text(printable(line.detail)))
-        if len(lines) > _SHOWN:
-            table.add_row("", f"and {len(lines) - _SHOWN} more")
-    Console(width=width(), highlight=False).print(table)

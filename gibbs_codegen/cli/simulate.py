@@ -47,12 +47,25 @@ def run(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
-    _print_walls(flight, [wall.frame for wall in scenario.walls])
+    for k, (wall, forces) in enumerate(
+        zip(scenario.walls, flight.wall_forces.T, strict=True), start=1
+    ):
+        # What is not a number, after control was lost, is not the greatest.
+        most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
+        words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
+        words += f"{forces[-1]:.3g} N at the end"
+        print(f"wall {k}, on {printable(wall.frame)}: {words if forces.any() else 'not touched'}")
     if limits := reached_limits(flight):
         print(f"at their limits: {printable(limits, 400)}")
     if joints := joints_beyond(flight):
         print(f"beyond their limits: {printable(joints, 400)}")
-    _print_timing(flight, printable(options.out))
+    if flight.timing:
+        print(f"timing: {printable(flight.timing)}")
+    times = flight.binding_times[:_MOST_LIMITS]
+    for (begin, end), what in zip(times, flight.binding, strict=False):
+        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
+    if more := len(flight.binding) - len(times):
+        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
     if flight.stopped:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
         return 1
@@ -74,27 +87,6 @@ def _errors(flight: Flight, samples: slice) -> str:
         error, joint = max((error, joint) for error, joint, its_unit in of if its_unit == unit)
         found.append(f"joint {joint} {error:.2g} {unit}")
     return ", ".join(found)
-
-
-def _print_walls(flight: Flight, frames: list[str]) -> None:
-    """Say how each wall pushed the frame that it is for."""
-    for k, (frame, forces) in enumerate(zip(frames, flight.wall_forces.T, strict=True), 1):
-        # What is not a number, after control was lost, is not the greatest.
-        most = max(range(len(forces)), key=lambda sample: (forces[sample] >= 0.0, forces[sample]))
-        words = f"at most {forces[most]:.3g} N, at t = {flight.time[most]:.4g} s; "
-        words += f"{forces[-1]:.3g} N at the end"
-        print(f"wall {k}, on {printable(frame)}: {words if forces.any() else 'not touched'}")
-
-
-def _print_timing(flight: Flight, folder: str) -> None:
-    """Say how the desired motion was timed, and which limits it reaches."""
-    if flight.timing:
-        print(f"timing: {printable(flight.timing)}")
-    times = flight.binding_times[:_MOST_LIMITS]
-    for (begin, end), what in zip(times, flight.binding, strict=False):
-        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
-    if more := len(flight.binding) - len(times):
-        print(f"  and {more} more: `binding` of {folder}/flight.npz has all")
 
 
 def reached_limits(flight: Flight) -> str:

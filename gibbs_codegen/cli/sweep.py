@@ -165,11 +165,6 @@ def print_study(study: Study, seconds: float) -> None:
     console.print()
     console.print(table)
     _print_sensitivities(study, console)
-    _print_worst(study)
-
-
-def _print_worst(study: Study) -> None:
-    """Print the worst flights of each measure, and what flies the worst of all again."""
     commands: dict[int, str] = {}
     print("\nworst flights")
     for measure in study.measures:

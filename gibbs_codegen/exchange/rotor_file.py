@@ -47,7 +47,24 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
         message = f"not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise refusal(path, message) from None
     is_yaml = path.suffix.lower() in (".yaml", ".yml")
-    rotors = _of_yaml(text, path, source) if is_yaml else _of_toml(text, path, source)
+    if is_yaml:
+        rotors = _of_yaml(text, path, source)
+    else:
+        table = checked(text, str(path), RotorFileTable, SourceFileError)
+        rotors = tuple(
+            Rotor(
+                rotor.name or f"rotor_{number}",
+                # "base" is the root, unless there is a link of that name.
+                source.root if rotor.on == "base" and rotor.on not in source.links else rotor.on,
+                rotor.position,
+                rotor.direction,
+                rotor.drag,
+                rotor.limits,
+                rotor.time_constant,
+                found_by=path.name,
+            )
+            for number, rotor in enumerate(table.rotor, start=1)
+        )
     faults = [
         Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, source.links)}")
         for i, r in enumerate(rotors)
@@ -56,25 +73,6 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
     if faults:
         raise SourceFileError(str(path), faults)
     return rotors
-
-
-def _of_toml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
-    """Rotors as a robot file has them."""
-    found = checked(text, str(path), RotorFileTable, SourceFileError)
-    return tuple(
-        Rotor(
-            rotor.name or f"rotor_{number}",
-            # "base" is the root, unless there is a link of that name.
-            source.root if rotor.on == "base" and rotor.on not in source.links else rotor.on,
-            rotor.position,
-            rotor.direction,
-            rotor.drag,
-            rotor.limits,
-            rotor.time_constant,
-            found_by=path.name,
-        )
-        for number, rotor in enumerate(found.rotor, start=1)
-    )
 
 
 def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:

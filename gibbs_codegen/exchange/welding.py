@@ -64,9 +64,32 @@ def welded(
         )
     namer = Namer()
     rigid = [_rigid(body.parts, snap) for body in bodies]
-    moving = zip(bodies[1:], rigid[1:], strict=True)
-    links = tuple(_link(body, own, snap, namer) for body, own in moving)
-    found = _frames(source, places, bodies)
+    links = []
+    for body, own in zip(bodies[1:], rigid[1:], strict=True):
+        joint = body.joint
+        assert joint is not None  # noqa: S101 - only the base has none
+        link = model.Link(
+            own,
+            joint="prismatic" if joint.kind == "prismatic" else "revolute",
+            parent=None if body.parent == body.number - 1 else body.parent,
+            pose=_placed(body.pose, snap).pose,
+            axis=joint.axis,
+            name=namer.free(body.name, "link"),
+            coordinate=namer.free(joint.name, "joint"),
+            passive=joint.passive,
+            limits=joint.limits,
+        )
+        links.append(link)
+    # Frames of links that were welded or are not where their joint is, and those of the source.
+    names = {body.name for body in bodies}
+    found = [
+        (name, place)
+        for name, place in places.items()
+        if name not in names or not place.frame.is_identity
+    ]
+    for frame in source.frames:
+        if (seat := places.get(frame.on)) is not None:
+            found.append((frame.name, _Place(seat.body, seat.frame @ frame.pose)))
     frames = tuple(
         model.Frame(namer.free(name, "frame"), place.body, _placed(place.frame, snap).pose)
         for name, place in found[: model.MAX_FRAMES]
@@ -74,7 +97,7 @@ def welded(
     robot = model.Robot(
         name,
         model.Base(attitude=attitude, origin="base", body=rigid[0]),
-        links,
+        tuple(links),
         source.gravity,
         _rotors(source, places, snap, namer),
         frames,
@@ -144,23 +167,6 @@ def _rigid(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.Rig
     return model.RigidBody(0.0, mass, vector(com), (xx, yy, zz, xy, xz, yz))
 
 
-def _link(body: _Body, rigid: model.RigidBody, snap: bool, namer: Namer) -> model.Link:
-    """The link that a body becomes, which is not the base; `snap` as of `welded`."""
-    joint = body.joint
-    assert joint is not None  # noqa: S101 - only the base has none
-    return model.Link(
-        rigid,
-        joint="prismatic" if joint.kind == "prismatic" else "revolute",
-        parent=None if body.parent == body.number - 1 else body.parent,
-        pose=_placed(body.pose, snap).pose,
-        axis=joint.axis,
-        name=namer.free(body.name, "link"),
-        coordinate=namer.free(joint.name, "joint"),
-        passive=joint.passive,
-        limits=joint.limits,
-    )
-
-
 def _rotors(
     source: Source, places: dict[str, _Place], snap: bool, namer: Namer
 ) -> tuple[model.Rotor, ...]:
@@ -186,22 +192,6 @@ def _rotors(
             )
         )
     return tuple(rotors)
-
-
-def _frames(
-    source: Source, places: dict[str, _Place], bodies: list[_Body]
-) -> list[tuple[str, _Place]]:
-    """Frames of links that were welded or are not where their joint is, and those of the source."""
-    own = {body.name for body in bodies}
-    found = [
-        (name, place)
-        for name, place in places.items()
-        if name not in own or not place.frame.is_identity
-    ]
-    for frame in source.frames:
-        if (place := places.get(frame.on)) is not None:
-            found.append((frame.name, _Place(place.body, place.frame @ frame.pose)))
-    return found
 
 
 def _placed(pose: Placement, snap: bool) -> Placement:

@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange import sources
@@ -256,13 +257,6 @@ def _mjcf_joint(element: ET.Element, joint: sources.Joint, frame: Placement) -> 
 
 def _quaternion(pose: Placement) -> str:
     """The rotation as w x y z."""
-    half = [math.radians(float(angle)) / 2 for angle in pose.rpy_deg]
-    (cr, cp, cy), (sr, sp, sy) = map(math.cos, half), map(math.sin, half)
-    return numbers(
-        (
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-    )
+    angles = [float(angle) for angle in pose.rpy_deg]
+    x, y, z, w = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+    return numbers((w, x, y, z))

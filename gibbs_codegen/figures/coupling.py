@@ -135,7 +135,13 @@ def _draw_chain(
         symbols = ", ".join(_math(places[item].unknown) for item in line)
         _symbol(axes, _LEFT_WIDTH / 2, y, symbols)
         end = (ends[places[line[0]].row + 1] + 0.5 + aside) * step
-        _arrow(axes, (_LEFT_WIDTH, y), (_LEFT_WIDTH + _BETWEEN, end), colour)
+        # It leaves and arrives level.
+        right, middle = _LEFT_WIDTH + _BETWEEN, _LEFT_WIDTH + 0.5 * _BETWEEN
+        points = [(_LEFT_WIDTH, y), (middle, y), (middle, end), (right, end)]
+        path = Path(points, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
+        arrow = FancyArrowPatch(path=path, arrowstyle="-|>", mutation_scale=5, color=colour)
+        arrow.set(linewidth=0.8)
+        axes.add_patch(arrow)
 
 
 def hybrid_pattern_figure(robot: Robot) -> Figure:
@@ -234,16 +240,6 @@ def _box(axes: Axes, place: Sequence[float], size: Sequence[float], edge: str, f
     box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
     box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
     axes.add_patch(box)
-
-
-def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    """Draw an arrow that leaves and arrives level."""
-    bend = 0.5 * (end[0] - start[0])
-    points = [start, (start[0] + bend, start[1]), (end[0] - bend, end[1]), end]
-    path = Path(points, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
-    arrow = FancyArrowPatch(path=path, arrowstyle="-|>", mutation_scale=5, color=colour)
-    arrow.set(linewidth=0.8)
-    axes.add_patch(arrow)
 
 
 def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:

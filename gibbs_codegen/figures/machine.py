@@ -307,7 +307,13 @@ def _draw_base(axes: Any, subject: Subject, room: _Room, above: bool) -> Names:
     reach = float(max([*np.linalg.norm(motors - frames.centre, axis=1), 0.0])) or 1.0
     ends, virtual = motors + _ARROW * reach * thrusts, subject.virtual_ends(0.6 * reach)
     places = np.array([*motors, *ends, frames.centre, *virtual])
-    view = _ABOVE if above else (_ELEVATION, _azimuth_between(motors - frames.centre))
+    # An azimuth from which no arm hides another: not along any, not half-way.
+    arms, azimuth = motors - frames.centre, VIEW[1]
+    if len(arms):
+        angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / len(arms)
+        off = (angles - VIEW[1] + 180.0) % 360.0 - 180.0
+        azimuth += float(off[np.abs(off).argmin()])
+    view = _ABOVE if above else (_ELEVATION, azimuth)
     set_scene(axes, _box(places, 1.1 * rotor_radius(robot, frames)), view, ticks=4)
     if above:
         axes.set(zticks=[], zlabel="")
@@ -350,13 +356,6 @@ def _box(places: Array, room: float) -> tuple[Array, Array]:
     least = 0.3 * float((high - low).max()) or 1.0  # A lone body has no extent at all.
     half = np.maximum(high - low, least) / 2.0
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
-
-
-def _azimuth_between(arms: Array) -> float:
-    """An azimuth, in degrees, from which no arm hides another: not along any, not half-way."""
-    angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / max(len(arms), 1)
-    off = (angles - VIEW[1] + 180.0) % 360.0 - 180.0
-    return float(VIEW[1] + off[np.abs(off).argmin()]) if len(arms) else VIEW[1]
 
 
 # Of the whole robot's size: discs of rotors that are alone.

@@ -149,7 +149,10 @@ class Names:
                 (self._cost(at, step, extent, points) + aside, distance, step)
                 for distance in _DISTANCES
                 for angle in _ANGLES
-                for step in [_step(first + np.deg2rad(angle), distance, extent)]
+                for turn in [first + np.deg2rad(angle)]
+                for direction in [np.array([np.cos(turn), np.sin(turn)])]
+                # The middle of the name, whose box is at the distance.
+                for step in [direction * (distance + np.abs(direction) @ extent / 2.0)]
                 for aside in [_PER_DEGREE * abs(angle) + _PER_POINT * distance]
             ]
             _, distance, best = min(options, key=lambda option: option[0])
@@ -181,12 +184,3 @@ class Names:
         """Where points (k, 3) of the scene are on the page (k, 2), in points."""
         pixels = self.axes.transData.transform(project(self.axes, places))
         return pixels * 72.0 / self.axes.figure.dpi
-
-
-def _step(angle: float, distance: float, extent: Array) -> Array:
-    """Step (2), points, from a place to the middle of a name, whose box is at a distance from it.
-
-    `angle`, rad, is the direction; `extent` the name's width and height, points.
-    """
-    direction = np.array([np.cos(angle), np.sin(angle)])
-    return direction * (distance + np.abs(direction) @ extent / 2.0)

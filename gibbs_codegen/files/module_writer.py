@@ -213,12 +213,7 @@ def write_module(
                     aside = next(path for path in olds if not os.path.lexists(path))
                 with staging.staging_folder(place.parent) as new:
                     for name, text in files.items():
-                        fresh = new / name
-                        fresh.parent.mkdir(parents=True, exist_ok=True)
-                        with fresh.open("wb") as file:
-                            file.write(text.encode())
-                            file.flush()
-                            os.fsync(file.fileno())
+                        _write_flushed(new / name, text)
                         if signals:
                             break
                     else:
@@ -264,6 +259,14 @@ def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
         raise UsageError(message) from None
     except OSError as error:
         raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
+
+
+def _write_flushed(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        file.write(text.encode())
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextmanager

@@ -64,21 +64,13 @@ def _names(what: str, words: str | Sequence[str], known: Sequence[str]) -> Seque
             f"{what}: must be {allowed} or a list of names, not {printable(repr(words), 60)}"
         )
     if unknown := sorted({*listed}.difference(known)):
-        raise UsageError(f"--{what}: unknown: {_with_suggestions(unknown, known)}")
+        few = unknown[:_MOST_SUGGESTIONS]
+        near = [difflib.get_close_matches(name[:80], known, n=1) for name in few]
+        told = [
+            printable(repr(name)) + "".join(f" (did you mean {best}?)" for best in found)
+            for name, found in zip(few, near, strict=True)
+        ]
+        told += [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
+        rest = "" if all(near) else f"; known: {', '.join(known)}"
+        raise UsageError(f"--{what}: unknown: {', '.join(told)}{rest}")
     return listed
-
-
-def _with_suggestions(unknown: Sequence[str], known: Sequence[str]) -> str:
-    """Words for unknown names, each with the known one that it is like.
-
-    The known ones are listed if one of the first unknown ones is like none of them.
-    """
-    few = unknown[:_MOST_SUGGESTIONS]
-    near = [difflib.get_close_matches(name[:80], known, n=1) for name in few]
-    suggestions = [
-        printable(repr(name)) + "".join(f" (did you mean {best}?)" for best in found)
-        for name, found in zip(few, near, strict=True)
-    ]
-    rest = [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
-    listed = "" if all(near) else f"; known: {', '.join(known)}"
-    return ", ".join([*suggestions, *rest]) + listed

@@ -112,7 +112,16 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
         case Number():
             return node
         case Sum(terms):
-            return Sum(tuple(_merged_terms(terms, values)))
+            # A sum among them is opened up: a + (b − c) is a + b − c, and no more work.
+            opened: list[tuple[int, Node]] = []
+            for sign, term in terms:
+                value = substituted(term, values)
+                if isinstance(value, Sum):
+                    opened.extend([(sign * inner, node) for inner, node in value.terms])
+                else:
+                    opened.append((sign, value))
+            opened.sort(key=_SIGN, reverse=True)
+            return Sum(tuple(opened))
         case Product(factors):
             merged: list[Node] = []
             for factor in factors:
@@ -128,18 +137,3 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
 
 def _is_no_number(factor: Node) -> bool:
     return not isinstance(factor, Number)
-
-
-def _merged_terms(
-    terms: tuple[tuple[int, Node], ...], values: Mapping[str, Node]
-) -> list[tuple[int, Node]]:
-    """Terms with sums among them opened up: a + (b − c) is a + b − c, and no more work."""
-    merged: list[tuple[int, Node]] = []
-    for sign, term in terms:
-        value = substituted(term, values)
-        if isinstance(value, Sum):
-            merged.extend([(sign * inner, node) for inner, node in value.terms])
-        else:
-            merged.append((sign, value))
-    merged.sort(key=_SIGN, reverse=True)
-    return merged
