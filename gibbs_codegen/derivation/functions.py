@@ -114,19 +114,15 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
         lambda s: s.jacobian(forward_kinematics.frame_bias_accelerations(s.symbolic), "v")
     ),
     "differentiated_loaded": lambda s: s.loaded_derivatives.acceleration,
-    **{
-        f"forward_dynamics_with_wrenches_d{letter}": (
-            lambda s, name=f"acceleration_d{letter}": getattr(s.loaded_derivatives, name)
-        )
-        for letter in "qvuW"
-    },
+    "forward_dynamics_with_wrenches_dq": lambda s: s.loaded_derivatives.acceleration_dq,
+    "forward_dynamics_with_wrenches_dv": lambda s: s.loaded_derivatives.acceleration_dv,
+    "forward_dynamics_with_wrenches_du": lambda s: s.loaded_derivatives.acceleration_du,
+    "forward_dynamics_with_wrenches_dW": lambda s: s.loaded_derivatives.acceleration_dW,
     "forward_dynamics_with_wrenches_jvp": lambda s: s.jvp(s.loaded_dynamics, "qvuW"),
-    **{
-        f"forward_dynamics_with_wrenches_{letter}_bar": (
-            lambda s, place=place: s.loaded_gradient[place]
-        )
-        for place, letter in enumerate("qvuW")
-    },
+    "forward_dynamics_with_wrenches_q_bar": lambda s: s.loaded_gradient[0],
+    "forward_dynamics_with_wrenches_v_bar": lambda s: s.loaded_gradient[1],
+    "forward_dynamics_with_wrenches_u_bar": lambda s: s.loaded_gradient[2],
+    "forward_dynamics_with_wrenches_W_bar": lambda s: s.loaded_gradient[3],
     "forward_dynamics_with_wrenches_p_bar": (
         lambda s: systems.parameter_gradient(s, s.loaded_dynamics)
     ),

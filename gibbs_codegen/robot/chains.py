@@ -66,13 +66,13 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
     # Numbers of the bodies whose mass is in a chain.
     counted: set[int] = {BASE} if chains else set()
     # The ways to links that carry no other, or one empty way.
-    paths = []
+    paths: list[tuple[int, ...]] = []
     for leaf in range(1, len(robot.links) + 1):
         if leaf not in robot.parents:
-            path = [leaf]
-            while (before := robot.parents[path[0] - 1]) != BASE:
-                path.insert(0, before)
-            paths.append(tuple(path))
+            way = [leaf]
+            while (before := robot.parents[way[0] - 1]) != BASE:
+                way.insert(0, before)
+            paths.append(tuple(way))
     for path in paths or [()]:
         chains.append(_link_chain(robot, len(chains) + 1, path, {BASE, *path} - counted))
         counted.update((BASE, *path))

@@ -46,8 +46,8 @@ def paper_family(rotors: int, links: int) -> Robot:
         raise UsageError(f"links must be from 0 to {MAX_LINKS}, not {links}")
     base = Base(rotors, (_BASE_ARM,), alternating_thrust(rotors), (0.0,) * rotors)
     # A column without length; a lone link stands upright without it.
-    arm = (Link(Rod(0.0)), Link(_ARM_LINK, alpha_deg=Fraction(90)))
-    arm += (Link(_ARM_LINK),) * max(links - 2, 0)
+    further = (Link(_ARM_LINK),) * max(links - 2, 0)
+    arm = (Link(Rod(0.0)), Link(_ARM_LINK, alpha_deg=Fraction(90)), *further)
     return Robot(
         f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link",
         base,
