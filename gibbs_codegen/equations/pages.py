@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import textwrap
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 
 import sympy as sp
@@ -28,20 +27,19 @@ _MOST_NAMED = 12
 LegendEntry = tuple[list[str], str]
 
 
-class Page(ABC):
-    """A page in a format, for equations of one chain; what is private makes the lines of a part.
+class Page:
+    """A page of plain text for equations of one chain, at most `width` letters wide.
 
-    Lines of equations are at most `width` letters wide.
+    What is private makes the lines of a part; other formats have their own.
     """
 
-    dialect: typeset.Dialect
-    width: int
+    dialect = typeset.TEXT
     between = "\n\n"  # What parts of the page are joined by.
 
-    def __init__(self, equations: Sequence[ChainEquation]) -> None:
+    def __init__(self, equations: Sequence[ChainEquation], width: int) -> None:
         if len({(equation.robot, equation.chain) for equation in equations}) != 1:
             raise UsageError("equations of one chain of one robot can be laid out together")
-        self._equations = equations
+        self._equations, self.width = equations, width
         self._names: dict[sp.Symbol, typeset.Name] = {}
         for equation in equations:
             self._names |= equation.names
@@ -81,14 +79,15 @@ class Page(ABC):
             blocks.append(self._table(rows))
         return blocks
 
-    @abstractmethod
-    def _table(self, rows: list[list[str]]) -> list[str]: ...
+    def _opening(self, head: str) -> list[list[str]]:
+        return [[head], *self._introduction()]
 
-    @abstractmethod
-    def _opening(self, head: str) -> list[list[str]]: ...
+    def _table(self, rows: list[list[str]]) -> list[str]:
+        widths = [max(map(typeset.text_width, column)) + 2 for column in zip(*rows, strict=True)]
+        return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
 
-    @abstractmethod
-    def _heading(self, title: str) -> list[str]: ...
+    def _heading(self, title: str) -> list[str]:
+        return [title, "-" * len(title)]
 
     def _form(self, equation: ChainEquation) -> list[str]:
         """The equation in the paper's own form."""
@@ -98,25 +97,53 @@ class Page(ABC):
         text = form.latex if self.dialect is typeset.LATEX else form.text
         return self._display([filled_form(text, equation)])
 
-    @abstractmethod
-    def _display(self, rows: Iterable[str]) -> list[str]: ...
+    def _display(self, rows: Iterable[str]) -> list[str]:
+        return [*rows]
 
-    @abstractmethod
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
+        zetas = [f"ζ_{{{index}}}" for index in held_indices(equation)]
+        pairs = zip(zetas, equation.torques, strict=True)
+        torques = [f" - {zeta}·{self._entry(torque)}" for zeta, torque in pairs]
+        lines = [f"I_@·θ̈_@{''.join(torques)} = R_@ + F_@", *(f"{z}ᵀ·θ̈_@ = 0" for z in zetas)]
+        lines = [filled_form(line, equation) for line in lines]
+        matrix, *vectors = equation.bordered
+        if len(matrix) > WIDEST_MATRIX:
+            return lines
+        columns = [[self._entry(entry) for entry in vector] for vector in vectors]
+        for row, unknown, residual, force in zip(matrix, *columns, strict=True):
+            cells = " ".join(f"{str(e) if e.is_Number else 'I':>2}" for e in row)
+            lines.append(
+                f"[{cells} ] {{ {_padded(unknown, 10)} }} = {{ {residual:<8} }} + {{ {force:<8} }}"
+            )
+        return lines
 
-    @abstractmethod
-    def _remark(self, text: str) -> list[str]: ...
+    def _remark(self, text: str) -> list[str]:
+        return textwrap.wrap(text, self.width)
 
-    @abstractmethod
-    def _definitions(self, definitions: Iterable[Definition]) -> list[str]: ...
+    def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
+        lines = []
+        for symbol, value in definitions:
+            left, ((_, first), *rest) = self._broken(symbol, value)
+            lines.append(f"{left} = {first}")
+            lines += [f"{' ' * (4 + 4 * depth)}{line}" for depth, line in rest]
+        return lines
 
     def _coupling(self, rows: list[list[str]]) -> list[str]:
-        """The table of eq. 18."""
-        return self._table(rows)
+        return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
 
-    @abstractmethod
-    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]: ...
+    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
+        lines = []
+        for symbols, meaning in entries:
+            text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
+            lines += textwrap.wrap(
+                text,
+                self.width,
+                subsequent_indent="    ",
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+        return lines
 
     def _entry(self, entry: sp.Expr) -> str:
         """An entry of a matrix or a vector: a symbol or a number."""
@@ -130,8 +157,17 @@ class Page(ABC):
         return left, typeset.filled(terms, room, self.width - 8, self.dialect.visible)
 
     def _cut(self, term: list[str]) -> list[str]:
-        """A term in pieces that fit on a line, where its own may be too long for that."""
-        return term
+        """A term in pieces that fit on a line: long products are cut before a sign of these."""
+        pieces = []
+        for piece in term:
+            first, *factors = piece.split(typeset.TEXT.times)
+            pieces.append(first)
+            for factor in (typeset.TEXT.times + factor for factor in factors):
+                if typeset.text_width(pieces[-1] + factor) <= self.width - 9:
+                    pieces[-1] += factor
+                else:
+                    pieces.append(factor)
+        return pieces
 
     def _legend_entries(self) -> list[LegendEntry]:
         """Quantities, then sines and cosines, then symbols of the forms.
@@ -214,12 +250,17 @@ class LatexPage(Page):
     """A page in LaTeX."""
 
     dialect = typeset.LATEX
-    width = 66
     between = "\n"  # A display after a blank line would begin a paragraph.
 
     def _opening(self, head: str) -> list[list[str]]:
         needed = "Needs \\usepackage{amsmath}; long displays want \\allowdisplaybreaks."
         return [[f"% {head}. {needed}"], *self._introduction()]
+
+    def _cut(self, term: list[str]) -> list[str]:
+        return term
+
+    def _coupling(self, rows: list[list[str]]) -> list[str]:
+        return self._table(rows)
 
     def _table(self, rows: list[list[str]]) -> list[str]:
         heads = [rf"\text{{{head}}}" for head in rows[0]]
@@ -320,87 +361,6 @@ def _explanations(entries: Iterable[LegendEntry]) -> list[str]:
     return texts
 
 
-class TextPage(Page):
-    """A page of plain text, at most `width` letters wide."""
-
-    dialect = typeset.TEXT
-
-    def __init__(self, equations: Sequence[ChainEquation], width: int) -> None:
-        super().__init__(equations)
-        self.width = width
-
-    def _opening(self, head: str) -> list[list[str]]:
-        return [[head], *self._introduction()]
-
-    def _table(self, rows: list[list[str]]) -> list[str]:
-        widths = [max(map(typeset.text_width, column)) + 2 for column in zip(*rows, strict=True)]
-        return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
-
-    def _heading(self, title: str) -> list[str]:
-        return [title, "-" * len(title)]
-
-    def _display(self, rows: Iterable[str]) -> list[str]:
-        return [*rows]
-
-    def _motion(self, equation: ChainEquation) -> list[str]:
-        """Eq. 15 in blocks and, where that fits a page, entry by entry."""
-        zetas = [f"ζ_{{{index}}}" for index in held_indices(equation)]
-        pairs = zip(zetas, equation.torques, strict=True)
-        torques = [f" - {zeta}·{self._entry(torque)}" for zeta, torque in pairs]
-        lines = [f"I_@·θ̈_@{''.join(torques)} = R_@ + F_@", *(f"{z}ᵀ·θ̈_@ = 0" for z in zetas)]
-        lines = [filled_form(line, equation) for line in lines]
-        matrix, *vectors = equation.bordered
-        if len(matrix) > WIDEST_MATRIX:
-            return lines
-        columns = [[self._entry(entry) for entry in vector] for vector in vectors]
-        for row, unknown, residual, force in zip(matrix, *columns, strict=True):
-            cells = " ".join(f"{str(e) if e.is_Number else 'I':>2}" for e in row)
-            lines.append(
-                f"[{cells} ] {{ {_padded(unknown, 10)} }} = {{ {residual:<8} }} + {{ {force:<8} }}"
-            )
-        return lines
-
-    def _remark(self, text: str) -> list[str]:
-        return textwrap.wrap(text, self.width)
-
-    def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
-        lines = []
-        for symbol, value in definitions:
-            left, ((_, first), *rest) = self._broken(symbol, value)
-            lines.append(f"{left} = {first}")
-            lines += [f"{' ' * (4 + 4 * depth)}{line}" for depth, line in rest]
-        return lines
-
-    def _cut(self, term: list[str]) -> list[str]:
-        # Products that are too long are cut before a multiplication sign.
-        pieces = []
-        for piece in term:
-            first, *factors = piece.split(typeset.TEXT.times)
-            pieces.append(first)
-            for factor in (typeset.TEXT.times + factor for factor in factors):
-                if typeset.text_width(pieces[-1] + factor) <= self.width - 9:
-                    pieces[-1] += factor
-                else:
-                    pieces.append(factor)
-        return pieces
-
-    def _coupling(self, rows: list[list[str]]) -> list[str]:
-        return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
-
-    def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
-        lines = []
-        for symbols, meaning in entries:
-            text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
-            lines += textwrap.wrap(
-                text,
-                self.width,
-                subsequent_indent="    ",
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
-        return lines
-
-
 def _padded(text: str, width: int) -> str:
     """Text filled with spaces to a width; dots above letters take no room."""
     return text + " " * (width - typeset.text_width(text))
@@ -408,6 +368,7 @@ def _padded(text: str, width: int) -> str:
 
 # The matrices of eq. 15 need the one; wider than the other lines are hard to read.
 LEAST_WIDTH, MOST_WIDTH = 80, 100
+_LATEX_WIDTH = 66
 
 
 def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
@@ -423,7 +384,7 @@ def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
     Raises:
         UsageError: If there is no equation, or there are several chains.
     """
-    return TextPage(equations, width).document()
+    return Page(equations, width).document()
 
 
 def as_latex(*equations: ChainEquation) -> str:
@@ -438,7 +399,7 @@ def as_latex(*equations: ChainEquation) -> str:
     Raises:
         UsageError: As `as_text`.
     """
-    return LatexPage(equations).document()
+    return LatexPage(equations, _LATEX_WIDTH).document()
 
 
 def as_markdown(*equations: ChainEquation) -> str:
@@ -453,4 +414,4 @@ def as_markdown(*equations: ChainEquation) -> str:
     Raises:
         UsageError: As `as_text`.
     """
-    return MarkdownPage(equations).document()
+    return MarkdownPage(equations, _LATEX_WIDTH).document()
