@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
-from gibbs_codegen.robot.model import BASE, Body, Frame, Link, Pose, Robot, Rod, Vector3
+from gibbs_codegen.robot.model import BASE, Body, Pose, Robot, Rod, Vector3
 from gibbs_codegen.verification.vectors import Array, about, cross, quaternions_of_angles
 
 WORLD = -1
@@ -99,8 +99,9 @@ class Assembly:
     - `bodies`: frames that the file gives the base, rods that are held, and links, by their
       numbers.
     - `carriers`: for each of these but the base, the number of the body that carries it.
-    - `rods`: where the motors of the rods sit.
     - `arm`: places of the joints that move, in the order of their links.
+    - `motors`: where they sit, and what each does there, in the order of the thrusts.
+    - `frames`: the named frames; `points`: those of a module's POINTS, in order.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -117,50 +118,48 @@ class Assembly:
         sequence = "xyz" if layout.is_quaternion else layout.attitude
         for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
             root = self._add(Joint(root, place, "xyz".index(letter)))
-        self.centre = Point(root, self._centre())
+        base, centre = robot.base, np.zeros(3)
+        if base.origin == "motor1":
+            angles = base.azimuth_deg or (180,)  # The first rod is seen from its motor.
+            centre = -base.arm(1).length * _turn("z", float(angles[0]))[:, 0]
+        self.centre = Point(root, centre)
         self.bodies = {BASE: self.centre}
         self.carriers: dict[int, int] = {}
-        if robot.base.body is not None:
-            self._carry(BASE, self.centre, robot.base.body)
-        self.rods = [self._rod(k) for k in range(1, robot.base.rotors + 1)]
+        if base.body is not None:
+            self._carry(BASE, self.centre, base.body)
+        rods = [self._rod(k) for k in range(1, base.rotors + 1)]
         moving = iter(self.arm)
         for i, link in enumerate(robot.links, start=1):
-            at = self.bodies[robot.parents[i - 1]].within(*self._placed(i, link))
+            parent = robot.parents[i - 1]
+            if link.pose is None:
+                before = 0.0 if parent == BASE else robot.links[parent - 1].body.length
+                twist = _turn("x", float(link.alpha_deg))
+                step = np.array([before if link.a is None else link.a, 0.0, 0.0])
+                seat = twist @ _turn("z", float(link.theta_deg)), step + link.d * twist[:, 2]
+            else:
+                seat = _posed(link.pose)
+            at = self.bodies[parent].within(*seat)
             if link.joint != "fixed":
                 at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
             elif link.constrained:
                 at = self._jointed(at, link.axis, next(self._constrained))
-            self.bodies[i], self.carriers[i] = at, robot.parents[i - 1]
+            self.bodies[i], self.carriers[i] = at, parent
             self._carry(i, at, link.body)
-
-    @property
-    def motors(self) -> list[tuple[Point, Motor]]:
-        """Where the motors sit, and what each does there, in the order of the thrusts."""
-        base, rotors = self._robot.base, self._robot.thrusters
-        motors = []
-        for k, (rod, direction) in enumerate(zip(self.rods, base.thrust, strict=True), start=1):
+        self.motors: list[tuple[Point, Motor]] = []
+        for k, (rod, direction) in enumerate(zip(rods, base.thrust, strict=True), start=1):
             body = -k if k > 1 else BASE
-            motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
-        for rotor in rotors:
-            seat = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
-            motors.append((seat, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
-        return motors
-
-    @property
-    def frames(self) -> list[tuple[Frame, Point]]:
-        """The named frames and where they are."""
-        return [
-            (frame, self.bodies[frame.on].within(*_posed(frame.pose)))
-            for frame in frames_of(self._robot)
-        ]
-
-    @property
-    def points(self) -> list[Point]:
-        """The named points, in the order of a module's POINTS."""
-        joints = [self.bodies[i] for i in self._robot.moving]
-        frames = [point for frame, point in self.frames if frame.name != "base"]
-        seats = [seat for seat, _ in self.motors]
-        return [*self.rods[:1], self.centre, *seats, *joints, *frames]
+            self.motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
+        for rotor in robot.thrusters:
+            at = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
+            self.motors.append((at, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
+        self.frames = {
+            frame.name: self.bodies[frame.on].within(*_posed(frame.pose))
+            for frame in frames_of(robot)
+        }
+        joints = [self.bodies[i] for i in robot.moving]
+        seats = [at for at, _ in self.motors]
+        frames = [point for name, point in self.frames.items() if name != "base"]
+        self.points = [*rods[:1], self.centre, *seats, *joints, *frames]
 
     def _add(self, joint: Joint) -> int:
         self.joints.append(joint)
@@ -194,16 +193,6 @@ class Assembly:
         joint = self._add(Joint(at.joint, place, number, revolute, at.rotation @ turn, at.local))
         return Point(joint, np.zeros(3), turn.T)
 
-    def _centre(self) -> Array:
-        """The base centre from the origin of the coordinates, in the base's axes."""
-        base = self._robot.base
-        if base.origin != "motor1":
-            return np.zeros(3)
-        if base.azimuth_deg is None:
-            return np.array([base.arm(1).length, 0.0, 0.0])
-        centre: Array = base.arm(1).length * _turn("z", float(base.azimuth_deg[0]))[:, 0]
-        return -centre
-
     def _rod(self, k: int) -> Point:
         """Add a rod of the base; return where its motor sits."""
         base = self._robot.base
@@ -222,17 +211,6 @@ class Assembly:
             self.bodies[-k], self.carriers[-k] = rod, BASE
         self._carry(-k if k > 1 else BASE, rod, base.arm(k))
         return rod.within(np.eye(3), end)
-
-    def _placed(self, i: int, link: Link) -> tuple[Array, Array]:
-        """Rotation and origin of a link's frame in that of its parent, at coordinate zero."""
-        if link.pose is not None:
-            return _posed(link.pose)
-        parent = self._robot.parents[i - 1]
-        before = 0.0 if parent == BASE else self._robot.links[parent - 1].body.length
-        a = before if link.a is None else link.a
-        twist = _turn("x", float(link.alpha_deg))
-        offset = np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d])
-        return twist @ _turn("z", float(link.theta_deg)), offset
 
 
 def _posed(pose: Pose) -> tuple[Array, Array]:
@@ -343,9 +321,9 @@ class Tree:
         self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
         self.scales = np.where(self.turns, 1.0, self.reach)
         self.motors = [motor for _, motor in built.motors]
-        self.named = [point for _, point in built.frames]
+        self.named = [*built.frames.values()]
         self.seats = [*(seat for seat, _ in built.motors), *self.named]
-        names = [frame.name for frame, _ in built.frames]
+        names = [*built.frames]
         self.tip = names.index("tip") if "tip" in names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
 
