@@ -59,10 +59,19 @@ def load(
     folder = find_module(Path(name_or_path))
     with _importing:
         module = _import(folder)
+    loaded = module
     if backend in LIBRARIES:
-        loaded = _of_library(module, folder, backend)
-    else:
-        loaded = module if backend == "numpy" else _compiled(module, folder, threads)
+        require(backend, f"back end {backend!r}")
+    if backend == "casadi":
+        from gibbs_codegen.runtime.casadi_backend import CasadiModule
+
+        loaded = CasadiModule(module)
+    elif backend == "jax":
+        from gibbs_codegen.runtime.jax_backend import jax_module
+
+        loaded = jax_module(module, folder)
+    elif backend == "c":
+        loaded = _compiled(module, folder, threads)
     if not isinstance(loaded, LoadedModule):
         loaded.__class__ = LoadedModule
     for ending in ("", "_derivatives"):
@@ -113,21 +122,6 @@ def require(library: str, for_what: str, extra: str = "") -> None:
             f"{for_what}: the package {library} is not installed; "
             f"install {library}, or gibbs_codegen with its extra {extra or library}"
         ) from None
-
-
-def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
-    """A module with the functions of one of LIBRARIES.
-
-    Raises `UsageError` if it is not installed.
-    """
-    require(library, f"back end {library!r}")
-    if library == "casadi":
-        from gibbs_codegen.runtime.casadi_backend import CasadiModule
-
-        return CasadiModule(module)
-    from gibbs_codegen.runtime import jax_backend
-
-    return jax_backend.jax_module(module, folder)
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:

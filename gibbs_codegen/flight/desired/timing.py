@@ -460,14 +460,12 @@ class Clock:
         self.step = self.duration / pieces
         self.knots = np.linspace(0.0, self.duration, pieces + 1)
         time: Array = self.step * np.arange(-1.0, pieces + 2.0)
+        whole = _mirrored(exact)
         if window > 0.0:
-            integral = exact.antiderivative()
-            ahead, behind = (
-                _integral(exact, integral, time + 0.5 * by) for by in (window, -window)
-            )
-            points = (ahead - behind) / window
+            integral = whole.antiderivative()
+            points = (integral(time + 0.5 * window) - integral(time - 0.5 * window)) / window
         else:
-            points = _reflection(exact, time)
+            points = whole(time)
         knots = self.step * np.arange(-3, pieces + 4)
         spline = BSpline(knots, points, 3)
         self._derivatives = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
@@ -529,24 +527,19 @@ def _exact(arc: ArcLength, profiles: Sequence[Profile], pad: float) -> PPoly:
     return PPoly(np.concatenate(coefficients, axis=1), ends)
 
 
-def _reflection(exact: PPoly, time: Array) -> Array:
-    """The length at any times (s): before the first and after the last, as if seen in a mirror.
+def _mirrored(exact: PPoly) -> PPoly:
+    """The length also before the first time and after the last, as if seen in mirrors there.
 
     So averages over times on both sides of an end are the length there.
     """
-    end = exact.x[-1]
-    inside = np.where(time < 0.0, -time, np.where(time > end, 2.0 * end - time, time))
-    turned = np.where(time < 0.0, 2.0 * exact(0.0), 2.0 * exact(end)) - exact(inside)
-    return np.where(inside == time, exact(inside), turned)
-
-
-def _integral(exact: PPoly, integral: PPoly, time: Array) -> Array:
-    """The integral (s) of `_reflection` from 0 to times (s); `integral` is that of `exact`."""
-    end = exact.x[-1]
-    early, late = time < 0.0, time > end
-    inside = np.where(early, -time, np.where(late, 2.0 * end - time, time))
-    added = np.where(early, 2.0 * exact(0.0) * time, 2.0 * exact(end) * (time - end))
-    return integral(inside) + np.where(early | late, added, 0.0)
+    time, (bend, slope, _), steps = exact.x, exact.c, np.diff(exact.x)
+    ends = exact(time)
+    back = np.stack([-bend, 2.0 * bend * steps + slope, -ends[1:]])[:, ::-1]
+    before, after = back.copy(), back
+    before[2] += 2.0 * ends[0]
+    after[2] += 2.0 * ends[-1]
+    times = np.concatenate([-time[:0:-1], time, 2.0 * time[-1] - time[-2::-1]])
+    return PPoly(np.concatenate([before, exact.c, after], axis=1), times)
 
 
 def time_optimal_motion(

@@ -456,12 +456,20 @@ def reachable_wrenches_figure(found: ReachableWrenches) -> Figure:
             color="0.35",
             parse_math=False,
         )
-        for column, (title, label, shape, part) in enumerate(panels):
+        for column, (title, unit, shape, part) in enumerate(panels):
             axes: Any = figure.add_subplot(1, 2, column + 1, projection="3d")
             hover, margins = found.hover[part], found.margins[part]
-            labels = [label.format(axis) for axis in "xyz"]
+            labels = [unit.format(axis) for axis in "xyz"]
             set_scene(axes, _bounds(shape.vertices), ticks=5, labels=labels)
-            _draw(axes, shape, hover, margins)
+            look = {"facecolors": (_INSIDE, 0.12), "edgecolors": (_INSIDE, 0.7), "linewidth": 0.8}
+            faces = Poly3DCollection(_faces(shape), label="within the thrusts' limits", **look)
+            axes.add_collection3d(faces)
+            # How far each component reaches down and up from hovering.
+            for axis, (down, up) in zip(np.eye(3), margins, strict=True):
+                ends = np.array([hover - down * axis, hover + up * axis])
+                label = "margins at hover" if axis[2] else None
+                axes.plot(*ends.T, color=_MARGIN, lw=1.6, label=label, zorder=5)
+            axes.plot(*hover[:, np.newaxis], "o", color=DARK, ms=4.5, label="hover", zorder=6)
             left = 0.5 * column
             figure.text(left + 0.25, 0.9, title, ha="center", weight="bold")
             fit(axes, left + 0.02, 0.08, 0.46, 0.8)
@@ -469,21 +477,6 @@ def reachable_wrenches_figure(found: ReachableWrenches) -> Figure:
         figure.legend(handles, names, loc="lower center", ncols=len(names))
         figure.draw_without_rendering()
         return figure
-
-
-def _draw(axes: Any, shape: Polytope, hover: Array, margins: Array) -> None:
-    """Draw a set of 3 dimensions with hovering (3) in it.
-
-    `margins` (3, 2) are how far each component reaches down and up from that.
-    """
-    faces = Poly3DCollection(_faces(shape), facecolors=(_INSIDE, 0.12), edgecolors=(_INSIDE, 0.7))
-    faces.set(linewidth=0.8, label="within the thrusts' limits")
-    axes.add_collection3d(faces)
-    for axis, (down, up) in zip(np.eye(3), margins, strict=True):
-        ends = np.array([hover - down * axis, hover + up * axis])
-        label = "margins at hover" if axis[2] else None
-        axes.plot(*ends.T, color=_MARGIN, lw=1.6, label=label, zorder=5)
-    axes.plot(*hover[:, np.newaxis], "o", color=DARK, ms=4.5, label="hover", zorder=6)
 
 
 def _faces(shape: Polytope) -> list[Array]:

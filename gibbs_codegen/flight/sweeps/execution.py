@@ -42,6 +42,8 @@ _MOST_IN_A_ROW = 20
 _MANY = 1000
 # What is raised not because a worker died but because nothing can be computed there.
 _NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
+# What becomes of calls whose process dies.
+_BROKEN = (futures.BrokenExecutor, futures.CancelledError)
 _DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
 
 _KEPT = "what was done is kept: the same call goes on from there, with an executor that works"
@@ -139,6 +141,7 @@ class Execution:
         try:
             suspects = self._on_all_workers(deque(chunks))
             self._own.end()
+            self._executor = None  # It may not blame others for what one case does.
             for chunk in suspects:
                 self._isolate(chunk)
         finally:
@@ -185,6 +188,8 @@ class Execution:
         except GibbsCodegenError:
             raise
         except (Exception, futures.CancelledError) as error:  # Every executor has words of its own.
+            if self._executor is None and not isinstance(error, _BROKEN):
+                raise _cannot_fly(error) from None
             self._in_a_row += 1
             _log.info("a worker died: %s", printable(f"{type(error).__name__}: {error}"))
             if self._executor is None:
@@ -210,19 +215,9 @@ class Execution:
         Raises as `_left` does.
         """
         is_one = len(chunk) == 1
-        tries = _DEATHS if is_one else 1
-        while tries and len(chunk):
-            try:
-                rows = self._own.submit(fly, chunk.task(self._measures)).result()
-            except futures.BrokenExecutor:
-                self._own.end()
-                tries -= 1
-                continue
-            except GibbsCodegenError:
-                raise
-            except Exception as error:  # It did not die.
-                raise _cannot_fly(error) from None
-            chunk = self._keep(chunk, rows)
+        most = chunk.deaths + (_DEATHS if is_one else 1)
+        while len(chunk) and chunk.deaths < most:
+            chunk = self._left(self._submit(chunk), chunk)
         if is_one and len(chunk):
             self._keep(chunk, [([math.nan] * self._count, "", _DEAD, "")])
         elif len(chunk):

@@ -158,11 +158,6 @@ class ScenarioSource:
         """The file as it is, checked."""
         return checked(self.text, self.word, ScenarioTable, ScenarioFileError)
 
-    @cached_property
-    def plain(self) -> Scenario:
-        """The scenario without changes."""
-        return self.scenario or parse_scenario(self.text, self.word)
-
     def __reduce__(self) -> tuple[Any, ...]:
         # What has been made of the text stays here.
         return ScenarioSource, (self.word, self.text, self.scenario)

@@ -219,22 +219,14 @@ class RobotPanel:
             self._hold.value = False
         posture, u = self._posture.values, self._inputs.values
         seen = (*posture, self._hold.value, *u, *self._parameters.changed_values.items())
-        if seen != self._seen:
-            self._follow(self._machine.coordinates(posture), u)
-            values = (*posture, self._hold.value, *self._inputs.values)
-            self._seen = (*values, *self._parameters.changed_values.items())
-
-    def _follow(self, q: Array, u: Array) -> None:
-        """Show the robot in another posture q, or under other inputs u.
-
-        These are not asked for where the robot is held.
-        """
-        remarks = []
+        if seen == self._seen:
+            return
+        remarks, q = [], self._machine.coordinates(posture)
         try:
             self._machine.set_parameters(self._parameters.changed_values)
         except UsageError as error:
             remarks.append(str(error))
-        if self._hold.value:
+        if self._hold.value:  # Inputs are not asked for where the robot is held.
             u = self._machine.hover(q)
             self._inputs.put(u)
         remarks += self._machine.beyond(u)
@@ -247,6 +239,8 @@ class RobotPanel:
         self._pattern.content = page.panel_text(f"{svg}<p>{_PATTERN}</p>")
         self._numbers.content = numbers(self._machine, state, self._hold.value, remarks)
         self._state = state
+        values = (*posture, self._hold.value, *self._inputs.values)
+        self._seen = (*values, *self._parameters.changed_values.items())
 
     def _reset(self, _: Any) -> None:
         self._back = True
