@@ -87,12 +87,7 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     """
 
     def step(
-        q: object,
-        v: object,
-        u: object,
-        h: object,
-        method: str = "euler",
-        constants: object = None,
+        q: object, v: object, u: object, h: object, method: str = "euler", constants: object = None
     ) -> object:
         if method not in METHODS:
             known = ", ".join(METHODS)

@@ -62,10 +62,7 @@ def checked_state(
         raise UsageError("q, v, u: give all three, or a trim in the place of q")
     size = vehicle.layout.v.size
     return State(
-        coordinates(vehicle, q),
-        vector("v", v, size),
-        vector("u", u, len(vehicle.inputs)),
-        wrenches,
+        coordinates(vehicle, q), vector("v", v, size), vector("u", u, len(vehicle.inputs)), wrenches
     )
 
 

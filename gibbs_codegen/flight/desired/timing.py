@@ -246,11 +246,7 @@ def demand_of(vehicle: Vehicle, motion: tuple[Array, Array, Array], time: Array)
     inputs = needed_inputs(vehicle, q, v, a)
     rates = np.gradient(inputs[:, : vehicle.rotors], time, axis=0)
     return Demand(
-        time,
-        inputs,
-        needed_inputs(vehicle, q, 0.0 * v, 0.0 * v),
-        rates,
-        v[:, vehicle.arm_rates],
+        time, inputs, needed_inputs(vehicle, q, 0.0 * v, 0.0 * v), rates, v[:, vehicle.arm_rates]
     )
 
 

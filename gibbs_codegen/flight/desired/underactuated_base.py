@@ -94,11 +94,7 @@ def shortest_rotation(begin: Derivatives, end: Derivatives) -> Derivatives:
     about = product_derivatives(np.cross, begin, end)
     dot = product_derivatives(lambda a, b: np.sum(a * b, axis=-1), begin, end)
     below = 1.0 + dot[0]
-    share = (
-        1.0 / below,
-        -dot[1] / below**2,
-        2.0 * dot[1] ** 2 / below**3 - dot[2] / below**2,
-    )
+    share = (1.0 / below, -dot[1] / below**2, 2.0 * dot[1] ** 2 / below**3 - dot[2] / below**2)
     outer = product_derivatives(
         lambda a, b: a[..., :, np.newaxis] * b[..., np.newaxis, :], about, about
     )
@@ -159,12 +155,7 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
 
 
 def nearest_motion(
-    lateral: LateralForce,
-    axis: Array,
-    shift: Array,
-    grid: Grid,
-    gravity: float,
-    fixed: Flags,
+    lateral: LateralForce, axis: Array, shift: Array, grid: Grid, gravity: float, fixed: Flags
 ) -> tuple[Array, Array]:
     """Unit thrust axes, and shifts of the base centre from its path, m, without lateral force.
 

@@ -7,13 +7,7 @@ import re
 import sys
 from typing import Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    ValidationInfo,
-    WithJsonSchema,
-    WrapValidator,
-)
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, WithJsonSchema, WrapValidator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from gibbs_codegen.files import table

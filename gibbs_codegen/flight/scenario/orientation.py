@@ -174,9 +174,7 @@ class Tangent(Table):
 
     kind: ClassVar[str] = "tangent"
     arm: Annotated[
-        Whole,
-        Bounds(1, MAX_ROTORS),
-        key("number of the base arm that is tangent to the path"),
+        Whole, Bounds(1, MAX_ROTORS), key("number of the base arm that is tangent to the path")
     ] = 2
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:

@@ -74,8 +74,7 @@ class Control(Table):
         ),
     ] = None
     integral: Annotated[
-        _Rate,
-        key("rate at which a constant disturbance is learned, 1/s; 0: not at all"),
+        _Rate, key("rate at which a constant disturbance is learned, 1/s; 0: not at all")
     ] = 0.0
     rate: Annotated[
         Annotated[Number, Bounds(0.1, 1e6)] | None,
@@ -192,8 +191,7 @@ class StartOffset(Table):
         _ZERO
     )
     rotation: Annotated[
-        Angles,
-        key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg"),
+        Angles, key("deviation of the attitude: rotation vector, world axes, degrees", "turn_deg")
     ] = _ZERO
 
 
@@ -301,8 +299,7 @@ class Wind(Table):
         key("gusts on top of the steady wind"),
     ] = ()
     rotational_drag: Annotated[
-        Mapping[str, NotNegative],
-        key("coefficients of drag against turning, N m s/rad, by frame"),
+        Mapping[str, NotNegative], key("coefficients of drag against turning, N m s/rad, by frame")
     ] = field(default_factory=dict)
 
 

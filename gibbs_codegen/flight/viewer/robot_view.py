@@ -15,13 +15,7 @@ from gibbs_codegen.flight.record.recording import weight_of
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.vectors import Flags
 from gibbs_codegen.flight.viewer import page
-from gibbs_codegen.flight.viewer.machine import (
-    Machine,
-    MachineScene,
-    State,
-    changed,
-    set_stage,
-)
+from gibbs_codegen.flight.viewer.machine import Machine, MachineScene, State, changed, set_stage
 
 # In the size of a robot: how far below it the floor is; in half its extent: what is in sight, and
 # by how much more between panels.
