@@ -224,7 +224,7 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
             same = value.get("kind", before.get("kind")) == before.get("kind")
             whole[key] = merged(before if same else {}, value)
         else:
-            whole[key] = _toml_value(value)
+            whole[key] = plain_value(value)
     return whole
 
 
@@ -281,13 +281,13 @@ def _add(changes: dict[str, Any], more: Mapping[str, Any]) -> None:
             changes[key] = value
 
 
-def _toml_value(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """Values as TOML has them."""
     if isinstance(value, Mapping):
-        return {key: _toml_value(entry) for key, entry in value.items()}
+        return {key: plain_value(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return [_toml_value(entry) for entry in value] if isinstance(value, list | tuple) else value
+    return [plain_value(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:

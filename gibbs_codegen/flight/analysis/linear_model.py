@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from scipy import linalg
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, period, vector, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
+from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import skew
 from gibbs_codegen.robot.wrenches import directions
@@ -249,7 +250,7 @@ def _warn_if_unbalanced(vehicle: Vehicle, state: State) -> None:
     if told:
         warnings.warn(
             f"{vehicle.name}: the state is not balanced, so the regulator cannot hold it: "
-            f"velocities change, {_listed(told)}. Give a trim without acceleration",
+            f"velocities change, {listed(told)}. Give a trim without acceleration",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -289,13 +290,13 @@ def _check_solvable(vehicle: Vehicle, a: Array, b: Array, weights: Array, dt: fl
     if stuck.shape[1]:
         raise UsageError(
             f"{vehicle.name}: cannot be stabilised here: no input changes "
-            f"{_listed(directions(stuck, names))}"
+            f"{listed(directions(stuck, names))}"
         )
     unseen = unreached(a.T, weights, lambda value: abs(growth(value)) <= tolerance)
     if unseen.shape[1]:
         raise UsageError(
             f"{vehicle.name}: Q leaves free what does not decay by itself: "
-            f"{_listed(directions(unseen, names))}; give it weight"
+            f"{listed(directions(unseen, names))}; give it weight"
         )
 
 
@@ -308,7 +309,3 @@ def deviation_names(vehicle: Vehicle) -> tuple[str, ...]:
         names[places.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
         return (*names, *vehicle.layout.v.names)
     return (*names, *(f"the rate of {name}" for name in names))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

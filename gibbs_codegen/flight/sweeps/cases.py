@@ -24,6 +24,7 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.toml import plain_value
 from gibbs_codegen.flight.sweeps import sources
 from gibbs_codegen.flight.vectors import Array
 
@@ -166,20 +167,11 @@ def varied(values: Any) -> Varied:
     """
     if isinstance(values, Varied):
         return values
-    values = _as_python(values)
+    values = plain_value(values)
     listed = values if isinstance(values, list | tuple | range) else (values,)
     if not listed:
         raise UsageError("an empty list: give at least one value")
     return Varied(tuple(listed))
-
-
-def _as_python(value: Any) -> Any:
-    """A value in which numbers and arrays of NumPy are Python's."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {key: _as_python(inner) for key, inner in value.items()}
-    return type(value)(map(_as_python, value)) if type(value) in (list, tuple) else value
 
 
 def shares(samples: int, keys: int, seed: int) -> Array:

@@ -11,6 +11,7 @@ import json
 import logging
 import math
 import os
+import pickle
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.sweeps.cases import Axis, Block, Cases
 from gibbs_codegen.flight.sweeps.fingerprint import fingerprint
-from gibbs_codegen.flight.sweeps.measures import Measure, of_flight, unpacked
+from gibbs_codegen.flight.sweeps.measures import Measure, of_flight, words_of
 from gibbs_codegen.flight.sweeps.sources import ScenarioSource
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.version import __version__
@@ -183,7 +184,8 @@ def fly(task: Task) -> list[Row]:
 
     Raises `UsageError` if there is no module, or the measures cannot be unpacked here.
     """
-    module, measures = _module(task.folder, task.digest), unpacked(task.measures)
+    module = _module(task.folder, task.digest)
+    measures = pickle.loads(task.measures)  # noqa: S301
     rows: list[Row] = []
     left, size = _HANDED_OVER, 1  # How long flights take shows with the first.
     while len(rows) < len(task.changes) and (left > 0.0 or not rows):
@@ -225,7 +227,7 @@ def _flights_of_cases(
     try:
         found += simulate_many(module, sound, blocks=blocks)
     except Exception as error:  # One of them is to blame, which is told by flying it by itself.
-        words = printable(f"{type(error).__name__}: {error}")
+        words = printable(words_of(error))
         _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
         for scenario in sound:
             try:
@@ -241,9 +243,7 @@ def _measured(measures: Mapping[str, Measure], flight: Flight | Exception) -> Ro
     if not isinstance(flight, Exception):
         values, why = of_flight(measures, flight)
         return values, printable(flight.stopped, _LONGEST_REASON), "", why
-    own = isinstance(flight, GibbsCodegenError)
-    words = str(flight) if own else f"{type(flight).__name__}: {flight}"
-    return [math.nan] * len(measures), "", printable(words, _LONGEST_REASON), ""
+    return [math.nan] * len(measures), "", printable(words_of(flight), _LONGEST_REASON), ""
 
 
 class Store:

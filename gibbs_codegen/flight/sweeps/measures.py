@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -54,30 +53,26 @@ def check(measures: Mapping[str, Measure], columns: Sequence[str]) -> None:
             )
         if name in columns:
             raise UsageError(f"measure {printable(name)}: a column of the table has that name")
-        if isinstance(measure, str):
-            _check_text(name, measure)
-        elif not callable(measure):
+        if callable(measure):
+            continue
+        if not isinstance(measure, str):
             raise UsageError(
                 f"measure {printable(name)}: must be a function of a flight, or a text such as "
                 f"tip_error.max, not {printable(repr(measure), 60)}"
             )
-
-
-def _check_text(name: str, text: str) -> None:
-    """Refuse a text that is not the name of a series and a statistic."""
-    series, _, statistic = text.partition(".")
-    words = f"measure {printable(name)}: {printable(text, 60)}"
-    if statistic not in STATISTICS:
-        known = ", ".join(STATISTICS)
-        raise UsageError(f"{words}: after a series and a dot must come one of {known}")
-    # What a flight has a row of for each sample.
-    named = {each.name for each in fields(Flight) if each.type == "Array"} - NO_SERIES
-    known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
-    if series not in known_series:
-        near = difflib.get_close_matches(series[:80], known_series, n=1)
-        hint = f"; did you mean {near[0]}?" if near else "."
-        there = ", ".join(known_series)
-        raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
+        series, _, statistic = measure.partition(".")
+        words = f"measure {printable(name)}: {printable(measure, 60)}"
+        if statistic not in STATISTICS:
+            known = ", ".join(STATISTICS)
+            raise UsageError(f"{words}: after a series and a dot must come one of {known}")
+        # What a flight has a row of for each sample.
+        named = {each.name for each in fields(Flight) if each.type == "Array"} - NO_SERIES
+        known_series = sorted({*named, "errors", "centre_error", "tip_error", "energy_error"})
+        if series not in known_series:
+            near = difflib.get_close_matches(series[:80], known_series, n=1)
+            hint = f"; did you mean {near[0]}?" if near else "."
+            there = ", ".join(known_series)
+            raise UsageError(f"{words}: a flight has no such series{hint} There are {there}")
 
 
 def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[float], str]:
@@ -88,10 +83,14 @@ def of_flight(measures: Mapping[str, Measure], flight: Flight) -> tuple[list[flo
             values.append(_number(measure, flight))
         except (Exception, SystemExit) as error:  # A user's function concerns its flight only.
             values.append(math.nan)
-            own = isinstance(error, GibbsCodegenError)
-            words = str(error) if own else f"{type(error).__name__}: {error}"
-            why = why or f"measure {printable(name)}: {printable(words)}"
+            why = why or f"measure {printable(name)}: {printable(words_of(error))}"
     return values, why
+
+
+def words_of(error: BaseException) -> str:
+    """What went wrong with a flight; an error that is not of this package with its type."""
+    own = isinstance(error, GibbsCodegenError)
+    return str(error) if own else f"{type(error).__name__}: {error}"
 
 
 def _number(measure: Measure, flight: Flight) -> float:
@@ -119,8 +118,3 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
         raise UsageError(
             f"measure: what a function holds cannot be taken to another process: {printable(error)}"
         ) from None
-
-
-def unpacked(data: bytes) -> dict[str, Measure]:
-    """Measures that `packed` packed."""
-    return pickle.loads(data)  # noqa: S301  # Our own.

@@ -15,7 +15,7 @@ from typing import Any
 from gibbs_codegen.errors import ScenarioFileError, UsageError, cause_of, printable
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.table import Table, default_at, read_table
-from gibbs_codegen.files.toml import checked, merged
+from gibbs_codegen.files.toml import checked, merged, nested, plain_value
 from gibbs_codegen.flight.desired.trajectory import Progress
 from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -70,7 +70,7 @@ def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) ->
             found[key] = value
             continue
         if name not in found:
-            found[name] = _plain_entry(says(name))
+            found[name] = plain_value(says(name))
         place, *outer = reversed(steps_of(key)[len(steps_of(name)) :])
         inner: Any = found[name]
         try:
@@ -82,25 +82,6 @@ def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) ->
                 f"{printable(key)}: the scenario has no such entry; give it there first"
             ) from None
     return found
-
-
-def _plain_entry(value: Any) -> Any:
-    """Tables and lists that can be changed."""
-    if isinstance(value, Mapping):
-        return {key: _plain_entry(inner) for key, inner in value.items()}
-    return [_plain_entry(inner) for inner in value] if isinstance(value, list | tuple) else value
-
-
-def tables_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by keys, without places in lists, as in a scenario file: a table in a table."""
-    whole: dict[str, Any] = {}
-    for key, value in values.items():
-        *outer, last = steps_of(key)
-        table = whole
-        for name in outer:
-            table = table.setdefault(str(name), {})
-        table[str(last)] = value
-    return whole
 
 
 def replacement(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
@@ -174,7 +155,7 @@ class ScenarioSource:
 
         Raises `UsageError` if values mean nothing, and `ScenarioFileError` with every fault.
         """
-        tables = tables_of(changes)
+        tables = nested(changes)
         if self.scenario is not None:
             return replacement(self.scenario, tables)
         # What is refused is read again from the text, which has the lines of faults.

@@ -46,7 +46,7 @@ def test_what_scaled_and_together_take():
     assert scaled(0.8, 1.2).draw == uniform(0.8, 1.2).draw
     assert together(scaled(normal(1.0, 0.1))).relative
     assert varied(np.array([1.0, 2.0])).levels == (1.0, 2.0)
-    assert varied([np.zeros(2), (np.float64(1.0),)]).levels == ([0.0, 0.0], (1.0,))
+    assert varied([np.zeros(2), (np.float64(1.0),)]).levels == ([0.0, 0.0], [1.0])
     assert varied("geometric").levels == ("geometric",)
 
 

@@ -23,10 +23,10 @@ from gibbs_codegen import (
     together,
     uniform,
 )
+from gibbs_codegen.files.toml import nested
 from gibbs_codegen.flight import many
 from gibbs_codegen.flight.scenario.parts import Motors, StartOffset
 from gibbs_codegen.flight.sweeps import chunks
-from gibbs_codegen.flight.sweeps.sources import tables_of
 
 SHORT = {"duration": 0.05, "integration.method": "rk4"}
 LATE = {**SHORT, "plant.*mass_per_length": scaled(0.8, 1.2), "start.offset[1]": uniform(-0.1, 0.1)}
@@ -86,7 +86,7 @@ def test_measures_are_those_of_single_flights(robot, tmp_path, here):
     assert not np.any(study.table["failed"] != "")
     module = load(robot, "c")
     for case, row in zip(study.cases, study.table, strict=True):
-        flight = simulate(module, read_scenario("hover", tables_of(case.changes)))
+        flight = simulate(module, read_scenario("hover", nested(case.changes)))
         assert flight.tip_error.max() == pytest.approx(row["worst [m]"], rel=1e-9)
         assert flight.q[-1].sum() == pytest.approx(row["sum"], rel=1e-9)
         assert row["motors.time_constant"] == case.changes["motors.time_constant"]
@@ -188,7 +188,7 @@ def test_one_factor_for_all_that_match(robot, tmp_path, here):
 
 
 def test_a_scenario_that_was_made_in_python_varies_too(robot, tmp_path, here):
-    plain = read_scenario("hover", tables_of(SHORT))
+    plain = read_scenario("hover", nested(SHORT))
     parameters = {
         "plant.gravity": [9.7, 9.8],
         "motors.time_constant": 0.01,
@@ -214,7 +214,7 @@ def test_noise_is_another_in_every_sample(robot, tmp_path, here):
     assert len({case.changes["sensors.seed"] for case in study.cases}) == 3
     assert len(set(study.table["worst [m]"])) == 3
     module, case = load(robot, "c"), study.cases[1]
-    flight = simulate(module, read_scenario("hover", tables_of(case.changes)))
+    flight = simulate(module, read_scenario("hover", nested(case.changes)))
     assert flight.tip_error.max() == pytest.approx(study.table["worst [m]"][1], rel=1e-9)
 
 
