@@ -26,6 +26,15 @@ _STALE_SECONDS = 3600.0
 
 
 @contextmanager
+def writing(place: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise `OutputError`, with the place, where the system refuses to write."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{printable(place)}: cannot be written: {cause_of(error)}") from None
+
+
+@contextmanager
 def made(folder: Path) -> Iterator[None]:
     """Make a folder where there is none; in the end remove what was made and holds nothing.
 

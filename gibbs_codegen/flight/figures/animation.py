@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
+from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures.scene import VIEW, extent, fit, hide_numbers, set_scene
 from gibbs_codegen.figures.style import COLOURS, DARK, GOLD, style
+from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.figures import snapshots
 from gibbs_codegen.flight.figures.curves import add_legend
 from gibbs_codegen.flight.record.flight import Array, Flight
@@ -144,15 +145,14 @@ def write_animation(
     # Beside it, so that only what is whole takes its place; the suffix tells the format.
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
-        # A folder that cannot hold it is found out before the work.
-        temporary.touch()
-        with style():
-            count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
-            frames = snapshots.samples_at(flight, flight.time[0] + np.arange(count) / fps)
-            _film(flight, writer, temporary, frames, progress)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
+        with writing(path):
+            # A folder that cannot hold it is found out before the work.
+            temporary.touch()
+            with style():
+                count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
+                frames = snapshots.samples_at(flight, flight.time[0] + np.arange(count) / fps)
+                _film(flight, writer, temporary, frames, progress)
+            os.replace(temporary, path)
     except subprocess.CalledProcessError as error:
         raise OutputError(f"{printable(path)}: ffmpeg failed: {error.stderr.strip()}") from None
     finally:

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
+from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures.style import COLOURS, COLUMN, save_figures, style
-from gibbs_codegen.files.staging import check_output_folder, staging_folder
+from gibbs_codegen.files.staging import check_output_folder, staging_folder, writing
 from gibbs_codegen.flight.figures import curves
 from gibbs_codegen.flight.figures.curves import coordinates as coordinates
 from gibbs_codegen.flight.figures.curves import inputs as inputs
@@ -191,13 +191,11 @@ def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
 @contextmanager
 def _staged(folder: Path) -> Iterator[Path]:
     """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
-    try:
-        with staging_folder(folder) as new:
+    with writing(folder), staging_folder(folder) as new:
+        try:
             yield new
-            # The series first: by them the folder is known for one of results from then on.
-            for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
-                os.replace(path, folder / path.name)
-    except OSError as error:
-        raise OutputError(f"{printable(folder)}: cannot be written: {cause_of(error)}") from None
-    except OutputError as error:
-        raise OutputError(str(error).replace(printable(new), printable(folder))) from None
+        except OutputError as error:
+            raise OutputError(str(error).replace(printable(new), printable(folder))) from None
+        # The series first: by them the folder is known for one of results from then on.
+        for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
+            os.replace(path, folder / path.name)

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.staging import writing
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.vectors import Array as Array
@@ -282,16 +283,13 @@ class Flight:
             OutputError: If it cannot be written.
         """
         columns = list(self.columns())
-        try:
-            with Path(path).open("w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
-                # Python's numbers take several times the room of NumPy's: some rows at a time.
-                for begin in range(0, len(self.time), _ROWS):
-                    rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
-                    writer.writerows(rows.tolist())
-        except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
+        with writing(path), Path(path).open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
+            # Python's numbers take several times the room of NumPy's: some rows at a time.
+            for begin in range(0, len(self.time), _ROWS):
+                rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
+                writer.writerows(rows.tolist())
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads.
@@ -305,10 +303,8 @@ class Flight:
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         # Without names there is nothing to tell that they are text.
         texts = {k: np.array(v, dtype=str) for k, v in values.items() if isinstance(v, tuple)}
-        try:
+        with writing(path):
             np.savez_compressed(path, **(values | texts))
-        except OSError as error:
-            raise OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}") from None
 
 
 def point_parents(vehicle: Vehicle) -> NDArray[np.intp]:

@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
-from gibbs_codegen.files.staging import staging_folder
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.staging import staging_folder, writing
 from gibbs_codegen.flight.sweeps.cases import Case, Cases
 from gibbs_codegen.flight.sweeps.chunks import REASONS, Row
 from gibbs_codegen.flight.sweeps.sensitivity import Sensitivity, sensitivities
+from gibbs_codegen.flight.sweeps.sources import StrPath
 from gibbs_codegen.runtime.load import require
-
-StrPath = str | os.PathLike[str]
 
 _TABLE, _CSV, _CASES = "table.npy", "table.csv", "cases.json"
 # What `gibbs_codegen.flight.figures.study` leaves beside them.
@@ -194,10 +193,8 @@ class Study:
         from pyarrow import parquet
 
         columns = {name: self.table[name].tolist() for name in self.table.dtype.names or ()}
-        try:
+        with writing(path):
             parquet.write_table(pyarrow.table(columns), path)
-        except OSError as error:
-            raise _unwritable(path, error) from None
 
     def save(self) -> None:
         """Write the study into its folder, where `read_study` finds it.
@@ -208,28 +205,25 @@ class Study:
         Raises:
             OutputError: If they cannot be written; what was there remains.
         """
-        try:
-            with staging_folder(self.folder) as new:
-                written = io.BytesIO()  # What NumPy writes has no words for a full disk.
-                np.save(written, self.table, allow_pickle=False)
-                (new / _TABLE).write_bytes(written.getvalue())
-                with (new / _CSV).open("w", encoding="utf-8", newline="") as file:
-                    writer = csv.writer(file, lineterminator="\n")
-                    writer.writerow(self.table.dtype.names or ())
-                    writer.writerows(self.table.tolist())
-                cases = [json.dumps(vars(case)) for case in self.cases]
-                lines = ",\n".join(cases)
-                digest = json.dumps(_digest(new / _TABLE))
-                contents = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
-                (new / _CASES).write_text(contents, encoding="utf-8")
-                old = self.folder / _TABLE
-                if old.exists() and _digest(old) != _digest(new / _TABLE):
-                    for name in _FIGURES:
-                        (self.folder / name).unlink(missing_ok=True)
-                for name in (_CSV, _TABLE, _CASES):
-                    os.replace(new / name, self.folder / name)
-        except OSError as error:
-            raise _unwritable(self.folder, error) from None
+        with writing(self.folder), staging_folder(self.folder) as new:
+            written = io.BytesIO()  # What NumPy writes has no words for a full disk.
+            np.save(written, self.table, allow_pickle=False)
+            (new / _TABLE).write_bytes(written.getvalue())
+            with (new / _CSV).open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(self.table.dtype.names or ())
+                writer.writerows(self.table.tolist())
+            cases = [json.dumps(vars(case)) for case in self.cases]
+            lines = ",\n".join(cases)
+            digest = json.dumps(_digest(new / _TABLE))
+            contents = f'{{"table": {digest}, "cases": [\n{lines}\n]}}\n'
+            (new / _CASES).write_text(contents, encoding="utf-8")
+            old = self.folder / _TABLE
+            if old.exists() and _digest(old) != _digest(new / _TABLE):
+                for name in _FIGURES:
+                    (self.folder / name).unlink(missing_ok=True)
+            for name in (_CSV, _TABLE, _CASES):
+                os.replace(new / name, self.folder / name)
 
     def _column(self, measure: str) -> NDArray[np.float64]:
         """The values of a measure, which must exist."""
@@ -288,10 +282,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
-
-
-def _unwritable(path: StrPath, error: OSError) -> OutputError:
-    return OutputError(f"{printable(path)}: cannot be written: {cause_of(error)}")
 
 
 def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDArray[Any]:

@@ -13,8 +13,8 @@ from typing import Any
 
 import rich
 
-from gibbs_codegen.errors import OutputError, UsageError, cause_of, printable
-from gibbs_codegen.files.staging import staging_folder
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.staging import staging_folder, writing
 from gibbs_codegen.runtime.load import require
 
 # How large a page may be, bytes: less than the 2 MB that are promised.
@@ -74,11 +74,8 @@ def beside(place: Path) -> Iterator[Path]:
 
     Raises `OutputError` if nothing can be written there.
     """
-    try:
-        with staging_folder(place.parent) as new:
-            yield new
-    except OSError as error:
-        raise OutputError(f"{printable(place)}: cannot be written: {cause_of(error)}") from None
+    with writing(place), staging_folder(place.parent) as new:
+        yield new
 
 
 def that_fits(recorded: Callable[[int], ViewPage], frames: int) -> ViewPage:
