@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import Entries
 from gibbs_codegen.verification.comparison import Comparison, Evaluation, compared, explained
@@ -15,8 +17,6 @@ from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import (
     Array,
     cross,
-    quaternion_matrices,
-    quaternions_of_matrices,
     times,
 )
 
@@ -148,10 +148,6 @@ def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Itera
     yield "hybrid_input_matrix", np.pad(inputs, columns), size
 
 
-# With turns of at most 1/2, the first term of the series that is left out is below 1e-20.
-_TERMS = 16
-
-
 def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:
     """Name, value and sizes of entries of what each function of displacements should return.
 
@@ -183,60 +179,39 @@ def _largest(entries: Entries, values: Array) -> Array:
 def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Array]:
     """Rates and new coordinates (s, nq), and displacements (s, nv), of a base with a quaternion."""
     attitude, turn, step = states.q[:, q.attitude], states.v[:, v.attitude], states.v[:, v.position]
-    rotation = quaternion_matrices(attitude)
+    rotation = Rotation.from_quat(attitude)
     rates, moved = np.zeros_like(states.q), np.zeros_like(states.q)
     vector, scalar = attitude[:, :3], attitude[:, 3:]
     turning = scalar * turn + cross(vector, turn)
     falling = -np.sum(vector * turn, axis=-1, keepdims=True)
     rates[:, q.attitude] = 0.5 * np.concatenate([turning, falling], axis=-1)
-    rates[:, q.position] = times(rotation, step)
+    rates[:, q.position] = rotation.apply(step)
     rates[:, q.joints] = states.v[:, v.joints]
-    motions = _exponentials(turn, step)
-    ends = quaternions_of_matrices(rotation @ motions[:, :3, :3])
+    ends = (rotation * Rotation.from_rotvec(turn)).as_quat()
     ends *= np.where(np.sum(ends * attitude, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
     moved[:, q.attitude] = ends
-    moved[:, q.position] = states.q[:, q.position] + times(rotation, motions[:, :3, 3])
+    moved[:, q.position] = states.q[:, q.position] + rotation.apply(times(_gains(turn), step))
     moved[:, q.joints] = states.q[:, q.joints] + states.v[:, v.joints]
-    back = np.swapaxes(quaternion_matrices(states.q0[:, q.attitude]), -1, -2)
-    there = quaternion_matrices(states.q1[:, q.attitude])
-    way = times(back, states.q1[:, q.position] - states.q0[:, q.position])
-    turns = _turns(quaternions_of_matrices(back @ there))
-    # The linear part of a displacement is linear in the way.
-    gains = _exponentials(turns[:, None], np.eye(3))[..., :3, 3]
+    back = Rotation.from_quat(states.q0[:, q.attitude]).inv()
+    way = back.apply(states.q1[:, q.position] - states.q0[:, q.position])
+    turns = (back * Rotation.from_quat(states.q1[:, q.attitude])).as_rotvec()
     apart = np.zeros_like(states.v)
     apart[:, v.attitude] = turns
-    apart[:, v.position] = np.linalg.solve(np.swapaxes(gains, -1, -2), way[..., None])[..., 0]
+    apart[:, v.position] = np.linalg.solve(_gains(turns), way[..., None])[..., 0]
     apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
     return rates, moved, apart
 
 
-def _turns(quaternions: Array) -> Array:
-    """The shortest turns (…, 3) to the attitudes of quaternions (…, 4)."""
-    vector, scalar = quaternions[..., :3], quaternions[..., 3:]
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    half = np.arctan2(length, np.abs(scalar))
-    factor = np.where(length > 0.0, half / np.where(length > 0.0, length, 1.0), 1.0)
-    return 2.0 * np.copysign(factor, scalar) * vector
+def _gains(turns: Array) -> Array:
+    """What displacements by turns (s, 3) make of their linear parts, (s, 3, 3).
 
-
-def _exponentials(turn: Array, step: Array) -> Array:
-    """The poses (…, 4, 4) after displacements by `turn` (…, 3) and `step` (…, 3), by their series.
-
-    It is summed for a part of the displacement with turns of at most 1/2, and the pose there is
-    squared until it is the whole.
+    It is the integral of the rotation over the turn, as a block of an exponential.
     """
-    halvings = max(int(np.frexp(np.abs(turn).max())[1]) + 1, 0)
-    twist = np.zeros((*np.broadcast_shapes(turn.shape, step.shape)[:-1], 4, 4))
+    twists = np.zeros((len(turns), 6, 6))
     # Rows of e × ω over the axes e are the matrix of ω×.
-    twist[..., :3, :3] = cross(np.eye(3), turn[..., None, :])
-    twist[..., :3, 3] = step
-    twist /= 2.0**halvings
-    poses = np.eye(4)
-    for n in range(_TERMS, 0, -1):
-        poses = np.eye(4) + twist @ poses / n
-    for _ in range(halvings):
-        poses = poses @ poses
-    return poses
+    twists[:, :3, :3] = cross(np.eye(3), turns[:, None])
+    twists[:, :3, 3:] = np.eye(3)
+    return expm(twists)[:, :3, 3:]
 
 
 # Name of an array that a function returns, its value, and the sizes of its entries.

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.verification.tree import WORLD, Frames, Joint, Tree
-from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices, times
+from gibbs_codegen.verification.vectors import Array, cross, times
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -105,7 +106,8 @@ class States:
             return tree, self
         q, v = tree.layout.q, tree.layout.v
         there = copy.copy(tree)
-        there.placement = quaternion_matrices(self.q[:, q.attitude]), self.q[:, q.position]
+        rotation = Rotation.from_quat(self.q[:, q.attitude])
+        there.placement = rotation.as_matrix(), self.q[:, q.position]
         joints = np.zeros_like(self.v)
         joints[:, v.joints] = self.q[:, q.joints]
         # The joints of the position keep their axes while the base turns, and each rotation turns

@@ -13,10 +13,11 @@ from dataclasses import astuple, dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import BASE, Body, Pose, Robot, Rod, Vector3
-from gibbs_codegen.verification.vectors import Array, about, cross, quaternions_of_angles
+from gibbs_codegen.verification.vectors import Array, about, cross
 
 WORLD = -1
 
@@ -340,7 +341,7 @@ class Tree:
         if not self.layout.is_quaternion:
             return angles
         base, joints = self.layout.v, angles[..., self.layout.v.joints]
-        attitude = quaternions_of_angles(angles[..., base.attitude])
+        attitude = Rotation.from_euler("XYZ", angles[..., base.attitude]).as_quat()
         return np.concatenate([angles[..., base.position], attitude, joints], axis=-1)
 
     def spread(self, values: Array) -> Array:
