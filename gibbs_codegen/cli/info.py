@@ -318,12 +318,7 @@ def _print_report(model: Model, console: Console) -> None:
     print_table(_coordinate_table("Inputs u", model.description.inputs), console)
     if hybrid:
         print_table(_row_table(data), console)
-    # Letters of a line of the pattern: row, unknown, and a mark for each column.
-    mark = len(str(len(data["chains"]))) + 1
-    if hybrid and 5 + _label_width(data) + len(data["hybrid_rows"]) * mark <= console.width:
-        console.print(_pattern_text(data, _pattern(robot)))
-    elif hybrid:
-        console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
+        _print_pattern(robot, data, console)
     names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
     rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
     table = plain_table("\nOperations per call", *names, rows=rows)
@@ -395,21 +390,22 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _label_width(data: dict[str, Any]) -> int:
-    return max(13, *(len(row["unknown"]) for row in data["hybrid_rows"]))
-
-
-def _pattern_text(data: dict[str, Any], pattern: list[list[list[int]]]) -> Text:
-    """I_H as a picture: the chain that fills an entry, Σ where several do, · where none does."""
-    width, room = len(str(len(data["chains"]))), _label_width(data)
+def _print_pattern(robot: Robot, data: dict[str, Any], console: Console) -> None:
+    """Print I_H as a picture: the chain that fills an entry, Σ for several, · for none."""
+    unknowns, width = data["hybrid_rows"], len(str(len(data["chains"])))
+    room = max(13, *(len(row["unknown"]) for row in unknowns))
+    # Of each line: row, unknown, and a mark for each column.
+    if 5 + room + len(unknowns) * (width + 1) > console.width:
+        console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
+        return
     lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
-    for row, entries in zip(data["hybrid_rows"], pattern, strict=True):
+    for row, entries in zip(unknowns, _pattern(robot), strict=True):
         marks = []
         for chains in entries:
             mark = "·" if not chains else str(chains[0]) if len(chains) == 1 else "Σ"
             marks.append(f"{mark:>{width}}")
         lines.append(f"{row['row']:>4} {row['unknown']:<{room}} {' '.join(marks)}")
-    return Text("\n".join(lines), no_wrap=True, overflow="ignore")
+    console.print(Text("\n".join(lines), no_wrap=True, overflow="ignore"))
 
 
 def _print_arrangement(motors: dict[str, Any], console: Console) -> None:

@@ -86,10 +86,19 @@ def as_data(verification: Verification) -> dict[str, Any]:
 def print_verification(verification: Verification, console: Console) -> None:
     """Print the largest errors: for each back end functions by formulations, then the rest."""
     for backend, comparisons in verification.comparisons.items():
-        by_formulation, others = _sorted(comparisons)
+        columns: Columns = {}
+        for comparison in comparisons:
+            columns.setdefault(comparison.against, {})[comparison.what] = comparison
+        # Columns of their own for what many functions are compared with; the rest in lines.
+        wide = {
+            against: rows
+            for against, rows in columns.items()
+            if len(rows) > 6 and any(c.states for c in rows.values())
+        }
+        others = [c for c in comparisons if c.against not in wide]
         title = f"{backend}: largest relative error of each function against …"
-        for columns in _fitting(by_formulation, console.width):
-            console.print(_formulation_table(title, columns))
+        for some in _fitting(wide, console.width):
+            console.print(_formulation_table(title, some))
             console.print()
             title = f"{backend}: … and against …"
         if others:
@@ -109,19 +118,6 @@ def failure_lines(verification: Verification) -> list[str]:
 
 
 Columns = dict[str, dict[str, Comparison]]
-
-
-def _sorted(comparisons: list[Comparison]) -> tuple[Columns, list[Comparison]]:
-    """Comparisons by formulation and function where one column serves many functions; the rest."""
-    columns: Columns = {}
-    for comparison in comparisons:
-        columns.setdefault(comparison.against, {})[comparison.what] = comparison
-    wide = {
-        against: rows
-        for against, rows in columns.items()
-        if len(rows) > 6 and any(c.states for c in rows.values())
-    }
-    return wide, [c for c in comparisons if c.against not in wide]
 
 
 def _fitting(columns: Columns, width: int) -> Iterator[Columns]:

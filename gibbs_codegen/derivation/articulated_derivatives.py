@@ -338,7 +338,15 @@ class ArticulatedDerivatives:
         for k in range(1, len(self._tree.segments)):
             self._pass_joint(k)
         for k in range(1, len(self._tree.segments)):
-            self._pass_from_other_branches(k)
+            segment = self._tree.segments[k]
+            related = {*self._tree.path(k), *self._tree.subtree(k)}
+            for i in range(1, len(self._tree.segments)):
+                if i not in related:
+                    with tape.group(f"response of {segment.joint_name} to other branches"):
+                        there = self._reached(segment.parent, ("effort", i))
+                        arriving = there.passed_out(tape, self._transform(k))
+                        self._receive(k, ("effort", i), arriving)
+                        self._push(k, ("effort", i), arriving, ZERO)
 
     def column(self, kind: Kind, number: int) -> Values:
         """Accelerations by a component of a root's wrench or turning, or by something of a joint.
@@ -477,18 +485,6 @@ class ArticulatedDerivatives:
         entries = self._reached(segment.parent, key).passed_out(tape, self._transform(k)).entries
         entries[segment.direction] = tape.let(entries[segment.direction] + self._joints[key, k])
         return Acceleration.of(entries)
-
-    def _pass_from_other_branches(self, k: int) -> None:
-        """Carry the columns of the efforts of all other branches over a joint."""
-        tape, segment = self._tape, self._tree.segments[k]
-        related = {*self._tree.path(k), *self._tree.subtree(k)}
-        for i in range(1, len(self._tree.segments)):
-            if i not in related:
-                with tape.group(f"response of {segment.joint_name} to other branches"):
-                    there = self._reached(segment.parent, ("effort", i))
-                    arriving = there.passed_out(tape, self._transform(k))
-                    self._receive(k, ("effort", i), arriving)
-                    self._push(k, ("effort", i), arriving, ZERO)
 
     def _turned(self, k: int, turning: Vector) -> Vector:
         """A vector of the parent's frame in the working frame of a segment."""

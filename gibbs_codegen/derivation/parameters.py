@@ -8,7 +8,7 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import sympy as sp
 
@@ -53,6 +53,9 @@ class LinkSymbols:
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
+# Units of what acts on joints that turn, and that slide.
+_TURNING = ("N m s/rad", "kg m^2", "N m/rad", "rad")
+_SLIDING = ("N s/m", "kg", "N/m", "m")
 
 
 class Parameters:
@@ -102,35 +105,25 @@ class Parameters:
 
     def _link(self, i: int) -> LinkSymbols:
         link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
+        parent = self.robot.parents[i - 1]
         a = d = sp.S.Zero
         position = ZERO
         if link.pose is not None:
             position = self._vector(prefix, link.pose.xyz)
         else:
-            a, d = self._step(i), self._value(f"{prefix}_d", link.d, "m")
-        return LinkSymbols(a, d, position, self._body(prefix, link.body), self._passive(i))
-
-    def _step(self, i: int) -> sp.Expr:
-        """Denavit–Hartenberg a of a link: its own, or the length of the link that carries it."""
-        link, parent = self.robot.links[i - 1], self.robot.parents[i - 1]
-        if link.a is not None:
-            return self._value(f"{parameter_prefix(self.robot, i)}_a", link.a, "m")
-        if parent == BASE:
-            return sp.S.Zero
-        before = self.robot.links[parent - 1].body.length
-        return self._value(f"{parameter_prefix(self.robot, parent)}_length", before, "m")
-
-    def _passive(self, i: int) -> PassiveSymbols:
-        link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
+            if link.a is not None:
+                a = self._value(f"{prefix}_a", link.a, "m")
+            elif parent != BASE:  # The length of the link that carries it.
+                before = self.robot.links[parent - 1].body.length
+                a = self._value(f"{parameter_prefix(self.robot, parent)}_length", before, "m")
+            d = self._value(f"{prefix}_d", link.d, "m")
+        body = self._body(prefix, link.body)
         if not link.moves:
-            return NOT_PASSIVE
-        passive, turns = link.passive, link.joint == "revolute"
-        return PassiveSymbols(
-            self._value(f"{prefix}_damping", passive.damping, "N m s/rad" if turns else "N s/m"),
-            self._value(f"{prefix}_armature", passive.armature, "kg m^2" if turns else "kg"),
-            self._value(f"{prefix}_stiffness", passive.stiffness, "N m/rad" if turns else "N/m"),
-            self._value(f"{prefix}_rest", passive.rest, "rad" if turns else "m"),
-        )
+            return LinkSymbols(a, d, position, body, NOT_PASSIVE)
+        units = _TURNING if link.joint == "revolute" else _SLIDING
+        own = zip(asdict(link.passive).items(), units, strict=True)
+        passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
+        return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:
         return self._values(prefix, ("x", "y", "z"), values, "m")

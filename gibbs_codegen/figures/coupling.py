@@ -189,7 +189,13 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         for joint, row in zip(joints, range(motions, size), strict=True):
             _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 9)
             _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 9)
-        _legend(axes, decompose(robot), size + 0.7, input_left + width)
+        in_row = max(int((input_left + width) // 4.5), 1)
+        for place, chain in enumerate(decompose(robot)):
+            x, y = 4.5 * (place % in_row), size + 0.7 + 1.2 * (place // in_row)
+            colour = chain_colour(chain.number)
+            _box(axes, (x, y), (0.7, 0.7), colour, colour)
+            text = f"chain {chain.number}"
+            axes.text(x + 1.0, y + 0.35, text, va="center", fontsize=_SMALL, color=DARK)
     return figure
 
 
@@ -261,14 +267,3 @@ def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
     axes.hlines(range(height + 1), left, left + width, colors="0.75", linewidth=0.4)
     columns = [left + x for x in range(width + 1)]
     axes.vlines(columns, 0, height, colors="0.75", linewidth=0.4)
-
-
-def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
-    """Draw a coloured cell and a name for each chain, in rows of such a width from `top`."""
-    in_row = max(int(width // 4.5), 1)
-    for place, chain in enumerate(chains):
-        x, y = 4.5 * (place % in_row), top + 1.2 * (place // in_row)
-        colour = chain_colour(chain.number)
-        _box(axes, (x, y), (0.7, 0.7), colour, colour)
-        text = f"chain {chain.number}"
-        axes.text(x + 1.0, y + 0.35, text, va="center", fontsize=_SMALL, color=DARK)

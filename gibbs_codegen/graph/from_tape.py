@@ -26,7 +26,16 @@ class ImportedTape:
 
     def ref(self, expression: sp.Expr) -> Ref:
         """The graph's reference to a number, a symbol of the tape, or an expression of such."""
-        self._catch_up()
+        stages = self.tape.stages
+        if len(stages) > self._symbols:  # Of what the tape has got since the last time.
+            for symbol in list(stages)[self._symbols :]:
+                statement = self.tape.statements.get(symbol)
+                if statement is None:
+                    constant = stages[symbol] is Stage.PARAMETER
+                    self._refs[symbol] = self.graph.symbol(symbol.name, constant)
+                else:
+                    self._refs[symbol] = self._imported(statement)
+            self._symbols = len(stages)
         found = self._refs.get(expression)
         if found is None:
             found = self._refs[expression] = self._imported(expression)
@@ -60,20 +69,6 @@ class ImportedTape:
         """The words of the block in which a node was made, or ""."""
         return self._words[bisect_right(self._starts, node) - 1]
 
-    def _catch_up(self) -> None:
-        """Import what the tape has got since the last time."""
-        stages = self.tape.stages
-        if len(stages) == self._symbols:
-            return
-        for symbol in list(stages)[self._symbols :]:
-            statement = self.tape.statements.get(symbol)
-            if statement is None:
-                constant = stages[symbol] is Stage.PARAMETER
-                self._refs[symbol] = self.graph.symbol(symbol.name, constant)
-            else:
-                self._refs[symbol] = self._imported(statement)
-        self._symbols = len(stages)
-
     def _imported(self, expression: sp.Expr) -> Ref:
         graph = self.graph
         if expression.is_Symbol:
@@ -85,7 +80,11 @@ class ImportedTape:
         if expression.is_Add:
             return graph.sum([self._imported(term) for term in expression.args])
         if expression.is_Mul:
-            return self._product(expression)
+            # Numbers are multiplied before they are rounded; of the factors the older come first,
+            # as the tape has put them together.
+            number = sp.Mul(*(factor for factor in expression.args if factor.is_number))
+            factors = [self._imported(f) for f in expression.args if not f.is_number]
+            return graph.product(self._imported(number), graph.products(sorted(factors)))
         if expression.is_Pow:
             if expression.exp is sp.S.Half:
                 return graph.call("sqrt", self._imported(expression.base))
@@ -93,15 +92,3 @@ class ImportedTape:
             power = graph.products([self._imported(base)] * abs(exponent))
             return power if exponent > 0 else graph.reciprocal(power)
         return graph.call(expression.func.__name__, self._imported(expression.args[0]))
-
-    def _product(self, expression: sp.Expr) -> Ref:
-        """A product, its numbers multiplied before they are rounded."""
-        number, factors = sp.S.One, []
-        for factor in expression.args:
-            if factor.is_number:
-                number *= factor
-            else:
-                factors.append(self._imported(factor))
-        # The older first: as the tape has put them together.
-        factors.sort()
-        return self.graph.product(self._imported(number), self.graph.products(factors))

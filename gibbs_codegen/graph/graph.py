@@ -160,10 +160,7 @@ class Graph:
             return self.number(p * q) ^ sign
         if self.constant[y >> 1] and (not self.constant[x >> 1] or isinstance(q, float)):
             x, y = y, x
-        return self._product_in_order(x, y) ^ sign
-
-    def _product_in_order(self, x: Ref, y: Ref) -> Ref:
-        """The product of two values without signs, a constant first, and a number before others."""
+        # A constant is first now, and a number before others.
         constant = self.constant[x >> 1]
         if constant and self.kinds[y >> 1] is Kind.PRODUCT:
             factor, rest = self.operands[y >> 1]
@@ -173,8 +170,8 @@ class Graph:
                 self.labels[factor >> 1], float
             )
             if merges or numbers:
-                return self.product(self.product(x, factor), rest)
-        return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1])
+                return self.product(self.product(x, factor), rest) ^ sign
+        return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1]) ^ sign
 
     def products(self, factors: Sequence[Ref]) -> Ref:
         """A product of any number of values, one where there are none."""

@@ -127,13 +127,9 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
             for factor in factors:
                 inner = substituted(factor, values)
                 merged.extend(inner.factors if isinstance(inner, Product) else (inner,))
-            merged.sort(key=_is_no_number)  # Numbers come first.
+            merged.sort(key=lambda factor: not isinstance(factor, Number))  # Numbers come first.
             return Product(tuple(merged))
         case Reciprocal(argument):
             return Reciprocal(substituted(argument, values))
         case Call(function, argument):
             return Call(function, substituted(argument, values))
-
-
-def _is_no_number(factor: Node) -> bool:
-    return not isinstance(factor, Number)

@@ -265,15 +265,12 @@ class Tape(Scalars):
         if expression.is_Mul or expression.is_Pow:
             return self._name_product(expression)
         if isinstance(expression, (sp.sin, sp.cos, sp.atan, sp.sign)):
-            return self._name_function(expression)
+            argument = self.let(expression.args[0])
+            direct = expression.func(argument)
+            # sin(−x) = −sin(x), which SymPy has just applied, is no such function any more.
+            same = direct.func is expression.func
+            return self._define(direct, self.stages[argument]) if same else self.let(direct)
         raise TypeError(f"the tape has no rule for {type(expression).__name__}: {expression}")
-
-    def _name_function(self, expression: sp.Expr) -> sp.Expr:
-        argument = self.let(expression.args[0])
-        direct = expression.func(argument)
-        if direct.func is not expression.func:  # sin(−x) = −sin(x), which SymPy has just applied.
-            return self.let(direct)
-        return self._define(direct, self.stages[argument])
 
     def _name_product(self, expression: sp.Expr) -> sp.Expr:
         if expression.is_Mul and len(expression.args) == 2:

@@ -9,7 +9,7 @@ converted back. The units are powers of two, so that no number loses a digit.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -64,13 +64,14 @@ class _Mapping:
         """The robot with the changed numbers."""
         base, change = robot.base, self.change
         drags = enumerate(base.drag, start=1)
+        arms = [f"base_arm{'' if base.shares_one_arm else k}" for k in range(1, len(base.arms) + 1)]
         return replace(
             robot,
             gravity=change("gravity", robot.gravity, ACCELERATION),
             base=replace(
                 base,
                 drag=tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags),
-                arms=tuple(self._body(prefix, arm) for prefix, arm in _arms(robot)),
+                arms=tuple(map(self._body, arms, base.arms)),
                 body=model.as_rigid_body(self._body("base", base.body)) if base.body else None,
             ),
             links=tuple(
@@ -78,8 +79,13 @@ class _Mapping:
                 for i, link in enumerate(robot.links, start=1)
             ),
             thrusters=tuple(
-                self._rotor(rotor_prefix(robot, k), rotor)
+                replace(
+                    rotor,
+                    position=self._vector(prefix, rotor.position),
+                    drag=change(f"{prefix}_drag", rotor.drag, LENGTH),
+                )
                 for k, rotor in enumerate(robot.thrusters, start=1)
+                for prefix in [rotor_prefix(robot, k)]
             ),
             frames=tuple(
                 replace(frame, pose=self._pose(frame_prefix(frame.name), frame.pose))
@@ -95,10 +101,6 @@ class _Mapping:
     def _pose(self, prefix: str, pose: model.Pose) -> model.Pose:
         return replace(pose, xyz=self._vector(prefix, pose.xyz))
 
-    def _rotor(self, prefix: str, rotor: model.Rotor) -> model.Rotor:
-        drag = self.change(f"{prefix}_drag", rotor.drag, LENGTH)
-        return replace(rotor, position=self._vector(prefix, rotor.position), drag=drag)
-
     def _link(self, prefix: str, link: model.Link) -> model.Link:
         link = replace(link, body=self._body(prefix, link.body))
         if link.pose is not None:
@@ -109,33 +111,23 @@ class _Mapping:
         if not link.moves:
             return link
         dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
-        names = ("damping", "armature", "stiffness", "rest")
-        own = zip(names, astuple(link.passive), dimensions, strict=True)
-        passive = [self.change(f"{prefix}_{name}", x, dimension) for name, x, dimension in own]
+        own = zip(asdict(link.passive).items(), dimensions, strict=True)
+        passive = [self.change(f"{prefix}_{name}", x, dimension) for (name, x), dimension in own]
         return replace(link, passive=model.Passive(*passive))
 
     def _body(self, prefix: str, body: model.Body) -> model.Body:
         if self.of_body is not None:
             return self.of_body(body)
+        change, length = self.change, self.change(f"{prefix}_length", body.length, LENGTH)
         if isinstance(body, model.Rod):
-            return self._rod(prefix, body)
-        return self._rigid_body(prefix, body)
-
-    def _rod(self, prefix: str, rod: model.Rod) -> model.Rod:
-        length = self.change(f"{prefix}_length", rod.length, LENGTH)
-        density = self.change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
-        own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
-        x, y, z = (self.change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
-        return model.Rod(length, density, (x, y, z))
-
-    def _rigid_body(self, prefix: str, body: model.RigidBody) -> model.RigidBody:
-        length = self.change(f"{prefix}_length", body.length, LENGTH)
-        mass = self.change(f"{prefix}_mass", body.mass, MASS)
+            density = change(f"{prefix}_mass_per_length", body.mass_per_length, DENSITY)
+            own = zip(("xx", "yy", "zz"), body.section_inertia, strict=True)
+            x, y, z = (change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
+            return model.Rod(length, density, (x, y, z))
+        mass = change(f"{prefix}_mass", body.mass, MASS)
         com = self._vector(f"{prefix}_com", body.com)
         own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
-        xx, yy, zz, xy, xz, yz = (
-            self.change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own
-        )
+        xx, yy, zz, xy, xz, yz = (change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own)
         return model.RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
 
 
@@ -160,11 +152,6 @@ def prepared(module: ModuleType, robot: model.Robot) -> Any:
 def with_values(robot: model.Robot, values: Mapping[str, float]) -> model.Robot:
     """The robot with other numbers, under names of `parameter_values`, where there are any."""
     return mapped(robot, lambda name, value, _: values.get(name, value))
-
-
-def _arms(robot: model.Robot) -> Iterator[tuple[str, model.Body]]:
-    for k, arm in enumerate(robot.base.arms, start=1):
-        yield "base_arm" if robot.base.shares_one_arm else f"base_arm{k}", arm
 
 
 class InOwnUnits:

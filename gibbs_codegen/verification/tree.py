@@ -190,7 +190,13 @@ class Assembly:
         is in the body's frame. The joint's own frame is turned so that its axis is a coordinate
         axis.
         """
-        number, turn = _aligned(np.array(axis))
+        along = np.array(axis) / np.linalg.norm(axis)
+        if along.max() == 1.0:
+            number, turn = int(along.argmax()), np.eye(3)
+        else:
+            across = np.cross(np.eye(3)[np.abs(along).argmin()], along)
+            across /= np.linalg.norm(across)
+            number, turn = 2, np.stack([across, np.cross(along, across), along], axis=-1)
         joint = self._add(Joint(at.joint, place, number, revolute, at.rotation @ turn, at.local))
         return Point(joint, np.zeros(3), turn.T)
 
@@ -222,16 +228,6 @@ def _posed(pose: Pose) -> tuple[Array, Array]:
 
 def _turn(axis: str, degrees: float) -> Array:
     return about("xyz".index(axis), np.array(np.deg2rad(degrees)))
-
-
-def _aligned(axis: Array) -> tuple[int, Array]:
-    """Axes of which one is a given axis: its number, and the rotation (3, 3) from them."""
-    along = axis / np.linalg.norm(axis)
-    if along.max() == 1.0:
-        return int(along.argmax()), np.eye(3)
-    across = np.cross(np.eye(3)[np.abs(along).argmin()], along)
-    across /= np.linalg.norm(across)
-    return 2, np.stack([across, np.cross(along, across), along], axis=-1)
 
 
 class PassiveJoints(NamedTuple):
