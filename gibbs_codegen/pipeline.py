@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gibbs_codegen.derivation.derive import derive
@@ -34,6 +35,7 @@ from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets import registry
+from gibbs_codegen.targets.c.laws import check_laws
 from gibbs_codegen.verification.modules import refuse_wrong
 
 StrPath = str | os.PathLike[str]
@@ -48,6 +50,7 @@ def generate(
     force: bool = False,
     derivatives: Derivatives = False,
     functions: Functions = None,
+    laws: Sequence[str] = (),
 ) -> Path:
     """Generate the module of a robot file, or of a robot that ships: all of it, or nothing.
 
@@ -64,6 +67,8 @@ def generate(
             one name, or several; "all" stands for the long ones too.
         functions: Which other functions are there: names, or groups as "dynamics" and "hybrid";
             those by default if None, which "default" stands for too.
+        laws: Which laws of control are written in C beside the functions: "computed_torque",
+            "geometric".
 
     Returns:
         The module's folder.
@@ -71,14 +76,15 @@ def generate(
     Raises:
         RobotFileError: If the file is faulty.
         SingularRobotError: If the robot has a massless degree of freedom.
-        UsageError: If there is no such robot, target or function, or the folder is refused.
+        UsageError: If there is no such robot, target, function or law, the robot's rotors do not
+            serve a law, or the folder is refused.
         WrongModuleError: If a check fails.
         OutputError: If the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
     return generate_robot(
         *(robot, text, out, targets, keep_zeros, _silent),
-        *(verify, force, derivatives, functions),
+        *(verify, force, derivatives, functions, laws),
     )[1]
 
 
@@ -97,6 +103,7 @@ def generate_robot(
     force: bool = False,
     derivatives: Derivatives = False,
     functions: Functions = None,
+    laws: Sequence[str] = (),
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that has been read, and keep `text`, its file, in it.
 
@@ -105,7 +112,9 @@ def generate_robot(
     check_output_folder(out)
     folder = Path(out) / robot.name
     check_replaceable(folder, text, force)
-    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives, functions)
+    model, files = module_files(
+        robot, text, targets, keep_zeros, progress, derivatives, functions, laws
+    )
     if verify:
         if "numpy" in targets:
             readable = files
@@ -126,17 +135,20 @@ def check_robot(
     progress: Progress = _silent,
     derivatives: Derivatives = False,
     functions: Functions = None,
+    laws: Sequence[str] = (),
 ) -> tuple[Path, list[str]]:
     """The folder of a module, and names of its files that `generate` would write otherwise."""
     check_output_folder(out)
     folder = Path(out) / robot.name
-    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives, functions)
+    model, files = module_files(
+        robot, text, targets, keep_zeros, progress, derivatives, functions, laws
+    )
     return folder, differing_files(folder, files, _options(model, targets))
 
 
 def _options(model: Model, targets: Sequence[str]) -> str:
     """What the manifest keeps of how a module was generated."""
-    return " ".join(registry.generating_options(targets, model.functions, model.keeps_zeros))
+    return " ".join(registry.generating_options(targets, model))
 
 
 def module_files(
@@ -147,14 +159,16 @@ def module_files(
     progress: Progress,
     derivatives: Derivatives = False,
     functions: Functions = None,
+    laws: Sequence[str] = (),
 ) -> tuple[Model, dict[str, str]]:
     """Derive a robot, and render the files of its module by name.
 
     `keep_zeros` is whether parameters that are zero in the file stay parameters. Raises
     `SingularRobotError` if the robot has a massless degree of freedom, and `UsageError` if there is
-    no such target or function.
+    no such target, function or law, or the rotors do not serve a law.
     """
     found = registry.find_targets(targets)
-    model = derive(robot, keep_zeros, progress, derivatives, functions)
+    chosen = check_laws(laws, targets)
+    model = replace(derive(robot, keep_zeros, progress, derivatives, functions), laws=chosen)
     progress("rendering")
     return model, registry.render_module(model, text, found)

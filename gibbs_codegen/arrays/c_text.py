@@ -2,7 +2,8 @@
 
 What differs from state to state is a `number`, what all states share is a `real`. For one state
 both are the same; for a block a `number` has a lane for each state (`emitted/numbers.c`). Calls of
-the module's functions are `EACH(function)(constants, ...)`.
+the module's functions are `EACH(function)(constants, ...)`. Text for one state alone, as users get
+it, has a `real` everywhere.
 
 A node is computed by a statement of its own, unless it is only another look at entries that are
 there (a part, a transposition), or a sum of entries that one other sum reads. Arrays that live at
@@ -27,6 +28,11 @@ from gibbs_codegen.interface import FUNCTIONS
 FEW = 4
 _VIEWS = (nodes.Part, nodes.Transposition, nodes.Entries, nodes.Coordinates, nodes.Reshaping)
 _OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
+# Operands on the left and on the right that need no parentheses.
+_SUMS, _PRODUCTS = ("add", "subtract"), ("multiply", "divide")
+_LEFT: dict[str, tuple[str, ...]] = dict.fromkeys(_SUMS, _SUMS + _PRODUCTS)
+_LEFT |= dict.fromkeys(_PRODUCTS, _PRODUCTS)
+_RIGHT: dict[str, tuple[str, ...]] = dict.fromkeys(_SUMS, _PRODUCTS)
 _FUNCTIONS = {
     "minimum": "minimum",
     "maximum": "maximum",
@@ -82,16 +88,25 @@ class Storage:
 
 
 class CProgram:
-    """The function in C of one program; `owners` are those whose constants it is given."""
+    """The function in C of one program; `owners` are those whose constants it is given.
+
+    It is text for one state and for blocks, or if it `is_plain` for one state alone.
+    """
 
     def __init__(
-        self, program: Program, prefix: str = "", owners: Sequence[str] | None = None
+        self,
+        program: Program,
+        prefix: str = "",
+        owners: Sequence[str] | None = None,
+        *,
+        is_plain: bool = False,
     ) -> None:
         self.program = program
         self.name = f"{prefix}{program.name}"
         self.prefix = prefix
         self.owners = owners_of(program) if owners is None else list(owners)
-        self.has_context = bool(externals_of(program))
+        self.is_plain = is_plain
+        self.has_context = bool(externals_of(program)) and not is_plain
         self._names = _Names(program)
         self._indices: dict[str, int] = {}
         self._uniform: dict[Node, bool] = {}
@@ -122,6 +137,8 @@ class CProgram:
         readers = self.readers[x]
         if not isinstance(x.operation, nodes.Elementary) or x in self.results or x in LABELS:
             return False
+        if len(readers) == 1 and x.shape == () and self._is_piece(readers[0]):
+            return True
         if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
             return False
         reader = readers[0]
@@ -130,8 +147,16 @@ class CProgram:
             reader.shape == x.shape or isinstance(reader.operation, nodes.Total)
         )
 
+    def _is_piece(self, x: Node) -> bool:
+        """Whether a node is a number that one vector has as its entry."""
+        readers = self.readers[x]
+        joined = len(readers) == 1 and isinstance(readers[0].operation, nodes.Joining)
+        return joined and isinstance(x.operation, nodes.Reshaping) and x not in self.results
+
     def uniform(self, x: Node) -> bool:
         """Whether all states share a value: what functions return differs from state to state."""
+        if self.is_plain:
+            return True
         if x not in self._uniform:
             match x.operation:
                 case nodes.Input():
@@ -175,9 +200,9 @@ class CProgram:
 
     def reads(self, x: Node) -> set[Node]:
         """The computed nodes that must be there for the entries of a node."""
-        if x in self.inlined:
-            return set().union(*map(self.reads, x.arguments))
         base = self.base(x)
+        if base in self.inlined:
+            return set().union(*map(self.reads, base.arguments))
         return {base} if self.is_computed(base) else set()
 
     # Statements and where their results are kept.
@@ -203,8 +228,7 @@ class CProgram:
         for name, x in self.program.outputs.items():
             base = self.base(x)
             whole = base.size == x.size and self._is_in_rows(x) and x.shape
-            same = self.uniform(base) == x.is_uniform and self.is_computed(base)
-            if whole and same and base not in found and base.shape:
+            if whole and self.is_computed(base) and base not in found and base.shape:
                 found[base] = View(name, 0, _strides(base.shape))
         for x in self.program.nodes:
             if isinstance(x.operation, nodes.Joining) and self.is_computed(x):
@@ -246,13 +270,17 @@ class CProgram:
                 sizes[self.places[x].array] = x.size
         for x, number in self.when.items():
             array = self.places[x].array if x in self.places else ""
-            if not array or array in outputs or self.uniform(x):
+            if not array or array in outputs or not self._is_in_room(x):
                 continue
             storage = found.setdefault(array, Storage(sizes[array], number, last[x]))
             storage.first = min(storage.first, number)
             storage.last = max(storage.last, last[x])
         _settle(list(found.values()))
         return found
+
+    def _is_in_room(self, x: Node) -> bool:
+        """Whether an array between statements is in the room, where others take its place."""
+        return self.is_plain or not self.uniform(x)
 
     # Text of entries.
 
@@ -283,8 +311,11 @@ class CProgram:
 
     def _entry(self, x: Node, index: Index) -> str:
         if x in self.inlined:
-            return f"({self.expression(x, index)})"
+            text = self.expression(x, index)
+            return f"({text})" if _name_of(x) in _OPERATORS else text
         base = self.base(x)
+        if base in self.inlined:
+            return self._entry(base, ())
         numbers = numbers_of(base)
         if numbers is not None and (numbers == numbers.flat[0]).all():
             return literal(float(numbers.flat[0]))
@@ -303,7 +334,13 @@ class CProgram:
         if name in _OPERATORS:
             if name == "multiply" and terms[0] == "(-R(1.0))":
                 return f"-{terms[1]}"
+            for place, binding in enumerate((_LEFT, _RIGHT)):
+                argument = x.arguments[place]
+                if argument in self.inlined and _name_of(argument) in binding.get(name, ()):
+                    terms[place] = terms[place][1:-1]
             return f"{terms[0]} {_OPERATORS[name]} {terms[1]}"
+        if self.is_plain and name in ("sin", "cos"):
+            return f"LIBRARY({name})({terms[0]})"
         if self.uniform(x):
             return f"{_FUNCTIONS[name]}_real({', '.join(terms)})"
         numbers = [
@@ -384,13 +421,14 @@ class CProgram:
             case nodes.Solution():
                 yield from self._solved(x)
             case nodes.Call(functions, name):
+                function = f"{functions.name}_{name}"
                 yield from self._called(
-                    f"EACH({functions.name}_{name})",
+                    function if self.is_plain else f"EACH({function})",
                     [functions.owner],
-                    [(y, False) for y in x.arguments],
+                    [(y, self.is_plain) for y in x.arguments],
                     {FUNCTIONS[name].outputs[k].name: y for k, y in _numbered(group)},
                     [
-                        (output.name, shape, False)
+                        (output.name, shape, self.is_plain)
                         for output, shape in zip(
                             FUNCTIONS[name].outputs,
                             functions.signatures[name].shapes,
@@ -399,12 +437,12 @@ class CProgram:
                     ],
                 )
             case nodes.Invocation(program):
-                inner = CProgram(program, self.prefix)
+                inner = CProgram(program, self.prefix, is_plain=self.is_plain)
                 yield from self._called(
                     inner.name,
                     [*(["context"] if inner.has_context else []), *inner.owners],
                     [
-                        (y, own.is_uniform)
+                        (y, own.is_uniform or self.is_plain)
                         for y, own in zip(x.arguments, program.inputs, strict=True)
                     ],
                     {_output_of(y): y for y in group},
@@ -412,8 +450,8 @@ class CProgram:
                 )
             case nodes.External(name):
                 yield from self._called(
-                    name,
-                    ["context"],
+                    f"{name}_of_state" if self.is_plain else name,
+                    [] if self.is_plain else ["context"],
                     [(y, self.uniform(x)) for y in x.arguments],
                     {name: x},
                     [(name, x.shape, self.uniform(x))],
@@ -560,7 +598,7 @@ class CProgram:
         found = ["const void *const *context"] if self.has_context else []
         found += [f"const Constants *{owner}" for owner in self.owners]
         for name, x in zip(self.program.names, self.program.inputs, strict=True):
-            kind = "real" if x.is_uniform else "number"
+            kind = "real" if x.is_uniform or self.is_plain else "number"
             found.append(f"{kind} {name}" if x.shape == () else f"const {kind} *{name}")
         for name, x in self.program.outputs.items():
             found.append(f"{'real' if self.uniform(x) else 'number'} *{name}")
@@ -597,13 +635,15 @@ class CProgram:
     def _declared(self) -> list[str]:
         """Declarations of the arrays between statements."""
         total = max((x.begin + x.size for x in self.arrays.values()), default=0)
-        lines = [f"number room[{total}];"] if total else []
+        kind = "real" if self.is_plain else "number"
+        lines = [f"{kind} room[{total}];"] if total else []
         for name, storage in self.arrays.items():
             begin = f" + {storage.begin}" if storage.begin else ""
-            lines.append(f"number *const {name} = room{begin};")
+            lines.append(f"{kind} *const {name} = room{begin};")
         uniform: dict[str, int] = {}
+        outputs = self.program.outputs
         for x in self.when:
-            if x.shape and self.uniform(x) and self.places[x].array not in self.program.outputs:
+            if x.shape and not self._is_in_room(x) and self.places[x].array not in outputs:
                 array = self.places[x].array
                 uniform[array] = max(uniform.get(array, 0), x.size)
         lines += [f"real {name}[{size}];" for name, size in uniform.items()]

@@ -92,6 +92,11 @@ def add_kept(parser: Parser) -> None:
         help="keep parameters that are zero in the robot file, so that they can be changed at run "
         "time",
     )
+    laws = "laws of control to write in C beside the functions: computed_torque, geometric; or none"
+    parser.add(
+        *("--laws", "NAME,...", laws),
+        type=lambda names: [] if names == "none" else names.split(","),
+    )
     _add_choice(parser, "emit {which}")
 
 

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
         *(robot, text, options.out),
         *(options.target or DEFAULT_TARGETS, bool(options.all_parameters)),
     )
-    chosen = options.derivatives or False, options.functions
+    chosen = options.derivatives or False, options.functions, options.laws or ()
     if options.check:
         with terminal.progress() as progress:
             folder, differing = pipeline.check_robot(*what, progress, *chosen)

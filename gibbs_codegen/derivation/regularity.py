@@ -86,10 +86,9 @@ def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -
         "u": [0.0] * len(program.inputs["u"]),
     }
     try:
-        values = [
-            *program.prepared(defaults).values(),
-            *program.evaluate("forward_dynamics", defaults, arguments)[0],
-        ]
+        values = [*program.prepared(defaults).values()]
+        if "forward_dynamics" in (function.name for function in program.functions):
+            values += program.evaluate("forward_dynamics", defaults, arguments)[0]
         good = all(map(math.isfinite, values))
     except (ZeroDivisionError, OverflowError):
         good = False

@@ -19,6 +19,12 @@ typedef struct {
     real most[ROTORS];
 } Nearest;
 
+/* Whether a thrust is at neither limit. */
+static INLINE int is_free(const real side)
+{
+    return !(side < R(0.0)) && !(side > R(0.0));
+}
+
 static INLINE real product_of(const int n, const real *a, const real *b)
 {
     real sum = R(0.0);
@@ -55,12 +61,12 @@ static void solve_free(const Nearest *p, const real *sides, real *x)
     memcpy(columns, p->columns, sizeof columns);
     memcpy(left, p->target, sizeof left);
     for (int k = 0; k < ROTORS; ++k) {
-        for (int i = 0; i < BASE && sides[k] != R(0.0); ++i) {
+        for (int i = 0; i < BASE && !is_free(sides[k]); ++i) {
             left[i] -= columns[k][i] * x[k];
         }
     }
     for (int k = 0; k < ROTORS; ++k) {
-        if (sides[k] != R(0.0)) {
+        if (!is_free(sides[k])) {
             continue;
         }
         const real *const own = columns[k];
@@ -73,7 +79,7 @@ static void solve_free(const Nearest *p, const real *sides, real *x)
             left[i] -= kept * own[i];
         }
         for (int l = k + 1; l < ROTORS; ++l) {
-            if (sides[l] == R(0.0)) {
+            if (is_free(sides[l])) {
                 const real along = product_of(BASE, own, columns[l]);
                 upper[k][l] = share * along;
                 for (int i = 0; i < BASE; ++i) {
@@ -83,9 +89,9 @@ static void solve_free(const Nearest *p, const real *sides, real *x)
         }
     }
     for (int k = ROTORS; k-- > 0;) {
-        if (sides[k] == R(0.0)) {
+        if (is_free(sides[k])) {
             for (int l = k + 1; l < ROTORS; ++l) {
-                x[k] -= sides[l] == R(0.0) ? upper[k][l] * x[l] : R(0.0);
+                x[k] -= is_free(sides[l]) ? upper[k][l] * x[l] : R(0.0);
             }
             x[k] /= upper[k][k];
         }
@@ -107,12 +113,12 @@ static int guess_again(const Nearest *p, const real *sides, const real *x, real 
     for (int k = 0; k < ROTORS; ++k) {
         const real slope =
             product_of(BASE, p->columns[k], off) + p->preference * p->preference * x[k];
-        if (sides[k] == R(0.0)) {
+        if (is_free(sides[k])) {
             better[k] = (real)(x[k] > p->most[k]) - (real)(x[k] < p->least[k]);
         } else {
             better[k] = slope * sides[k] > R(0.0) ? R(0.0) : sides[k];
         }
-        if (better[k] != sides[k]) {
+        if (better[k] < sides[k] || better[k] > sides[k]) {
             *last = k;
             ++changed;
         }
@@ -128,7 +134,7 @@ static int find_nearest(const Nearest *p, real *sides, real *x)
     int fewest = ROTORS + 1, last = 0, patience = PATIENCE;
     for (int round = 0; round < 10 * (ROTORS + 3); ++round) {
         for (int k = 0; k < ROTORS; ++k) {
-            if (sides[k] != R(0.0)) {
+            if (!is_free(sides[k])) {
                 x[k] = sides[k] < R(0.0) ? p->least[k] : p->most[k];
             }
         }
@@ -148,11 +154,67 @@ static int find_nearest(const Nearest *p, real *sides, real *x)
     return 0;
 }
 
-/* Entry i of a lane of what differs from state to state. */
-#define OF_LANE(array, i, lane) ((const real *)(array))[(size_t)(i) * LANES + (size_t)(lane)]
+/* Thrusts `found`, from those there, and `sides` as of `find_nearest`, of a state whose numbers are
+ * `stride` apart; no numbers where none are found. */
+static void find_thrusts(
+    const int stride,
+    const real *wrench,
+    const real *columns,
+    const real *least,
+    const real *most,
+    real *sides,
+    real *found)
+{
+    Nearest problem;
+    real x[ROTORS];
+    for (int k = 0; k < ROTORS; ++k) {
+        for (int i = 0; i < BASE; ++i) {
+            problem.columns[k][i] = columns[(k * BASE + i) * stride];
+        }
+        problem.least[k] = least[k * stride];
+        problem.most[k] = most[k * stride];
+        x[k] = found[k * stride];
+    }
+    for (int i = 0; i < BASE; ++i) {
+        problem.target[i] = wrench[i * stride];
+    }
+    weigh_torques(&problem);
+    const int done = find_nearest(&problem, sides, x);
+    for (int k = 0; k < ROTORS; ++k) {
+        found[k * stride] = done ? x[k] : (real)NAN;
+    }
+}
+
+/* Whether a thrust is beyond its limits. Numbers of one state are `stride` apart. */
+static INLINE int are_beyond(
+    const int stride, const real *thrusts, const real *least, const real *most)
+{
+    int beyond = 0;
+    for (int k = 0; k < ROTORS; ++k) {
+        const int at = k * stride;
+        beyond |= thrusts[at] < least[at] || thrusts[at] > most[at];
+    }
+    return beyond;
+}
 
 /* Thrusts of a wrench, or those within limits that come nearest to it; no numbers where none are
  * found. Rows of `columns` are wrenches of unit thrusts. */
+static void nearest_thrusts_of_state(
+    const real *thrusts,
+    const real *wrench,
+    const real *columns,
+    const real *least,
+    const real *most,
+    real *found)
+{
+    memcpy(found, thrusts, ROTORS * sizeof *found);
+    if (are_beyond(1, thrusts, least, most)) {
+        real sides[ROTORS] = {R(0.0)};
+        find_thrusts(1, wrench, columns, least, most, sides, found);
+    }
+}
+
+/* The same in each lane, with guesses that are kept from one time to the next. */
 static void nearest_thrusts(
     const void *const *context,
     const number *thrusts,
@@ -165,35 +227,19 @@ static void nearest_thrusts(
     real *const guesses = (real *)context[GUESSES];
     memcpy(found, thrusts, ROTORS * sizeof *found);
     for (int lane = 0; lane < LANES; ++lane) {
-        int beyond = 0;
-        for (int k = 0; k < ROTORS; ++k) {
-            const real thrust = OF_LANE(thrusts, k, lane);
-            beyond |= thrust < OF_LANE(least, k, lane) || thrust > OF_LANE(most, k, lane);
-        }
-        if (!beyond) {
+        const real *const limits[] = {(const real *)least + lane, (const real *)most + lane};
+        if (!are_beyond(LANES, (const real *)thrusts + lane, limits[0], limits[1])) {
             continue;
         }
-        Nearest problem;
-        real x[ROTORS], sides[ROTORS];
+        real sides[ROTORS];
         for (int k = 0; k < ROTORS; ++k) {
-            for (int i = 0; i < BASE; ++i) {
-                problem.columns[k][i] = OF_LANE(columns, k * BASE + i, lane);
-            }
-            problem.least[k] = OF_LANE(least, k, lane);
-            problem.most[k] = OF_LANE(most, k, lane);
-            x[k] = OF_LANE(thrusts, k, lane);
             sides[k] = guesses ? guesses[k * LANES + lane] : R(0.0);
         }
-        for (int i = 0; i < BASE; ++i) {
-            problem.target[i] = OF_LANE(wrench, i, lane);
-        }
-        weigh_torques(&problem);
-        const int done = find_nearest(&problem, sides, x);
-        for (int k = 0; k < ROTORS; ++k) {
-            ((real *)found)[k * LANES + lane] = done ? x[k] : (real)NAN;
-            if (guesses) {
-                guesses[k * LANES + lane] = sides[k];
-            }
+        find_thrusts(
+            LANES, (const real *)wrench + lane, (const real *)columns + lane, limits[0], limits[1],
+            sides, (real *)found + lane);
+        for (int k = 0; k < ROTORS && guesses; ++k) {
+            guesses[k * LANES + lane] = sides[k];
         }
     }
 }

@@ -19,7 +19,8 @@ class Model:
 
     `folded` names the parameters that are zero in the file and therefore structural, unless
     `keeps_zeros`. `functions` names those of the table that it has; `total_mass` is what its
-    constants have for the mass of the whole robot, kg.
+    constants have for the mass of the whole robot, kg. `laws` names those that are printed beside
+    the functions.
     """
 
     description: Description
@@ -30,6 +31,7 @@ class Model:
     keeps_zeros: bool
     functions: tuple[str, ...]
     total_mass: Node
+    laws: tuple[str, ...] = ()
 
     @property
     def robot(self) -> Robot:

@@ -78,13 +78,17 @@ def ranks_in_motion(robot: Robot) -> tuple[int, int] | None:
     """
     if not carried_rotors(robot):
         return None
+    ranks = [arrangement(robot, joints).rank for joints in tried_postures(robot)]
+    return min(ranks), max(ranks)
+
+
+def tried_postures(robot: Robot) -> Array:
+    """Coordinates (k, n), rad or m, of joints that move, within their limits: always the same."""
     limits = [robot.links[i - 1].limits for i in robot.moving]
     low = [-_TRAVEL if bounds.low is None else bounds.low for bounds in limits]
     high = [_TRAVEL if bounds.high is None else bounds.high for bounds in limits]
     shares = np.random.default_rng(0).random((_TRIED, len(limits)))
-    tried = low + shares * (np.array(high) - np.array(low))
-    ranks = [arrangement(robot, joints).rank for joints in tried]
-    return min(ranks), max(ranks)
+    return low + shares * (np.array(high) - np.array(low))
 
 
 @dataclass(frozen=True)

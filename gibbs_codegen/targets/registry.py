@@ -18,6 +18,7 @@ from gibbs_codegen.interface import options_for
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.c.laws import law_files
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
 from gibbs_codegen.targets.numpy import target as numpy_target
@@ -127,7 +128,7 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
             for part, of_part in context[template].items():
                 name = file_name.format(name=model.robot.name, part=part)
                 files[name] = render(template, of_part)
-    return files
+    return files | law_files(model, opening)
 
 
 def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list[str]:
@@ -135,7 +136,7 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
 
     They are without the signs of a comment.
     """
-    options = generating_options(targets, model.functions, model.keeps_zeros)
+    options = generating_options(targets, model)
     command = " ".join(["gibbs-codegen generate THIS_FOLDER/robot.toml --out .", *options])
     commanded = textwrap.wrap(
         f"From the folder above: {command}",
@@ -153,11 +154,10 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     ]
 
 
-def generating_options(
-    targets: Collection[str], functions: Collection[str], keeps_zeros: bool
-) -> list[str]:
-    """Options of `generate` that choose these targets, functions and parameters."""
-    options = ["--all-parameters"] if keeps_zeros else []
+def generating_options(targets: Collection[str], model: Model) -> list[str]:
+    """Options of `generate` that choose these targets, and a model's parameters and functions."""
+    options = ["--all-parameters"] if model.keeps_zeros else []
     if set(targets) != set(DEFAULT_TARGETS):
         options += [f"--target {name}" for name in targets]
-    return [*options, *options_for(functions)]
+    options += [f"--laws={','.join(model.laws)}"] if model.laws else []
+    return [*options, *options_for(model.functions)]

@@ -1,0 +1,261 @@
+"""C files of array programs for one state, which stand beside those of a generated module.
+
+They have no other source than the module's header: what a program calls that is written by hand is
+in them, as far as it is called. Structures group inputs that belong together, and their members are
+flat arrays, row by row.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.c_text import CProgram, externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.verbatim import c_source
+
+_WIDTH = 100
+# What is written by hand, with the paragraphs that others need before them.
+_BY_HAND = ("numbers.c", "allocation.c", "smallest_thrusts.c")
+_EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
+_NAME = re.compile(r"^(?:static [\w *]*?\b(\w+)\(|(?:enum \{ |\} |#define )(\w+))", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Member:
+    """A member of a structure: the input or output of a program that it holds, and what it is."""
+
+    name: str
+    value: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A structure that functions are given as the argument `name`, of the type `<robot>_<name>`."""
+
+    name: str
+    words: str
+    members: tuple[Member, ...]
+
+
+@dataclass(frozen=True)
+class Function:
+    """A program as a function of C: structures for inputs and outputs, which others follow alone.
+
+    `words` say what it does; `explained` what inputs and outputs are that no structure has.
+    """
+
+    program: Program
+    words: str
+    structures: tuple[Structure, ...] = ()
+    explained: Mapping[str, str] = field(default_factory=dict)
+
+
+def c_files(
+    robot: Functions, stem: str, words: str, functions: Sequence[Function], opening: Iterable[str]
+) -> dict[str, str]:
+    """Header and source `stem`.h and .c of programs, by name; `opening` are lines of a comment.
+
+    Raises `UsageError` for a program that calls what is written by hand in Python alone.
+    """
+    for function in functions:
+        if unknown := sorted(externals_of(function.program) - _EXTERNALS):
+            raise UsageError(
+                f"{function.program.name}: {', '.join(unknown)} is external, and there is no C of "
+                "it; make the program of other nodes, or give its values as inputs"
+            )
+    comment = "".join(f"/* {line} */\n" for line in opening)
+    header, source = _header(robot, stem, words, functions), _source(robot, stem, functions)
+    return {f"{stem}.h": f"{comment}\n{header}", f"{stem}.c": f"{comment}\n{source}"}
+
+
+def _header(robot: Functions, stem: str, words: str, functions: Sequence[Function]) -> str:
+    guard = f"{stem.upper()}_H"
+    kept: dict[str, tuple[Structure, Mapping[str, Node]]] = {}
+    for function in functions:
+        for structure in function.structures:
+            _, values = kept.get(structure.name, (structure, {}))
+            kept[structure.name] = (structure, {**values, **_values(function.program)})
+    parts = [
+        _comment(f"@file\n@brief {words}"),
+        f"#ifndef {guard}\n#define {guard}\n",
+        f'#include "{robot.name}.h"\n',
+        '#ifdef __cplusplus\nextern "C" {\n#endif\n',
+        *(_declared(robot, structure, values) for structure, values in kept.values()),
+        *(_comment(_explained(f)) + ";\n".join([*_heading(robot, f), ""]) for f in functions),
+        "#ifdef __cplusplus\n}\n#endif\n",
+        f"#endif /* {guard} */\n",
+    ]
+    return "\n".join(parts)
+
+
+def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]) -> str:
+    """The type of a structure."""
+    name = f"{robot.name}_{structure.name}"
+    lines = []
+    for member in structure.members:
+        size = f"[{values[member.value].size}]" if values[member.value].shape else ""
+        lines += [f"    {line}" for line in _comment(member.words, width=_WIDTH - 4).splitlines()]
+        lines.append(f"    {robot.name}_real {member.name}{size};")
+    return "\n".join([f"{_comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
+
+
+def _explained(function: Function) -> str:
+    """The comment on a function: what it does, and what is no structure."""
+    rows = [f"@brief {function.words}"]
+    if function.explained:
+        rows.append("")
+    rows += [f"@param {name} {words}" for name, words in function.explained.items()]
+    return "\n".join(rows)
+
+
+def _comment(text: str, width: int = _WIDTH) -> str:
+    """A comment of lines, each of which is wrapped."""
+    lines = [
+        line
+        for row in text.split("\n")
+        for line in textwrap.wrap(row, width - 3, subsequent_indent="    " if "@p" in row else "")
+        or [""]
+    ]
+    if len(lines) == 1 and len(lines[0]) < width - 7:
+        return f"/** {lines[0]} */\n"
+    return "\n".join(["/**", *(f" * {line}".rstrip() for line in lines), " */\n"])
+
+
+def _values(program: Program) -> dict[str, Node]:
+    """Inputs and outputs by name."""
+    return dict(zip(program.names, program.inputs, strict=True)) | dict(program.outputs)
+
+
+def _heading(robot: Functions, function: Function) -> list[str]:
+    """The lines of a function's type and parameters."""
+    own = {member.value for each in function.structures for member in each.members}
+    program = function.program
+    # With a structure, an output is given back in it.
+    given = [f"const {robot.name}_constants *{owner}" for owner in _owners(program)]
+    for structure in function.structures:
+        is_output = any(member.value in program.outputs for member in structure.members)
+        const = "" if is_output else "const "
+        given.append(f"{const}{robot.name}_{structure.name} *{structure.name}")
+    for name, x in _values(program).items():
+        if name not in own:
+            const = "const " if name not in program.outputs and x.shape else ""
+            star = "*" if x.shape or name in program.outputs else ""
+            given.append(f"{const}{robot.name}_real {star}{name}")
+    return [f"void {robot.name}_{program.name}(\n    " + ",\n    ".join(given) + ")"]
+
+
+def _owners(program: Program) -> list[str]:
+    """Names of the arguments with constants."""
+    owners = owners_of(program)
+    return ["constants"] if len(owners) == 1 else owners
+
+
+def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
+    programs = [*dict.fromkeys(x for f in functions for x in inner_programs(f.program))]
+    texts = [CProgram(x, is_plain=True).function() for x in programs]
+    for function in functions:
+        texts += [CProgram(function.program, is_plain=True).function(), _calling(robot, function)]
+    body = "\n\n".join("\n".join(map(_folded, lines)) for lines in texts)
+    sizes = {
+        "ROTORS": robot.rotors,
+        "SOLVE_ROOM": max((_solved(f.program) for f in functions), default=1),
+    }
+    helpers = _needed(body)
+    text = f"{helpers}{body}"
+    used = [name for name in sizes if re.search(rf"\b{name}\b", text)]
+    enums = "".join(f"enum {{ {name} = {sizes[name]} }};\n" for name in used)
+    single = f"#ifdef {robot.name.upper()}_FLOAT\n"
+    suffixes = {"R(literal)": "literal", "LIBRARY(function)": "function"}
+    wanted = {name: x for name, x in suffixes.items() if f"{name.partition('(')[0]}(" in text}
+    macros = [
+        *("#define SINGLE\n" if re.search(r"\bSINGLE\b", text) else "",),
+        *(f"#define {name} {x}##f\n" for name, x in wanted.items()),
+        "#else\n",
+        *(f"#define {name} {x}\n" for name, x in wanted.items()),
+    ]
+    # Functions of <math.h> are called with a macro that chooses the precision.
+    included = ["math.h"] if "LIBRARY(" in text or "NAN" in text or "INFINITY" in text else []
+    included += ["string.h"] if "mem" in text else []
+    includes = "".join(f"#include <{name}>\n" for name in included)
+    return "\n".join(
+        [
+            f'#include "{stem}.h"\n',
+            *([includes] if includes else []),
+            f"typedef {robot.name}_real real;",
+            f"typedef {robot.name}_constants Constants;",
+            *([enums.rstrip()] if enums else []),
+            *([f"{single}{''.join(macros)}#endif\n"] if wanted else [""]),
+            text + "\n",
+        ]
+    )
+
+
+def _calling(robot: Functions, function: Function) -> list[str]:
+    """The function that users call, which takes structures apart."""
+    places = {
+        member.value: (structure.name, member.name)
+        for structure in function.structures
+        for member in structure.members
+    }
+    program = CProgram(function.program, is_plain=True)
+    given = _owners(function.program)
+    for name, x in _values(function.program).items():
+        at = "->".join(places[name]) if name in places else name
+        is_output = name in function.program.outputs
+        given.append(f"&{at}" if is_output and not x.shape and name in places else at)
+    return [
+        *"".join(_heading(robot, function)).split("\n"),
+        "{",
+        f"    {program.name}({', '.join(given)});",
+        "}",
+    ]
+
+
+def _solved(program: Program) -> int:
+    """Entries of the largest matrix that a program solves with, 1 at least."""
+    parts = (*inner_programs(program), program)
+    found = (x for part in parts for x in part.nodes if isinstance(x.operation, nodes.Solution))
+    return max((x.arguments[0].size for x in found), default=1)
+
+
+def _needed(text: str) -> str:
+    """What is written by hand, as far as a text needs it, for one state."""
+    kept: list[str] = []
+    paragraphs = [part for name in _BY_HAND for part in _for_one_state(name).split("\n\n")]
+    for part in reversed(paragraphs):
+        # A function is called; a variable may have its name.
+        names = [rf"{call}\(" if call else rf"{other}\b" for call, other in _NAME.findall(part)]
+        if any(re.search(rf"\b{name}", text) for name in names):
+            kept.insert(0, part.strip())
+            text = f"{part}\n{text}"
+    return "".join(f"{part}\n\n" for part in kept)
+
+
+def _for_one_state(name: str) -> str:
+    """A file of what is written by hand, with numbers of one state."""
+    text = c_source(name).replace("static INLINE void solve(", "static INLINE void solve_real(")
+    return re.sub(r"\bINLINE\b", "inline", re.sub(r"\bnumber\b", "real", text))
+
+
+def _folded(line: str) -> str:
+    """A line that is too long in several ones."""
+    if len(line) <= _WIDTH:
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    return "\n".join(
+        textwrap.wrap(
+            line.lstrip(),
+            _WIDTH,
+            initial_indent=indent[:-4],
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )

@@ -1,0 +1,201 @@
+"""Laws as functions that firmware calls: of gains, a state and a reference, inputs.
+
+Each is a program of named inputs, which structures of C hold. What a law knows of the rotors is the
+result of a program too, of the constants alone, so that it is computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from gibbs_codegen.arrays.allocation import smallest_thrusts
+from gibbs_codegen.arrays.base import Motion, base_of
+from gibbs_codegen.arrays.c_file import Function, Member, Structure
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.laws import (
+    CentrePath,
+    Gains,
+    Limits,
+    Rotors,
+    Weight,
+    computed_torque,
+    geometric,
+    inputs_of,
+    moved_wrenches,
+    within_limits,
+)
+from gibbs_codegen.arrays.nodes import (
+    Input,
+    Node,
+    Program,
+    constant,
+    coordinates_of,
+    external,
+    join,
+    ordered,
+    reshaped,
+    variable,
+    zeros,
+)
+
+LAWS = ("computed_torque", "geometric")
+_WORDS = {
+    "computed_torque": "Computed torque: inputs by which every error e obeys "
+    "e'' + d e' + k e = 0, within their limits.",
+    "geometric": "The geometric law, for rotors that push along one axis: inputs by which the "
+    "centre of mass, the thrust axis and the joints follow a motion, within their limits.",
+}
+_OF_ROTORS = {
+    "centre": "the base centre from where x, y and z are, base's frame, m",
+    "wrenches": "force and torque about the base centre of each unit thrust, base's frame",
+    "distribution": "least thrusts of unit wrenches, a row of six for each rotor",
+    "mass": "mass of the robot, kg",
+    "weight": "force that holds the robot, N, world axes",
+    "axis": "unit vector along which the rotors push, base's frame",
+}
+_OF_REFERENCE = {
+    "desired_q": ("q", "desired coordinates, rad and m"),
+    "desired_v": ("v", "desired velocities, as v of the state"),
+    "desired_a": ("a", "desired accelerations, the derivatives of v"),
+    "centre_position": ("centre_position", "where the centre of mass must be, m, world axes"),
+    "centre_velocity": ("centre_velocity", "its velocity, m/s"),
+    "centre_acceleration": ("centre_acceleration", "its acceleration, m/s^2"),
+}
+
+
+def law_functions(
+    robot: Functions, laws: Iterable[str], centre: int, moves: bool
+) -> list[Function]:
+    """The functions of some laws, after that of what they know of the rotors.
+
+    `centre` is the place of the base centre among the points of `positions`, and `moves` tells that
+    joints move rotors.
+    """
+    laws = list(laws)
+    programs = {law: _law(robot, law, moves) for law in laws}
+    read = {name for program in programs.values() for name in program.names}
+    rotors = Structure(
+        "rotors",
+        "What laws know of the rotors, as init_rotors makes it of the constants.",
+        tuple(Member(name, name, words) for name, words in _OF_ROTORS.items() if name in read),
+    )
+    known = _known(robot, centre)
+    outputs = {member.name: known[member.name]() for member in rotors.members}
+    made = Program("init_rotors", (), outputs)
+    words = "What laws know of the rotors; call it again when the constants have changed."
+    found = [Function(made, words, (rotors,))]
+    others = tuple(_structures(robot, read))
+    explained = {
+        "u": "inputs: thrusts, N, then efforts of the joints, N m or N; NaN where the state or "
+        "the reference is"
+    }
+    for law, program in programs.items():
+        found.append(Function(program, _WORDS[law], (rotors, *others), explained))
+    return found
+
+
+def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
+    """What the caller fills: gains, state, reference."""
+    by_velocity = "in the places of the velocities"
+    position = "the position"
+    if "axis" in read:
+        position = "the centre of mass, which the heading takes too,"
+    frames = " Errors of the attitude are differences of its angles."
+    if robot.space.has_quaternion:
+        frames = " The error of the attitude is a rotation vector in the base's frame."
+    yield Structure(
+        "gains",
+        f"Gains {by_velocity}, those of {position} in world axes, and limits.{frames}",
+        (
+            Member("stiffness", "stiffness", "k of each error, 1/s^2"),
+            Member("damping", "damping", "d of each error, 1/s"),
+            Member("least", "least", "least inputs, N and N m; -INFINITY for none"),
+            Member("most", "most", "greatest inputs; INFINITY for none"),
+        ),
+    )
+    linear = "the base's frame" if robot.space.has_quaternion else "world axes"
+    spins = "angular ones too" if robot.space.has_quaternion else "rates of its angles"
+    velocities = f"velocities: of the base in {linear}, {spins}, and of the joints, rad/s and m/s"
+    yield Structure(
+        "state",
+        "Where the robot is.",
+        (
+            Member("q", "q", "coordinates, rad and m; a quaternion has unit length"),
+            Member("v", "v", velocities),
+        ),
+    )
+    members = [Member(own, name, words) for name, (own, words) in _OF_REFERENCE.items()]
+    yield Structure(
+        "reference",
+        "Where it must be.",
+        tuple(member for member in members if member.value in read),
+    )
+
+
+def _law(robot: Functions, law: str, moves: bool) -> Program:
+    """Inputs u (nu) of a law."""
+    size, count, inputs = robot.space.velocities, robot.rotors, robot.inputs
+
+    def given(name: str, *shape: int) -> Node:
+        return variable(name, *shape, uniform=True)
+
+    q, v = robot.state()
+    motion = Motion(
+        robot.coordinates("desired_q"), *map(robot.velocities, ("desired_v", "desired_a"))
+    )
+    gains = Gains(given("stiffness", size), given("damping", size))
+    limits = Limits(given("least", inputs), given("most", inputs))
+    rotors = Rotors(
+        given("centre", 3),
+        given("distribution", count, 6),
+        given("wrenches", count, 6),
+        limits.least[:count],
+        limits.most[:count],
+        move=moves,
+    )
+    if law == "geometric":
+        axis = given("axis", 3)
+        if moves:
+            axis = external("force_axis", (3,), moved_wrenches(robot, q, rotors))
+        path = CentrePath(
+            *(variable(f"centre_{x}", 3) for x in ("position", "velocity", "acceleration"))
+        )
+        weight = Weight(given("mass"), given("weight", 3), axis)
+        force = geometric(robot, q, v, motion, gains, path, weight)
+    else:
+        force = computed_torque(robot, q, v, motion, gains)
+    u = within_limits(inputs_of(robot, q, force, rotors)[0], limits)
+    read = {x.operation.name: x for x in ordered([u]) if isinstance(x.operation, Input)}
+    names = (*_OF_ROTORS, "stiffness", "damping", "least", "most", "q", "v", *_OF_REFERENCE)
+    return Program(law, tuple(read[name] for name in names if name in read), {"u": u})
+
+
+def _known(robot: Functions, centre: int) -> dict[str, Callable[[], Node]]:
+    """What laws know of the rotors, by name: each calls functions that the others do not."""
+    neutral = constant(robot.layout.neutral)
+    q, count = coordinates_of(neutral, robot.space), robot.rotors
+    place, base = robot.layout.v.position, base_of(robot, q)
+    offset = robot.positions(q)[centre]
+    rotors = Rotors(offset, zeros(count, 6), zeros(count, 6), zeros(count), zeros(count))
+    columns = moved_wrenches(robot, q, rotors)
+
+    def distribution() -> Node:
+        units = (constant(unit) for unit in np.eye(6))
+        least = (smallest_thrusts(columns, unit) for unit in units)
+        return join(*(reshaped(thrusts, (1, count)) for thrusts in least)).transposed
+
+    def weight() -> Node:
+        rest = zeros(robot.space.velocities)
+        force = robot.inverse_dynamics(q, rest, rest)
+        return base.to_world(base.wrench(zeros(3), force)[:3])
+
+    return {
+        "centre": lambda: offset,
+        "wrenches": lambda: columns,
+        "distribution": distribution,
+        "mass": lambda: robot.mass_matrix(q)[place.start][place.start],
+        "weight": weight,
+        "axis": lambda: external("force_axis", (3,), columns),
+    }

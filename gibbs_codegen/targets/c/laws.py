@@ -1,0 +1,99 @@
+"""Laws beside the functions of a module in C: which suit a robot, and their files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import numpy as np
+
+from gibbs_codegen.arrays.c_file import c_files
+from gibbs_codegen.arrays.c_text import functions_of
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.law_functions import LAWS, law_functions
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import default_functions
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.targets.printers import Lines
+
+# Singular values below this share of the largest belong to directions that rotors cannot command.
+_RANK = 1e-9
+# Of the wrenches that rotors along one axis command: the force along it, and three moments.
+_ALONG_ONE_AXIS = (4, 1)
+
+
+def law_files(model: Model, header: Lines) -> dict[str, str]:
+    """Header and source of a model's laws, by name; none if it has no laws.
+
+    Raises `UsageError` where the rotors do not command what a law needs, or the model lacks
+    functions that a law calls.
+    """
+    if not model.laws:
+        return {}
+    robot, description = model.robot, model.description
+    for law in model.laws:
+        _check(robot, law)
+    every = dict.fromkeys((*model.functions, *default_functions()))
+    lists = {**model.lists, **description.constants, "FUNCTIONS": tuple(every)}
+    module = SimpleNamespace(NAME=robot.name, ATTITUDE=robot.base.attitude, **lists)
+    functions = Functions(module)
+    centre = description.points.index("O2" if "O2" in description.points else "base")
+    made = law_functions(functions, model.laws, centre, bool(carried_rotors(robot)))
+    called = {name for each in made for _, name in functions_of(each.program)}
+    if missing := [name for name in every if name in called and name not in model.functions]:
+        raise UsageError(
+            f"--laws: {' and '.join(model.laws)} needs {', '.join(missing)}: add "
+            f"{'them' if missing[1:] else 'it'} to --functions"
+        )
+    words = f"Laws of control of {robot.name}, which call its functions; compile them together."
+    return c_files(functions, f"{robot.name}_laws", words, made, header)
+
+
+def check_laws(laws: Sequence[str], targets: Sequence[str]) -> tuple[str, ...]:
+    """Names of laws, each once. Raises `UsageError` for one that is unknown, or without C."""
+    for law in laws:
+        if law not in LAWS:
+            known = ", ".join(LAWS)
+            raise UsageError(f"--laws {printable(law)}: unknown; known laws: {known}")
+    if laws and "c" not in targets:
+        raise UsageError("--laws: laws are written in C, beside the target c; add --target c")
+    return tuple(law for law in LAWS if law in laws)
+
+
+def _rank(matrix: Array) -> int:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > _RANK * np.max(values)))
+
+
+def _check(robot: Robot, law: str) -> None:
+    """Raise `UsageError` if the rotors do not command what a law needs."""
+    if not robot.rotors:
+        raise UsageError(
+            f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
+        )
+    # Where joints move rotors, they command most in some posture.
+    postures = tried_postures(robot) if carried_rotors(robot) else [None]
+    matrix = max((wrench_matrix(robot, joints) for joints in postures), key=_rank)
+    rank, axes = _rank(matrix), _rank(matrix[:3])
+    left = np.linalg.svd(matrix)[0]
+    lacks = f"the rotors of {robot.name} cannot command {', '.join(directions(left[:, rank:]))}"
+    one_axis = (rank, axes) == _ALONG_ONE_AXIS
+    if law == "computed_torque" and rank < len(left):
+        remedy = "choose geometric" if one_axis else "tilt some thrusts in the robot file"
+        raise UsageError(
+            f"--laws computed_torque: the base must be fully actuated, but {lacks} (in the base's "
+            f"frame, about the base centre); {remedy}"
+        )
+    if law == "geometric" and not one_axis:
+        but = lacks if rank < len(left) else f"those of {robot.name} command all directions"
+        remedy = "tilt some thrusts in the robot file"
+        if rank == len(left):
+            remedy = "choose computed_torque"
+        raise UsageError(
+            "--laws geometric: the rotors must push along one axis and command three moments, but "
+            f"{but}; {remedy}"
+        )

@@ -1,0 +1,337 @@
+"""Laws that are written in C beside a module's functions: numbers, text, and who gets them."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from support.compiled import LANGUAGES, build, compile_only
+from support.embedded_laws import M4F, M7, Processor, called
+
+from gibbs_codegen import generate, load
+from gibbs_codegen.arrays import Functions, Program, evaluate
+from gibbs_codegen.arrays.law_functions import law_functions
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.module_writer import kept_options
+from gibbs_codegen.flight.plant.allocation import Allocation, force_axis
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.balance import carried_rotors
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.text import robot_text
+
+pytestmark = pytest.mark.usefixtures("derived_once")
+
+Array = NDArray[np.floating]
+# What each law calls, in modules that have nothing else.
+CALLED = {
+    "computed_torque": ["input_matrix", "inverse_dynamics", "positions", "difference"],
+    "geometric": [
+        *("mass_matrix", "input_matrix", "inverse_dynamics", "positions"),
+        *("centre_of_mass", "centre_of_mass_jacobian"),
+    ],
+}
+# With angles and with a quaternion, of either law; of the last the joints move the rotors.
+CASES = {
+    "hexarotor_3link": "computed_torque",
+    "hextilt_flying_arm_5": "computed_torque",
+    "quadrotor": "geometric",
+    "quadrotor_arm_2link": "geometric",
+    "hydrus": "geometric",
+}
+# Of few functions not all that a module has for them is called.
+OPTIONS = ["-O1", "-shared", "-fPIC", "-Wno-unused-function"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A module with a law."""
+
+    module: ModuleType
+    law: str
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return str(self.module.NAME)
+
+    @property
+    def sources(self) -> list[str]:
+        """Those of the functions and of the law."""
+        folder = Path(self.module.__path__[0])
+        return [str(folder / f"{self.name}{ending}.c") for ending in ("", "_laws")]
+
+    @cached_property
+    def programs(self) -> list[Program]:
+        """What is known of the rotors, and the law."""
+        points = self.module.POINTS
+        centre = points.index("O2" if "O2" in points else "base")
+        moves = bool(carried_rotors(read_robot(self.name)[0]))
+        found = law_functions(Functions(self.module), [self.law], centre, moves)
+        return [function.program for function in found]
+
+    def inputs(self, seed: int) -> dict[str, Array]:
+        """Random values of what a caller of the law gives."""
+        rng, module = np.random.default_rng(seed), self.module
+        program = self.programs[1]
+        found = {
+            name: rng.uniform(-0.4, 0.4, x.shape)
+            for name, x in zip(program.names, program.inputs, strict=True)
+        }
+        for name in ("q", "desired_q"):
+            if module.ATTITUDE == "quaternion":
+                place = slice(3, 7)
+                found[name][3:6] *= 0.5
+                found[name][6] = 1.0
+                found[name][place] /= np.linalg.norm(found[name][place])
+        found["stiffness"] = rng.uniform(2.0, 6.0, found["stiffness"].shape)
+        found["damping"] = rng.uniform(2.0, 5.0, found["damping"].shape)
+        found["least"] = np.full(len(module.INPUTS), -np.inf)
+        found["most"] = np.full(len(module.INPUTS), np.inf)
+        return found
+
+    def structures(self, given: dict[str, Array]) -> list[list[Array]]:
+        """Members of gains, state and reference."""
+        known = [*self.programs[0].outputs]
+        own = [name for name in self.programs[1].names if name not in known]
+        return [
+            [given[name] for name in own if name in ("stiffness", "damping", "least", "most")],
+            [given[name] for name in own if name in ("q", "v")],
+            [given[name] for name in own if name.startswith(("desired", "centre_"))],
+        ]
+
+    def numpy(self, given: dict[str, Array]) -> tuple[dict[str, Array], Array]:
+        """What is known of the rotors, and the inputs."""
+        owners = {"robot": self.module}
+        rotors = evaluate(self.programs[0], {}, owners, externals=EXTERNALS)
+        found = evaluate(self.programs[1], {**given, **rotors}, owners, externals=EXTERNALS)
+        return rotors, found["u"]
+
+
+def smallest_thrusts(columns: Array, wrench: Array) -> Array:
+    return np.linalg.pinv(columns.T, rcond=1e-9) @ wrench
+
+
+def nearest_thrusts(
+    thrusts: Array, wrench: Array, columns: Array, least: Array, most: Array
+) -> Array:
+    if np.all((thrusts >= least) & (thrusts <= most)):
+        return thrusts
+    return Allocation(columns.T, np.array([least, most])).thrusts(wrench)
+
+
+EXTERNALS = {
+    "smallest_thrusts": smallest_thrusts,
+    "nearest_thrusts": nearest_thrusts,
+    "force_axis": lambda columns: force_axis(columns.T),
+}
+
+
+SLOW = ("hextilt_flying_arm_5", "quadrotor_arm_2link")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in CASES],
+)
+def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    law = CASES[request.param]
+    out = tmp_path_factory.mktemp("laws")
+    folder = generate(request.param, out, functions=CALLED[law], laws=[law], verify=False)
+    return Case(load(folder), law)
+
+
+class InC:
+    """A law of a shared library; structures have reals alone, one after the other."""
+
+    def __init__(self, case: Case, compiler: str, real: type[np.floating], folder: Path) -> None:
+        single = real is np.float32
+        options = [f"-D{case.name.upper()}_FLOAT"] if single else []
+        path = build(compiler, [*OPTIONS, *options], case.sources, folder / f"{compiler}.so")
+        self._library, self._case, self._real = ctypes.CDLL(str(path)), case, real
+        mark = "_float" if single else ""
+        self._constants = ctypes.addressof(
+            ctypes.c_char.in_dll(self._library, f"{case.name}_default_constants{mark}")
+        )
+
+    def _call(self, name: str, arrays: Sequence[Array]) -> None:
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in arrays]
+        function = self._library[f"{self._case.name}_{name}"]
+        function.restype = None
+        function(ctypes.c_void_p(self._constants), *pointers)
+
+    def run(self, given: dict[str, Array]) -> tuple[dict[str, Array], Array]:
+        """What is known of the rotors, and the inputs."""
+        known, law = self._case.programs
+        sizes = [x.size for x in known.outputs.values()]
+        rotors = np.full(sum(sizes), np.nan, self._real)
+        self._call("init_rotors", [rotors])
+        parts = np.split(rotors, np.cumsum(sizes)[:-1])
+        found = {
+            name: part.reshape(x.shape)
+            for (name, x), part in zip(known.outputs.items(), parts, strict=True)
+        }
+        u = np.full(len(self._case.module.INPUTS), np.nan, self._real)
+        structures = [
+            np.concatenate([np.ravel(part) for part in parts]).astype(self._real)
+            for parts in self._case.structures(given)
+        ]
+        self._call(law.name, [rotors, *structures, u])
+        return found, u
+
+
+@pytest.mark.parametrize(
+    ("compiler", "real", "tolerance"),
+    [("gcc", np.float64, 1e-12), ("clang", np.float64, 1e-12), ("gcc", np.float32, 1e-4)],
+    ids=["gcc", "clang", "float"],
+)
+def test_laws_have_the_numbers_of_numpy(
+    case: Case, compiler: str, real: type[np.floating], tolerance: float, tmp_path: Path
+) -> None:
+    law = InC(case, compiler, real, tmp_path)
+    for seed in range(4):
+        given = case.inputs(seed)
+        rotors, wanted = case.numpy(given)
+        if seed > 1:  # Limits that bind.
+            count = len(wanted)
+            given["least"] = np.sort(wanted)[count // 4] * np.ones(count)
+            given["most"] = np.sort(wanted)[(3 * count) // 4] * np.ones(count)
+            _, wanted = case.numpy(given)
+        found, u = law.run(given)
+        for name, values in rotors.items():
+            np.testing.assert_allclose(found[name], values, rtol=0, atol=tolerance * _size(values))
+        # Thrusts beside limits are least squares, solved by another algorithm.
+        share = 1.0 if seed < 2 else max(1.0, 1e-9 / tolerance)
+        np.testing.assert_allclose(u, wanted, rtol=0, atol=share * tolerance * _size(wanted))
+
+
+def _size(values: Array) -> float:
+    return max(1.0, float(np.abs(values).max()))
+
+
+def test_inputs_that_are_no_numbers_are_told(case: Case, tmp_path: Path) -> None:
+    given = case.inputs(0)
+    given["v"][0] = np.nan
+    assert np.isnan(InC(case, "gcc", np.float64, tmp_path).run(given)[1]).any()
+
+
+@pytest.mark.parametrize("compiler", LANGUAGES)
+@pytest.mark.parametrize("single", [False, True])
+def test_laws_compile_silently(compiler: str, single: bool, case: Case, tmp_path: Path) -> None:
+    options = [f"-D{case.name.upper()}_FLOAT"] if single else []
+    compile_only(compiler, ["-O1", *options], case.sources[1:], tmp_path)
+
+
+def test_text_is_narrow_calls_little_and_allocates_nothing(case: Case) -> None:
+    for ending in (".h", ".c"):
+        text = Path(case.sources[1]).with_suffix(ending).read_text(encoding="utf-8")
+        assert max(map(len, text.partition("SPDX")[2].splitlines())) <= 100
+        assert text.isascii()
+        assert re.search(r"\b(malloc|calloc|realloc|free|printf)\(", text) is None
+        assert text.startswith("/* Generated by gibbs_codegen")
+
+
+def test_computed_torque_is_that_of_the_paper() -> None:
+    """Without errors it is the inverse dynamics of the desired motion, and B u makes it up."""
+    case = Case(load(ROOT / "generated" / "hexarotor_3link"), "computed_torque")
+    given = case.inputs(5)
+    given |= {"desired_q": given["q"], "desired_v": given["v"]}
+    u = case.numpy(given)[1]
+    q, v, a = (given[name] for name in ("q", "v", "desired_a"))
+    needed = case.module.inverse_dynamics(q, v, a)
+    assert case.module.input_matrix(q) @ u == pytest.approx(needed, abs=1e-9)
+
+
+def test_bounded_least_squares_of_the_test_are_scipys() -> None:
+    rng = np.random.default_rng(2)
+    columns, wrench = rng.normal(size=(8, 6)), rng.normal(size=6)
+    found = nearest_thrusts(np.full(8, 9.0), wrench, columns, np.zeros(8), np.full(8, 0.2))
+    force, torque = (np.linalg.norm(columns[:, part]) for part in (slice(3), slice(3, 6)))
+    weights = np.repeat([1.0, force / torque], 3)
+    best = lsq_linear(weights[:, np.newaxis] * columns.T, weights * wrench, (0.0, 0.2))
+    assert np.linalg.norm(weights * (columns.T @ found - wrench)) == pytest.approx(
+        np.sqrt(2 * best.cost), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("processor", [M4F, M7], ids=lambda each: each.name)
+def test_laws_run_on_microcontrollers(case: Case, processor: Processor) -> None:
+    given = [case.inputs(seed) for seed in range(2)]
+    folder = Path(case.module.__path__[0])
+    found = called(case.name, case.law, folder, processor, [case.structures(x) for x in given])
+    tolerance = 1e-4 if processor.real is np.float32 else 1e-12
+    for u, values in zip(found.u, given, strict=True):
+        wanted = case.numpy(values)[1]
+        np.testing.assert_allclose(u, wanted, rtol=0, atol=tolerance * _size(wanted))
+    assert (found.instructions > 100).all()
+    assert (found.instructions < 100_000).all()
+
+
+# Who gets which law
+
+
+@pytest.mark.parametrize(
+    ("name", "laws", "targets", "message"),
+    [
+        (
+            "quadrotor",
+            ["pid"],
+            ["c"],
+            "--laws pid: unknown; known laws: computed_torque, geometric",
+        ),
+        ("quadrotor", ["geometric"], ["numpy"], "laws are written in C.*add --target c"),
+        (
+            "quadrotor",
+            ["computed_torque"],
+            ["c"],
+            "fully actuated.*force along x.*choose geometric",
+        ),
+        ("hexarotor_3link", ["geometric"], ["c"], "command all directions; choose computed_torque"),
+        ("hydrus", ["computed_torque"], ["c"], "fully actuated.*choose geometric"),
+    ],
+)
+def test_laws_that_do_not_suit_are_refused(
+    name: str, laws: list[str], targets: list[str], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        generate(name, tmp_path, targets, laws=laws)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_robot_without_rotors_gets_none(tmp_path: Path) -> None:
+    robot, _ = read_robot("quadrotor")
+    bare = replace(robot, name="bare", thrusters=(), base=replace(robot.base, rotors=0))
+    with pytest.raises(UsageError, match="bare has no rotors, which laws command"):
+        generate_robot(bare, robot_text(bare), tmp_path, laws=["geometric"])
+
+
+def test_functions_that_a_law_calls_must_be_there(tmp_path: Path) -> None:
+    with pytest.raises(
+        UsageError, match=r"geometric needs mass_matrix, .*: add them to --functions"
+    ):
+        generate("quadrotor", tmp_path, functions=["forward_dynamics"], laws=["geometric"])
+
+
+def test_a_module_keeps_its_laws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["generate", "quadrotor", "--out", str(tmp_path), "--no-verify"]
+    assert main([*words, "--laws", "geometric"]) == 0
+    folder = tmp_path / "quadrotor"
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert {"quadrotor_laws.h", "quadrotor_laws.c"} < {*files}
+    assert kept_options(folder) == "--laws=geometric"
+    assert main(["generate", "quadrotor", "--out", str(tmp_path), "--check"]) == 0
+    assert main(words) == 0
+    assert "as before, with --laws=geometric" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
+    assert main([*words, "--laws", "none"]) == 0
+    assert not (folder / "quadrotor_laws.c").exists()
