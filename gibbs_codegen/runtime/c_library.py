@@ -288,7 +288,8 @@ def compiled_files(
     missing = [file for file in files if not (folder / file).is_file()]
     if missing:
         raise UsageError(
-            f"{printable(folder)}: has no {', '.join(missing)}; generate the module again"
+            f"{printable(folder)}: has no {', '.join(missing)}; generate the module again, with "
+            "the C target"
         )
     texts = {file: (folder / file).read_bytes() for file in files}
     made = _make_of((folder / "numpy_module.py").read_bytes())

@@ -71,7 +71,14 @@ def load(
 
         loaded = jax_module(module, folder)
     elif backend == "c":
-        loaded = _compiled(module, folder, threads)
+        from gibbs_codegen.runtime.c_backend import c_module
+        from gibbs_codegen.runtime.c_library import CompilerError, chosen_compiler
+        from gibbs_codegen.runtime.cache import CacheError
+
+        try:
+            loaded = c_module(module, folder, chosen_compiler(), threads)
+        except (CompilerError, CacheError) as error:
+            _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
     if not isinstance(loaded, LoadedModule):
         loaded.__class__ = LoadedModule
     for ending in ("", "_derivatives"):
@@ -117,28 +124,6 @@ def require(library: str, for_what: str, extra: str = "") -> None:
             f"{for_what}: the package {library} is not installed; "
             f"install {library}, or gibbs_codegen with its extra {extra or library}"
         ) from None
-
-
-def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
-    """A module with the C back end, or with NumPy where that cannot be had.
-
-    Raises `UsageError` for a C file that is missing or of another make.
-    """
-    from gibbs_codegen.runtime.c_backend import c_module
-    from gibbs_codegen.runtime.c_library import CompilerError, c_files, chosen_compiler
-    from gibbs_codegen.runtime.cache import CacheError
-
-    missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
-    if missing:
-        raise UsageError(
-            f"{printable(folder)}: has no {', '.join(missing)}; "
-            "generate the module with the C target"
-        )
-    try:
-        return c_module(module, folder, chosen_compiler(), threads)
-    except (CompilerError, CacheError) as error:
-        _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
-        return module
 
 
 def _import(folder: Path) -> ModuleType:

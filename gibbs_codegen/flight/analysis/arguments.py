@@ -59,17 +59,6 @@ def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
     return vehicle.kinematics.normalised(q)
 
 
-def period(given: float | None) -> float | None:
-    """The period `dt`, s, for which inputs are held, or None. Raises `UsageError` otherwise."""
-    if given is None:
-        return None
-    wanted = "a period above zero, s"
-    found = float(numbers("dt", given, wanted, ()))
-    if found <= 0.0:
-        raise UsageError(f"dt: must be {wanted}, not {found:g}")
-    return found
-
-
 def vehicle_of(
     robot: ModuleType | str | os.PathLike[str], parameters: Mapping[str, float] | None = None
 ) -> Vehicle:

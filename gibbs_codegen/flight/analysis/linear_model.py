@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, period, vector, vehicle_of
+from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, vector, vehicle_of
 from gibbs_codegen.flight.analysis.trim import Trim, null_space
 from gibbs_codegen.flight.plant.allocation import listed
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -99,7 +99,12 @@ def linearise(
     vehicle = vehicle_of(robot, parameters)
     if _DERIVATIVES not in vehicle.module.DERIVATIVES:
         raise missing_function(vehicle.module, _DERIVATIVES)
-    dt, state = period(dt), checked_state(vehicle, q, v, u)
+    state = checked_state(vehicle, q, v, u)
+    if dt is not None:
+        wanted = "a period above zero, s"
+        dt = float(numbers("dt", dt, wanted, ()))
+        if dt <= 0.0:
+            raise UsageError(f"dt: must be {wanted}, not {dt:g}")
     _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(state.q, state.v, state.u)
     places = vehicle.layout.v
     carried = np.zeros((places.size, places.size))  # −ad(ξ₀): the rate of δ by δ itself.

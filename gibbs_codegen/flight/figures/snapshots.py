@@ -227,7 +227,13 @@ def snapshots_panels(flight: Flight) -> Figure:
     samples = _instants(flight, _PANELS)
     box = bounds(flight, samples)
     view = _clearest_view(flight.point(flight.centre)[samples], box)
-    columns, cell = _division(len(samples), extent(box, view))
+    scene = extent(box, view)
+    rooms = {}  # Of each division the size of a panel, in, by how large it draws the scene, in/m.
+    for columns in _COLUMNS:
+        room = np.array([(FULL - _NUMBERS[0]) / columns, _TALLEST / -(-len(samples) // columns)])
+        scale = float(np.min((room - (_GAP, _TIME)) / scene))
+        rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
+    columns, cell = rooms[max(rooms)]
     rows = -(-len(samples) // columns)
     with style():
         figure = Figure(figsize=(FULL, _HEAD + rows * cell[1] + _NUMBERS[1]))
@@ -265,19 +271,6 @@ def snapshots_panels(flight: Flight) -> Figure:
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
         return figure
-
-
-def _division(panels: int, scene: Array) -> tuple[int, Array]:
-    """Columns for so many panels on a page, with the scene largest, and a panel's size (2), in.
-
-    `scene` is width and height (2) of the scene, m; a panel has its time, too.
-    """
-    rooms = {}
-    for columns in _COLUMNS:
-        room = np.array([(FULL - _NUMBERS[0]) / columns, _TALLEST / -(-panels // columns)])
-        scale = float(np.min((room - (_GAP, _TIME)) / scene))
-        rooms[scale] = columns, np.array([room[0], scale * scene[1] + _TIME])
-    return rooms[max(rooms)]
 
 
 def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:

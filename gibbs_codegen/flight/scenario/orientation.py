@@ -190,7 +190,18 @@ class Tangent(Table):
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)
         along = unit_derivatives(*(derivatives[..., order, :] for order in (1, 2, 3)))
-        _check_direction(time, derivatives[..., 1, :], along[0])
+        still = np.linalg.norm(derivatives[..., 1, :], axis=-1) < _STANDSTILL
+        if np.any(still):
+            raise UsageError(
+                f"the path of the base stands still at t = {time[still][0]:.6g} s, where it has no "
+                "tangent for an arm to follow; let it move, or choose a level attitude"
+            )
+        upright = np.linalg.norm(along[0][..., :2], axis=-1) < _UPRIGHT
+        if np.any(upright):
+            raise UsageError(
+                f"the path of the base is vertical at t = {time[upright][0]:.6g} s, where no "
+                "attitude along it is nearest to level; bend it, or choose a level attitude"
+            )
         # Of the vertical, what is at right angles to the tangent.
         heights = along[0][..., 2:], along[1][..., 2:], along[2][..., 2:]
         leaning, rate, growth = product_derivatives(np.multiply, heights, along)
@@ -221,25 +232,6 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
     # By the chord: the cosine cannot tell angles below 1e-8.
     half = np.linalg.norm(direction - tangent, axis=-1) / 2.0
     return 2.0 * np.arcsin(np.minimum(half, 1.0))
-
-
-def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
-    """Raise `UsageError` if the path stands still, or goes straight up or down.
-
-    `tangent` (s, 3) is the direction of the velocity (s, 3).
-    """
-    still = np.linalg.norm(velocity, axis=-1) < _STANDSTILL
-    if np.any(still):
-        raise UsageError(
-            f"the path of the base stands still at t = {time[still][0]:.6g} s, where it has no "
-            "tangent for an arm to follow; let it move, or choose a level attitude"
-        )
-    upright = np.linalg.norm(tangent[..., :2], axis=-1) < _UPRIGHT
-    if np.any(upright):
-        raise UsageError(
-            f"the path of the base is vertical at t = {time[upright][0]:.6g} s, where no attitude "
-            "along it is nearest to level; bend it, or choose a level attitude"
-        )
 
 
 def unit_derivatives(vector: Array, rate: Array, second: Array) -> Derivatives:

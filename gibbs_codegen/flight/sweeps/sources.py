@@ -199,19 +199,12 @@ def robot_source(robot: StrPath, modules: Path, progress: Progress) -> RobotSour
             progress(f"generating {read.name}", 0.0)
             generate_robot(read, text, out, verify=False)
         folder = (out / read.name).resolve()
-    module = load(folder, "c")
-    return RobotSource(word, folder, _digest_of(folder), module.PARAMETERS, "tip" in module.POINTS)
-
-
-def _digest_of(folder: Path) -> str:
-    """A digest of the files of a module, in hexadecimal digits."""
-    digest = hashlib.sha256()
+    module, digests = load(folder, "c"), hashlib.sha256()
     try:
-        for path in sorted(folder.iterdir()):
-            if path.is_file():
-                digest.update(
-                    f"{path.name}\n".encode() + hashlib.sha256(path.read_bytes()).digest()
-                )
+        for path in sorted(filter(Path.is_file, folder.iterdir())):
+            content = hashlib.sha256(path.read_bytes()).digest()
+            digests.update(f"{path.name}\n".encode() + content)
     except OSError as error:
         raise UsageError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
-    return digest.hexdigest()
+    has_tip = "tip" in module.POINTS
+    return RobotSource(word, folder, digests.hexdigest(), module.PARAMETERS, has_tip)

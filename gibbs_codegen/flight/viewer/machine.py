@@ -313,7 +313,7 @@ class MachineScene:
         self.rods.span(points[starts], points[ends], _ROD * size)
         most = np.array([self.efforts[unit] or np.inf for unit in self.units])
         shares = np.append(np.nan_to_num(efforts / most), 0.0)[self._loads]
-        self.rods.colour(mixed(np.where(self._loads < 0, 0.0, shares)))
+        self.rods.node.batched_colors = mixed(np.where(self._loads < 0, 0.0, shares))
         joints = points[self._joints]
         upright = turned_to(np.repeat(_UP, len(joints), axis=0))
         self._balls.put(joints, upright, np.full_like(joints, _JOINT * size))
@@ -427,10 +427,6 @@ class Batch:
         self.node.batched_positions = self._rounded(places)
         self.node.batched_wxyzs = turns
         self.node.batched_scales = self._rounded(scales)
-
-    def colour(self, colours: Bytes) -> None:
-        """Colour each copy, red, green and blue (n, 3), 0 to 255."""
-        self.node.batched_colors = colours
 
     def _rounded(self, lengths: Array) -> Floats:
         return (np.round(lengths / self._grain) * self._grain).astype(np.float32)
