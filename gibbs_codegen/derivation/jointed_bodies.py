@@ -26,7 +26,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import LinkSymbols, Parameters
 from gibbs_codegen.derivation.segment_tree import JointedLink
-from gibbs_codegen.robot.model import BASE, JointKind, Link, Robot, Vector3
+from gibbs_codegen.robot.model import BASE, Link, Robot, Vector3
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.symbolic.structural import (
     NO_TURN,
@@ -45,52 +45,6 @@ from gibbs_codegen.symbolic.vectors import ZERO, X, Z, axis_vector, cos_sin_deg
 
 # Sliding along an axis that is nearly parallel to the one before would go very far.
 _LEAST_SINE = 0.1
-
-
-@dataclass(frozen=True)
-class DenavitHartenberg:
-    """The four parameters of a link: α and θ in degrees, a and d in symbols."""
-
-    alpha_deg: Fraction
-    a: sp.Expr
-    d: sp.Expr
-    theta_deg: Fraction
-
-    @property
-    def turn(self) -> Turn:
-        """Rotation from the parent's frame to the link's, the joint at zero."""
-        return product(turn_about(X, self.alpha_deg), turn_about(Z, self.theta_deg))
-
-    @property
-    def step(self) -> Vector:
-        """From the parent's joint to the link's, in the parent's frame."""
-        cos, sin = cos_sin_deg(self.alpha_deg)
-        return (self.a, -sin * self.d, cos * self.d)
-
-
-_AT_PARENT = DenavitHartenberg(Fraction(0), sp.S.Zero, sp.S.Zero, Fraction(0))
-
-
-@dataclass(frozen=True)
-class PlacedLink:
-    """A link in symbols, where the robot file places it.
-
-    `parent` is the index of the parent segment: 0 for the base, i for the i-th placed link. `turn`
-    and `step` are the pose of the joint in the parent's frame, `axis` that of the joint in the
-    link's. `inertia` is about the joint, in the link's own frame. A link that `parameters` place on
-    a parent whose frame is the file's keeps the file's frame.
-    """
-
-    parent: int
-    inertia: Inertia
-    joint: JointKind
-    coordinate: sp.Expr
-    turn: Turn
-    step: Vector
-    axis: Vector3
-    parameters: DenavitHartenberg | None
-    name: str
-    joint_name: str
 
 
 @dataclass(frozen=True)
@@ -123,6 +77,22 @@ class BodyFrame:
         return BodyFrame(outer.segment, turn, outer.point(tape, self.origin))
 
 
+@dataclass(frozen=True)
+class PlacedLink:
+    """A link in symbols, where the robot file places it.
+
+    `pose` is that of the joint in the parent's frame, and `axis` that of the joint in the link's.
+    `link` has its inertia about the joint, in the link's frame; if Denavit–Hartenberg parameters
+    place it on a segment, `by_parameters`, it has these as well, and keeps the file's frame where
+    its parent does.
+    """
+
+    link: JointedLink
+    pose: BodyFrame
+    axis: Vector3
+    by_parameters: bool
+
+
 def framed(
     tape: Scalars, links: Sequence[PlacedLink], base: BodyFrame
 ) -> tuple[list[JointedLink], list[BodyFrame]]:
@@ -131,13 +101,17 @@ def framed(
     `base` says where the robot file's frame of the base is in that of the root segment. The second
     list says for the base and each link where the robot file's frame is.
     """
-    turns = _turns(links)
     frames = [base]
     jointed = []
-    for k, (link, turn) in enumerate(zip(links, turns, strict=True), start=1):
-        with tape.group("angles and places of the joints", Stage.PARAMETER):
-            made, frame = _framed(tape, link, turn, frames[link.parent], k)
-        jointed.append(made)
+    for k, (placed, turn) in enumerate(zip(links, _turns(links), strict=True), start=1):
+        link, parent, frame = placed.link, frames[placed.link.parent], BodyFrame(k)
+        if turn is None:  # The parent's frame is not turned either.
+            x, y, z = parent.origin
+            link = replace(link, step=(link.step[0] + x, y, z))
+        else:
+            with tape.group("angles and places of the joints", Stage.PARAMETER):
+                link, frame = _turned(tape, placed, turn, parent, k)
+        jointed.append(link)
         frames.append(frame)
     return jointed, frames
 
@@ -145,39 +119,37 @@ def framed(
 def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
     """For each link its own axes in the robot file's, or None where it keeps the file's frame."""
     kept = [True]
-    for link in links:
-        kept.append(link.parameters is not None and kept[link.parent])
+    for placed in links:
+        kept.append(placed.by_parameters and kept[placed.link.parent])
     turns: list[Turn | None] = []
-    for k, link in enumerate(links, start=1):
+    for k, placed in enumerate(links, start=1):
         if kept[k]:
             turns.append(None)
             continue
-        turn = z_onto(link.axis)
-        first = next((child for child in links[k:] if child.parent == k), None)
+        turn = z_onto(placed.axis)
+        first = next((child for child in links[k:] if child.link.parent == k), None)
         if first is not None:
             gamma, alpha, _ = euler_zxz(
-                product(back(turn), product(first.turn, z_onto(first.axis)))
+                product(back(turn), product(first.pose.turn, z_onto(first.axis)))
             )
             if alpha % 180 == 0:
-                x, y, _ = applied(back(turn), first.step)
+                x, y, _ = applied(back(turn), first.pose.origin)
                 gamma = Fraction(90 if x == 0 and y != 0 else 0)
             turn = product(turn, turn_about(Z, gamma))
         turns.append(turn)
     return turns
 
 
-def _framed(
-    tape: Scalars, link: PlacedLink, turn: Turn | None, parent: BodyFrame, segment: int
+def _turned(
+    tape: Scalars, placed: PlacedLink, turn: Turn, parent: BodyFrame, segment: int
 ) -> tuple[JointedLink, BodyFrame]:
-    """A link in its own frame, and where the file's frame is in that.
+    """A link in a frame of its own, and where the file's frame is in that.
 
-    `turn` are its own axes in the file's, or None where it keeps the file's frame; `parent` says
-    where the file's frame of its parent is in the parent's own.
+    `turn` are its own axes in the file's; `parent` says where the file's frame of its parent is in
+    the parent's own.
     """
-    if turn is None:
-        return _by_parameters(link, parent), BodyFrame(segment)
-    gamma, alpha, beta = euler_zxz(product(parent.turn, product(link.turn, turn)))
-    x, y, z = applied(turn_about(Z, -gamma), parent.point(tape, link.step))
+    gamma, alpha, beta = euler_zxz(product(parent.turn, product(placed.pose.turn, turn)))
+    x, y, z = applied(turn_about(Z, -gamma), parent.point(tape, placed.pose.origin))
     cos, sin = cos_sin_deg(alpha)
     slide = sp.S.Zero
     if sin == 0:
@@ -185,38 +157,16 @@ def _framed(
     elif y != 0 and abs(sin) > _LEAST_SINE:
         slide, y, z = y / sin, sp.S.Zero, z + y * cos / sin
     frame = BodyFrame(segment, back(turn), axis_vector(Z, -tape.let(slide)))
-    made = replace(
-        _by_parameters(link, BodyFrame(parent.segment)),
-        inertia=frame.inertia(tape, link.inertia),
+    link = replace(
+        placed.link,
+        inertia=frame.inertia(tape, placed.link.inertia),
         turn_deg=gamma,
         step=(x, y, z),
         d=sp.S.Zero,
         alpha_deg=alpha,
         theta_deg=beta,
     )
-    return made, frame
-
-
-def _by_parameters(link: PlacedLink, parent: BodyFrame) -> JointedLink:
-    """A link where Denavit–Hartenberg parameters place it, if it has any, in the file's frame.
-
-    The frame of its parent is not turned.
-    """
-    parameters = link.parameters or _AT_PARENT
-    x, y, z = parent.origin
-    return JointedLink(
-        parent=link.parent,
-        inertia=link.inertia,
-        joint=link.joint,
-        coordinate=link.coordinate,
-        turn_deg=Fraction(0),
-        step=(parameters.a + x, y, z),
-        alpha_deg=parameters.alpha_deg,
-        d=parameters.d,
-        theta_deg=parameters.theta_deg,
-        name=link.name,
-        joint_name=link.joint_name,
-    )
+    return link, frame
 
 
 @dataclass(frozen=True)
@@ -268,8 +218,9 @@ def jointed_bodies(
                 mounts[i] = _pose(link, symbols).within(tape, mount)
                 belonging[mount.segment].append(mounts[i].inertia(tape, inertia))
     heavy = [
-        replace(link, inertia=_inertia_with_welded(tape, link.name, parts))
-        for link, parts in zip(placed, belonging[1:], strict=True)
+        replace(each, link=replace(link, inertia=_inertia_with_welded(tape, link.name, parts)))
+        for each, parts in zip(placed, belonging[1:], strict=True)
+        for link in [each.link]
     ]
     base = BodyFrame(0, origin=centre)
     jointed, frames = framed(tape, heavy, base)
@@ -303,33 +254,33 @@ def _placed(
     `mount` is the frame of the body that it is on, in the file's frame of the segment's link.
     """
     link = robot.links[i - 1]
-    parameters = None
-    if link.pose is None and mount == BodyFrame(mount.segment):
-        parameters = _denavit_hartenberg(link, symbols)
     with tape.group("angles and places of the joints", Stage.PARAMETER):
         pose = _pose(link, symbols).within(tape, mount)
     name = link.name
-    return PlacedLink(
+    made = JointedLink(
         parent=mount.segment,
         inertia=NO_INERTIA,
         joint="prismatic" if link.joint == "prismatic" else "revolute",
         coordinate=coordinate,
-        turn=pose.turn,
-        step=pose.origin,
-        axis=link.axis,
-        parameters=parameters,
         name=label(robot, i),
         joint_name=f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}",
     )
+    by_parameters = link.pose is None and mount == BodyFrame(mount.segment)
+    if by_parameters:
+        made = replace(
+            made,
+            step=(symbols.a, sp.S.Zero, sp.S.Zero),
+            alpha_deg=link.alpha_deg,
+            d=symbols.d,
+            theta_deg=link.theta_deg,
+        )
+    return PlacedLink(made, pose, link.axis, by_parameters)
 
 
 def _pose(link: Link, symbols: LinkSymbols) -> BodyFrame:
     """Where a link's frame is in that of the body that carries it, the joint at zero."""
     if link.pose is not None:
         return BodyFrame(0, turned_by_rpy(link.pose.rpy_deg), symbols.position)
-    parameters = _denavit_hartenberg(link, symbols)
-    return BodyFrame(0, parameters.turn, parameters.step)
-
-
-def _denavit_hartenberg(link: Link, symbols: LinkSymbols) -> DenavitHartenberg:
-    return DenavitHartenberg(link.alpha_deg, symbols.a, symbols.d, link.theta_deg)
+    cos, sin = cos_sin_deg(link.alpha_deg)
+    turn = product(turn_about(X, link.alpha_deg), turn_about(Z, link.theta_deg))
+    return BodyFrame(0, turn, (symbols.a, -sin * symbols.d, cos * symbols.d))

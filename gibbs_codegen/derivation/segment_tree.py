@@ -253,13 +253,13 @@ class JointedLink:
     inertia: Inertia
     joint: JointKind
     coordinate: sp.Expr
-    turn_deg: Fraction
-    step: Vector
-    alpha_deg: Fraction
-    d: sp.Expr
-    theta_deg: Fraction
     name: str
     joint_name: str
+    turn_deg: Fraction = Fraction(0)
+    step: Vector = ZERO
+    alpha_deg: Fraction = Fraction(0)
+    d: sp.Expr = sp.S.Zero
+    theta_deg: Fraction = Fraction(0)
 
 
 # Rotation about an axis by an angle in degrees, which the robot file fixes.

@@ -14,7 +14,7 @@ from support.random_robots import rigid_body
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inertia import NO_INERTIA
-from gibbs_codegen.derivation.jointed_bodies import BodyFrame, DenavitHartenberg, PlacedLink, framed
+from gibbs_codegen.derivation.jointed_bodies import BodyFrame, PlacedLink, framed
 from gibbs_codegen.derivation.segment_tree import JointedLink
 from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.model import (
@@ -37,16 +37,11 @@ LENGTH, WIDTH, HEIGHT = sp.symbols("l w h")
 
 
 def placed(
-    turn: Turn,
-    step: tuple[sp.Expr, ...],
-    axis: Vector3 = AXES["z"],
-    parent: int = 0,
-    parameters: DenavitHartenberg | None = None,
+    turn: Turn, step: tuple[sp.Expr, ...], axis: Vector3 = AXES["z"], parent: int = 0
 ) -> PlacedLink:
     x, y, z = map(sp.sympify, step)
-    return PlacedLink(
-        parent, NO_INERTIA, "revolute", sp.Symbol("q"), turn, (x, y, z), axis, parameters, "", ""
-    )
+    link = JointedLink(parent, NO_INERTIA, "revolute", sp.Symbol("q"), "", "")
+    return PlacedLink(link, BodyFrame(parent, turn, (x, y, z)), axis, by_parameters=False)
 
 
 def frames_of(*links: PlacedLink) -> tuple[list[JointedLink], list[BodyFrame]]:
@@ -54,9 +49,11 @@ def frames_of(*links: PlacedLink) -> tuple[list[JointedLink], list[BodyFrame]]:
 
 
 def test_parameters_keep_the_frame_of_the_file() -> None:
-    given = DenavitHartenberg(Fraction(90), LENGTH, HEIGHT, Fraction(20))
-    (link,), (_, frame) = frames_of(placed(given.turn, given.step, parameters=given))
-    assert (link.alpha_deg, link.step, link.d, link.theta_deg) == (90, (LENGTH, 0, 0), HEIGHT, 20)
+    given = placed(NO_TURN, ZERO)
+    step, zero = (LENGTH, sp.S.Zero, sp.S.Zero), Fraction(0)
+    by_parameters = replace(given.link, step=step, d=HEIGHT, theta_deg=Fraction(20))
+    (link,), (_, frame) = frames_of(replace(given, link=by_parameters, by_parameters=True))
+    assert (link.turn_deg, link.step, link.d, link.theta_deg) == (zero, step, HEIGHT, 20)
     assert frame == BodyFrame(1)
 
 
