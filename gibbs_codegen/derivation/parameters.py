@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
+from gibbs_codegen.robot.model import BASE, Body, Robot, Rod, Vector3
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
@@ -53,6 +53,7 @@ class LinkSymbols:
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
+_ENTRIES = ("xx", "yy", "zz", "xy", "xz", "yz")
 # Units of what acts on joints that turn, and that slide.
 _TURNING = ("N m s/rad", "kg m^2", "N m/rad", "rad")
 _SLIDING = ("N s/m", "kg", "N/m", "m")
@@ -138,36 +139,24 @@ class Parameters:
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")
         with self._tape.group(f"second moments of {prefix}", Stage.PARAMETER):
+            zero, excess = sp.S.Zero, self._half_excess
             if isinstance(body, Rod):
-                return BodySymbols(length, self._rod(prefix, body, length))
-            return BodySymbols(length, self._rigid_body(prefix, body))
-
-    def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
-        """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃.
-
-        It is about the rod's start, in its own frame; `prefix` begins its parameters' names.
-        """
-        density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
-        diagonal = ("xx", "yy", "zz")
-        x, y, z = self._values(f"{prefix}_section_inertia", diagonal, rod.section_inertia, "kg m^2")
-        zero = sp.S.Zero
-        excess = self._half_excess
-        along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
-        second = (along, excess(z, x, y), excess(x, y, z))
-        moment = density * length**2 / 2
-        return Inertia(density * length, (moment, zero, zero), (*second, zero, zero, zero))
-
-    def _rigid_body(self, prefix: str, body: RigidBody) -> Inertia:
-        """The parallel-axis rule on a body given about its centre of mass."""
-        mass = self._value(f"{prefix}_mass", body.mass, "kg")
-        com = self._vector(f"{prefix}_com", body.com)
-        names = ("xx", "yy", "zz", "xy", "xz", "yz")
-        xx, yy, zz, xy, xz, yz = self._values(f"{prefix}_inertia", names, body.inertia, "kg m^2")
-        zero = sp.S.Zero
-        excess = self._half_excess
-        second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
-        about_com = Inertia(mass, (zero, zero, zero), second)
-        return about_com.shifted(InlineTape(), com)
+                # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the
+                # section's B₃.
+                density = self._value(f"{prefix}_mass_per_length", body.mass_per_length, "kg/m")
+                own, names = body.section_inertia, _ENTRIES[:3]
+                x, y, z = self._values(f"{prefix}_section_inertia", names, own, "kg m^2")
+                along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
+                second = (along, excess(z, x, y), excess(x, y, z), zero, zero, zero)
+                moment = (density * length**2 / 2, zero, zero)
+                return BodySymbols(length, Inertia(density * length, moment, second))
+            mass = self._value(f"{prefix}_mass", body.mass, "kg")
+            com = self._vector(f"{prefix}_com", body.com)
+            entries = self._values(f"{prefix}_inertia", _ENTRIES, body.inertia, "kg m^2")
+            xx, yy, zz, xy, xz, yz = entries
+            second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
+            about_com = Inertia(mass, (zero, zero, zero), second)
+            return BodySymbols(length, about_com.shifted(InlineTape(), com))
 
     def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
         """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.

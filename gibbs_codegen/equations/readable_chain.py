@@ -116,7 +116,10 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     if chain.rod is not None:
         (joint,) = _chain_joints(symbolic, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        segments = [_readable_arm(symbolic, segments[0], angle)]
+        # Where θ_{j,3} turns about the base normal as well, their sum turns the arm.
+        rotation = Rotation.angle(tape, Z, symbolic.root.segment_angle + angle)
+        own_group = not symbolic.root.spins_about_normal
+        segments = [replace(segments[0], rotation=rotation, starts_group=own_group)]
     else:
         placed = enumerate(plain.chain_bodies(chain).links, start=4)
         links = [made.placed(item, link) for item, link in placed]
@@ -234,17 +237,6 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> tuple[int, W
     drag = tape.scale(symbolic.parameters.drags[k], direction)
     wrench = Wrench(direction, tape.add(tape.cross(lever, direction), drag))
     return 0 if k == 1 else 1, wrench
-
-
-def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -> Segment:
-    """A base arm with its angle θ_{j,4} as a symbol.
-
-    Where θ_{j,3} turns about the base normal as well, their sum turns the arm, as in an arm's
-    links.
-    """
-    root = symbolic.root
-    rotation = Rotation.angle(symbolic.tape, Z, root.segment_angle + angle)
-    return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
 
 
 def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:

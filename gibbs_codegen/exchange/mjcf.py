@@ -117,18 +117,10 @@ _UNNAMED = "MuJoCo Model"
 def read_mjcf(path: Path, data: bytes, base: str | None) -> sources.Source:
     """Read a robot in MJCF, `data`; meshes and included files are found in the folder of `path`.
 
-    `base`, a link that is to be the base, tells which of several robots is meant.
+    `base`, a link that is to be the base, tells which of several robots is meant. Raises
+    `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
     """
     text, findings = reduced_mjcf(path, data)
-    model = _compiled(text, path)
-    return _Reader(model, str(path), findings).source(base)
-
-
-def _compiled(text: str, path: Path) -> Any:
-    """The model that MuJoCo compiles from reduced MJCF.
-
-    Raises `UsageError` if MuJoCo is not installed, and `SourceFileError` if it refuses the model.
-    """
     try:
         import mujoco
     except ImportError:
@@ -140,12 +132,13 @@ def _compiled(text: str, path: Path) -> Any:
     former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
-        return mujoco.MjModel.from_xml_string(text)
+        model = mujoco.MjModel.from_xml_string(text)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         words = printable(" ".join(str(error).split()), 300)
         raise sources.refusal(path, f"MuJoCo refuses it: {words}") from None
     finally:
         mujoco.set_mju_user_warning(former)
+    return _Reader(model, str(path), findings).source(base)
 
 
 class _Reader:
@@ -361,7 +354,14 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[sources.Finding]]:
             shapes.strip(world, "", True)
     if shapes.count:
         findings.append(sources.Finding("left out", "shapes that give no mass", f"{shapes.count}"))
-    findings += _only_motors(root)
+    for drives in root.iter("actuator"):  # Motors at sites or joints are what is imported.
+        for actuator in [found for found in drives if isinstance(found, xml_file.Element)]:
+            acts = "site" in actuator.attrib or "joint" in actuator.attrib
+            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
+                drives.remove(actuator)
+                name = printable(actuator.get("name", "without a name"), 60)
+                what = f"<{printable(actuator.tag, 40)}>, which is no motor"
+                findings.append(sources.Finding("left out", name, what))
     findings += _settle(root, path)
     return ET.tostring(root, encoding="unicode"), findings
 
@@ -454,18 +454,6 @@ def _is_zero(text: str | None) -> bool:
         return text is not None and float(text) == 0.0
     except ValueError:
         return False
-
-
-def _only_motors(root: xml_file.Element) -> Iterator[sources.Finding]:
-    """Remove actuators that are no motors at a site or joint, and tell of them."""
-    for section in root.iter("actuator"):
-        for actuator in [found for found in section if isinstance(found, xml_file.Element)]:
-            acts = "site" in actuator.attrib or "joint" in actuator.attrib
-            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
-                section.remove(actuator)
-                name = printable(actuator.get("name", "without a name"), 60)
-                what = f"<{printable(actuator.tag, 40)}>, which is no motor"
-                yield sources.Finding("left out", name, what)
 
 
 def _settle(root: xml_file.Element, path: Path) -> Iterator[sources.Finding]:

@@ -182,7 +182,15 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
             _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=_SMALL)
             for column, name in enumerate(columns):
                 _symbol(axes, left + column + 0.5, -0.6, _math(name), size=_SMALL)
-            _draw_blocks(axes, blocks, left, motions)
+            for symbol, columns_of_it in blocks:
+                if columns_of_it:
+                    frame = Rectangle((left, 0.0), columns_of_it, motions, fill=False)
+                    frame.set(edgecolor=DARK, linewidth=1.4, zorder=3)
+                    axes.add_patch(frame)
+                    right = left + columns_of_it
+                    axes.hlines(-1.3, left + 0.15, right - 0.15, colors=DARK, linewidth=0.8)
+                    _symbol(axes, (left + right) / 2, -1.9, f"${symbol}$", size=11)
+                left += columns_of_it
         for row, name in enumerate(names):
             _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)
             _symbol(axes, -0.8, row + 0.5, _math(name), size=_SMALL)
@@ -197,21 +205,6 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
             text = f"chain {chain.number}"
             axes.text(x + 1.0, y + 0.35, text, va="center", fontsize=_SMALL, color=DARK)
     return figure
-
-
-def _draw_blocks(axes: Axes, blocks: Sequence[tuple[str, int]], left: float, height: float) -> None:
-    """Frame the blocks of an array, and name each above the heads of its columns.
-
-    `blocks` are the symbol and the columns of each, from the left; one of no columns is not drawn.
-    """
-    for symbol, columns in blocks:
-        if columns:
-            frame = Rectangle((left, 0.0), columns, height, fill=False, edgecolor=DARK)
-            frame.set(linewidth=1.4, zorder=3)
-            axes.add_patch(frame)
-            axes.hlines(-1.3, left + 0.15, left + columns - 0.15, colors=DARK, linewidth=0.8)
-            _symbol(axes, left + columns / 2, -1.9, f"${symbol}$", size=11)
-        left += columns
 
 
 def _row_number(place: int) -> str:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import chain, combinations
@@ -225,8 +225,13 @@ class _Sharing(Rebuilding):
 
     def _share(self) -> None:
         """Make the pair that most sums have a term, until no two sums have a pair in common."""
-        users = _users(self._sums)
-        heap = [(-len(sums), pair) for pair, sums in users.items()]
+        often = Counter(chain.from_iterable(self._sums.values()))
+        users: dict[_Pair, list[int]] = {}
+        for node, signs in self._sums.items():
+            terms = sorted([(term, sign) for term, sign in signs.items() if often[term] > 1])
+            for (first, sign), (second, other) in combinations(terms[:_MOST_TERMS], 2):
+                users.setdefault(_pair(first, second, sign ^ other), []).append(node)
+        heap = [(-len(sums), pair) for pair, sums in users.items() if len(sums) > 1]
         heapify(heap)
         while heap:
             count, pair = heappop(heap)
@@ -256,17 +261,6 @@ class _Sharing(Rebuilding):
                 found.setdefault(_pair(term, new, sign ^ other), []).append(node)
             terms[new] = sign
         return {pair: sums for pair, sums in found.items() if len(sums) > 1}
-
-
-def _users(sums: Mapping[int, Mapping[int, int]]) -> dict[_Pair, list[int]]:
-    """Sums by pair of terms, of pairs that more than one sum has."""
-    often = Counter(chain.from_iterable(sums.values()))
-    users: dict[_Pair, list[int]] = {}
-    for node, signs in sums.items():
-        terms = sorted([(term, sign) for term, sign in signs.items() if often[term] > 1])
-        for (first, sign), (second, other) in combinations(terms[:_MOST_TERMS], 2):
-            users.setdefault(_pair(first, second, sign ^ other), []).append(node)
-    return {pair: sums for pair, sums in users.items() if len(sums) > 1}
 
 
 def _pair(first: int, second: int, sign: int) -> _Pair:
@@ -321,7 +315,16 @@ def optimised(
             found.append((_without_signs(graph, present), present))
         if least - min(count for count, _ in found) <= least // _WORTH_ANOTHER:
             break
-    return _shortest(graph, found)
+    (count, present), *rest = sorted(found, key=lambda f: f[0])
+    best = Shortened(present, Polarity(graph, present))
+    least = count + best.polarity.changes
+    for count, present in rest:
+        if count >= least:  # Signs, which take long to choose, can only add to this.
+            break
+        other = Shortened(present, Polarity(graph, present))
+        if count + other.polarity.changes < least:
+            best, least = other, count + other.polarity.changes
+    return best
 
 
 def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
@@ -333,17 +336,3 @@ def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
         elif kind is Kind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
             count += 1
     return count
-
-
-def _shortest(graph: Graph, found: list[tuple[int, list[Ref]]]) -> Shortened:
-    """Of functions with their operations without signs, the first of the shortest with signs."""
-    (count, outputs), *rest = sorted(found, key=lambda f: f[0])
-    best = Shortened(outputs, Polarity(graph, outputs))
-    least = count + best.polarity.changes
-    for count, outputs in rest:
-        if count >= least:  # Signs, which take long to choose, can only add to this.
-            break
-        other = Shortened(outputs, Polarity(graph, outputs))
-        if count + other.polarity.changes < least:
-            best, least = other, count + other.polarity.changes
-    return best

@@ -96,7 +96,16 @@ def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | placement.Arr
 
     `joints` are those that move, rad or m.
     """
-    bodies = _bodies(robot, base, joints)
+    values = dict(zip(robot.moving, joints, strict=True))
+    bodies = [base]  # By their numbers, also welded or held ones.
+    for i, link in enumerate(robot.links, start=1):
+        frame = bodies[robot.parents[i - 1]].within(*placement.joint_frame(robot, i))
+        axis, value = np.array(link.axis), values.get(i, 0.0)
+        if link.joint == "prismatic":
+            frame = frame.within(np.eye(3), value * axis)
+        elif value:
+            frame = frame.within(placement.turn_about(axis, value), np.zeros(3))
+        bodies.append(frame)
     rods = tuple(
         base.within(*placement.arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1)
     )
@@ -183,24 +192,6 @@ def link_end(robot: Robot, frames: RobotFrames, i: int) -> placement.Array:
     placed += [seat for rotor, seat in rotors if rotor.on == i]
     placed.append(frame.place(as_rigid_body(link.body).com))
     return max(placed, key=lambda place: float(np.linalg.norm(place - frame.origin)))
-
-
-def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | placement.Array) -> list[Frame]:
-    """Frames of the base and of all links, also welded or held ones, by the numbers of the bodies.
-
-    `base` is at the base centre, `joints` are those that move, rad or m.
-    """
-    values = dict(zip(robot.moving, joints, strict=True))
-    frames = [base]
-    for i, link in enumerate(robot.links, start=1):
-        frame = frames[robot.parents[i - 1]].within(*placement.joint_frame(robot, i))
-        axis, value = np.array(link.axis), values.get(i, 0.0)
-        if link.joint == "prismatic":
-            frame = frame.within(np.eye(3), value * axis)
-        elif value:
-            frame = frame.within(placement.turn_about(axis, value), np.zeros(3))
-        frames.append(frame)
-    return frames
 
 
 _ROUNDING = 1e-12

@@ -161,7 +161,16 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     rows = Expected(formulated(NewtonEuler(tree)), states).compare_functions(
         program, states, PARTIAL
     )
-    return merged([*rows, *_packing(program, states.q)])
+    try:  # States into blocks and back, bit for bit.
+        for count in range(1, min(len(states), 2 * LANES) + 1):
+            some = states.q[:count]
+            blocks = in_blocks(some, some[-1])
+            packed = compared("pack", _HEADER, program.pack(some), blocks, 1.0, 0.0)
+            unpacked = compared("unpack", _HEADER, program.unpack(blocks, count), some, 1.0, 0.0)
+            rows += [replace(packed, states=count), unpacked]
+    except ValueError as error:
+        rows.append(failed("pack", _HEADER, error))
+    return merged(rows)
 
 
 def _batches_within(tree: Tree, sizes: Sequence[int] = _BATCHES) -> list[int]:
@@ -169,19 +178,6 @@ def _batches_within(tree: Tree, sizes: Sequence[int] = _BATCHES) -> list[int]:
     most = most_states(tree)
     sums = np.cumsum(sizes)
     return [count for count, total in zip(sizes, sums, strict=True) if total <= most] or [1]
-
-
-def _packing(program: CProgram, states: Array) -> Iterator[Comparison]:
-    """States into blocks and back, bit for bit."""
-    try:
-        for count in range(1, min(len(states), 2 * LANES) + 1):
-            rows = states[:count]
-            blocks = in_blocks(rows, rows[-1])
-            packed = compared("pack", _HEADER, program.pack(rows), blocks, 1.0, 0.0)
-            yield replace(packed, states=count)
-            yield compared("unpack", _HEADER, program.unpack(blocks, count), rows, 1.0, 0.0)
-    except ValueError as error:
-        yield failed("pack", _HEADER, error)
 
 
 def compare_single_precision(
