@@ -182,15 +182,15 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
             _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=_SMALL)
             for column, name in enumerate(columns):
                 _symbol(axes, left + column + 0.5, -0.6, _math(name), size=_SMALL)
-            for symbol, columns_of_it in blocks:
-                if columns_of_it:
-                    frame = Rectangle((left, 0.0), columns_of_it, motions, fill=False)
+            for symbol, wide in blocks:
+                if wide:
+                    frame = Rectangle((left, 0.0), wide, motions, fill=False)
                     frame.set(edgecolor=DARK, linewidth=1.4, zorder=3)
                     axes.add_patch(frame)
-                    right = left + columns_of_it
+                    right = left + wide
                     axes.hlines(-1.3, left + 0.15, right - 0.15, colors=DARK, linewidth=0.8)
                     _symbol(axes, (left + right) / 2, -1.9, f"${symbol}$", size=11)
-                left += columns_of_it
+                left += wide
         for row, name in enumerate(names):
             _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)
             _symbol(axes, -0.8, row + 0.5, _math(name), size=_SMALL)

@@ -387,10 +387,15 @@ def needed(is_right: Callable[[Any], bool], otherwise: str) -> pydantic.AfterVal
 
     `otherwise` says what is wrong else, and what would be right.
     """
+    return told(lambda value: None if is_right(value) else otherwise)
+
+
+def told(words_for: Callable[[Any], str | None]) -> pydantic.AfterValidator:
+    """Metadata of a value that is refused with words, if there are any for it."""
 
     def check(value: Any) -> Any:
-        if not is_right(value):
-            raise fault(otherwise)
+        if words := words_for(value):
+            raise fault(words)
         return value
 
     return pydantic.AfterValidator(check)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Self
@@ -47,6 +47,7 @@ from gibbs_codegen.files.table import (
     optional,
     refusal,
     shown,
+    told,
 )
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import LONGEST_LABEL, NAME_PATTERN, name_fault
@@ -56,17 +57,6 @@ from gibbs_codegen.robot.rigid_body import body_fault, size_fault
 _SIGNED_AXES = model.AXES | {
     f"-{letter}": (0.0 - x, 0.0 - y, 0.0 - z) for letter, (x, y, z) in model.AXES.items()
 }
-
-
-def _told(words_for: Callable[[Any], str | None]) -> AfterValidator:
-    """Metadata of a value that is refused with words, if there are any for it."""
-
-    def check(value: Any) -> Any:
-        if words := words_for(value):
-            raise fault(words)
-        return value
-
-    return AfterValidator(check)
 
 
 def _end_fault(end: float) -> str | None:
@@ -110,8 +100,8 @@ def _exact(source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     return core_schema.no_info_after_validator_function(lambda v: Fraction(repr(v)), degrees)
 
 
-_IN_ORDER = _told(_order_fault)
-Size = Annotated[Real, _told(size_fault)]
+_IN_ORDER = told(_order_fault)
+Size = Annotated[Real, told(size_fault)]
 NotNegative = Annotated[Size, Bounds(0.0)]
 Angle = Annotated[Fraction, GetPydanticSchema(_exact)]
 Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
@@ -119,14 +109,12 @@ _ENTRIES = "numbers, xx, yy, zz, xy, xz, yz"
 Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6, _ENTRIES)]
 Angles = Annotated[tuple[Angle, Angle, Angle], listed(3)]
 Range = Annotated[tuple[Size, Size], listed(2), _IN_ORDER]
-_End = Annotated[AnyReal, _told(_end_fault)]
+_End = Annotated[AnyReal, told(_end_fault)]
 OpenRange = Annotated[tuple[_End, _End], listed(2), _IN_ORDER]
-Name = Annotated[
-    str, _told(name_fault), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})
-]
+Name = Annotated[str, told(name_fault), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
 Label = Annotated[
     str,
-    _told(
+    told(
         lambda text: (
             None
             if 0 < len(text) <= LONGEST_LABEL
