@@ -45,9 +45,6 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
-# Time, s, over which thrusts are differenced for what makes up for the lag of motors.
-AHEAD = 1e-7
-
 
 @dataclass(frozen=True)
 class Instant:
@@ -264,6 +261,7 @@ class ClosedLoop:
             self.shared,
             self.moves,
             self.refuses,
+            self.given("exact"),
         )
 
     @cached_property
@@ -322,7 +320,8 @@ class ClosedLoop:
         """
         q, v, memory = parts
         model, count = self.model, self.plant.rotors
-        ahead = choose(at.time, self.given("end") - AHEAD, -AHEAD, AHEAD)
+        ahead = self.given("ahead")
+        ahead = choose(at.time, self.given("end") - ahead, -ahead, ahead)
         acting = within_limits(wanted, self.limits) if self.limited else wanted
         a = model.forward_dynamics(q, v, self._acting(acting, thrusts))
         entries = entries_of(q)

@@ -38,8 +38,6 @@ from gibbs_codegen.arrays.nodes import (
 _AUTHORITY = 0.8
 # Least sum of 1 and the cosine of an angle by which a direction is turned: none is turned round.
 _LEAST = 1e-9
-# Share of a wrench that thrusts may fail to produce and still count as exact.
-_EXACT = 1e-9
 # Squares of sines below this one are those of angles that are their sines but for rounding.
 _NO_ANGLE = 1e-16
 
@@ -82,7 +80,7 @@ class Rotors:
     `centre` (3), m, is the base centre from where x, y, z are, in the base's frame; `distribution`
     (N, 6) the least thrusts of a wrench about it, `wrenches` (N, 6) those of unit thrusts; `least`
     and `most` (N) are limits of the thrusts, if they are `limited`. `move`: joints move them.
-    `refuse`: a wrench that they cannot produce is refused.
+    `refuse`: a wrench that they cannot produce is refused, but for a share `exact` of it.
     """
 
     centre: Node
@@ -93,6 +91,7 @@ class Rotors:
     limited: bool = True
     move: bool = False
     refuse: bool = False
+    exact: Node | float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -285,7 +284,7 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
         thrusts = rotors.distribution @ wrench
     if rotors.refuse:
         left = wrench - columns.transposed @ thrusts
-        beyond = length(left) - _EXACT * (1.0 + length(wrench))
+        beyond = length(left) - rotors.exact * (1.0 + length(wrench))
         # What is no number already is not refused: it ends a flight by itself.
         refused = choose(beyond, 0.0, beyond, 0.0)
     if rotors.limited:

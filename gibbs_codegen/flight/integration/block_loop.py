@@ -36,7 +36,8 @@ class BlockIntegration:
     """Many flights that differ in parameters of the plant, in lag and in where they start.
 
     `loop` is the closed loop of all, whose arrays have an axis of the flights where these differ.
-    `one` gives the closed loop of a flight by its number.
+    `one` gives the closed loop of a flight by its number. With `single` C computes in single
+    precision.
     """
 
     loop: ClosedLoop
@@ -44,6 +45,7 @@ class BlockIntegration:
     settings: Settings
     duration: float
     threads: int = 1
+    single: bool = False
 
     def __call__(
         self, starts: Array, progress: Callable[[float], None] = lambda time: None
@@ -62,7 +64,8 @@ class BlockIntegration:
         """The steps of all while something acts; None where module, law or loop is not compiled."""
         try:
             if is_compiled(self.loop, loads):
-                return steps_of(self.loop, bounds, loads, count, lanes=LANES)
+                lanes = 2 * LANES if self.single else LANES
+                return steps_of(self.loop, bounds, loads, count, lanes=lanes, single=self.single)
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)
         return None

@@ -11,7 +11,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.loop_program import loop_program, loop_tables, loop_values
+from gibbs_codegen.flight.integration.loop_program import (
+    DOUBLE,
+    SINGLE,
+    loop_program,
+    loop_tables,
+    loop_values,
+)
 from gibbs_codegen.flight.integration.state_history import NOTHING, InputRanges, Loads
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.runtime.c_library import CompilerError
@@ -46,7 +52,8 @@ def steps_of(
     knows. `bounds` of errors, then their rates, are (2 nv), (count, 2 nv) or one number. Raises
     `CompilerError`, or `CacheError` where the cache of libraries cannot be used.
     """
-    values, program = loop_values(closed, bounds, loads), loop_program(closed, loads).step()
+    values = loop_values(closed, bounds, loads, SINGLE if single else DOUBLE)
+    program = loop_program(closed, loads).step()
     shapes = {name: x.shape for name, x in zip(program.names, program.inputs, strict=True)}
     each = [name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])]
     if each:

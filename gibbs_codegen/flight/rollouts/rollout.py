@@ -159,15 +159,14 @@ def rollout(
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike):
         others = any(each is not None for each in (wrenches, limits, thrusts, bounds))
-        if others or method != "rk4" or precision != "double":
+        if others or method != "rk4":
             raise UsageError(
-                "control: a scenario is rolled out by rk4 in double precision, with limits, "
-                "wrenches and bounds of its own: leave out method, precision, wrenches, limits, "
-                "thrusts, bounds"
+                "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
+                "own: leave out method, wrenches, limits, thrusts, bounds"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
-            arguments, control, (q0, v0), (dt, every), varied, workers, progress
+            arguments, control, (q0, v0), (dt, every), varied, (precision, workers), progress
         )
     motors = arguments.motors(limits, time_constants, thrusts)
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})

@@ -20,7 +20,15 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import FlightStart, flight_start
-from gibbs_codegen.runtime.rollouts import DIVERGED, OUT_OF_BOUNDS, RUNNING, Array, Rollout
+from gibbs_codegen.runtime.rollouts import (
+    DIVERGED,
+    OUT_OF_BOUNDS,
+    REALS,
+    RUNNING,
+    Array,
+    Precision,
+    Rollout,
+)
 
 
 @dataclass(frozen=True)
@@ -58,16 +66,17 @@ def scenario_rollout(
     begin: tuple[Any, Any],
     grid: tuple[float, int],
     varied: tuple[Mapping[str, Any], Any],
-    threads: int,
+    computed: tuple[Precision, int],
     progress: Callable[[str, float], None],
 ) -> Rollout:
     """Roll states out under the control of a scenario, in its surroundings.
 
     `begin` are q0 and v0 or None, `varied` parameters and time constants, as of `rollout`; `grid`
-    is the size of a step, s, and how many make a sample. A state in which control is lost is out of
-    bounds. Raises `UsageError` if a flight cannot begin or go on.
+    is the size of a step, s, and how many make a sample. `computed` is in which precision, and by
+    how many threads. A state in which control is lost is out of bounds. Raises `UsageError` if a
+    flight cannot begin or go on.
     """
-    (dt, every), (parameters, lag) = grid, varied
+    (dt, every), (parameters, lag), (precision, threads) = grid, varied, computed
     duration = arguments.steps * dt
     start = _scenario_start(arguments, scenario, dt, every)
     q, v = arguments.start(
@@ -79,7 +88,7 @@ def scenario_rollout(
     loop, settings = loops.loop(), start.scenario.integration
     _check_steps(loops, count, dt)
     starts = _starts(loop, np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
-    fly = BlockIntegration(loop, loops.loop, settings, duration, threads)
+    fly = BlockIntegration(loop, loops.loop, settings, duration, threads, precision == "single")
     found = fly(starts, lambda time: progress("rolling out", time / duration))
     histories = _with_others(loops, found, starts, duration, progress)
     parts = loop.parts(
@@ -90,9 +99,10 @@ def scenario_rollout(
     thrusts = _thrusts(loops, parts, np.minimum(time, ends[:, None])) if loop.lags else None
     reasons = [DIVERGED if NOT_FINITE in each.stopped else OUT_OF_BOUNDS for each in histories]
     ended = np.where([each.stopped != "" for each in histories], reasons, RUNNING)
-    return Rollout(
-        time, parts.q, parts.v, thrusts, np.rint(ends / dt).astype(np.int64), ended.astype(np.int8)
-    )
+    steps, real = np.rint(ends / dt).astype(np.int64), REALS[precision]
+    q, v = parts.q.astype(real), parts.v.astype(real)
+    thrusts = None if thrusts is None else thrusts.astype(real)
+    return Rollout(time, q, v, thrusts, steps, ended.astype(np.int8))
 
 
 def _scenario_start(
