@@ -40,11 +40,11 @@ _FUNCTIONS = {
     "copysign": "signed_as",
     "sqrt": "square_root",
     "exp": "exponential",
-    "sin": "sine",
-    "cos": "cosine",
     "arctan2": "arctan2",
     "choose": "choose",
 }
+# Functions of angles, which one call computes.
+_ANGLES = ("sin", "cos")
 _INDICES = "ijkl"
 Index = Sequence[str | int]
 
@@ -137,6 +137,8 @@ class CProgram:
         readers = self.readers[x]
         if not isinstance(x.operation, nodes.Elementary) or x in self.results or x in LABELS:
             return False
+        if _name_of(x) in _ANGLES and not self.is_plain:
+            return False
         if len(readers) == 1 and x.shape == () and self._is_piece(readers[0]):
             return True
         if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
@@ -213,7 +215,8 @@ class CProgram:
         groups: dict[object, list[Node]] = {}
         for x in self.program.nodes:
             if self.is_computed(x):
-                groups.setdefault(_call_of(x) or x, []).append(x)
+                is_alone = self.is_plain and isinstance(x.operation, nodes.Elementary)
+                groups.setdefault((not is_alone and _call_of(x)) or x, []).append(x)
         return list(groups.values())
 
     @cached_property
@@ -408,6 +411,8 @@ class CProgram:
         if x in LABELS and LABELS[x].words:
             yield f"/* {LABELS[x].words} */"
         match x.operation:
+            case nodes.Elementary("sin" | "cos") if not self.is_plain:
+                yield from self._sines_and_cosines(group)
             case nodes.Elementary():
                 yield from self._assigned(x, lambda index: self.expression(x, index))
             case nodes.Product():
@@ -452,9 +457,10 @@ class CProgram:
                 yield from self._called(
                     f"{name}_of_state" if self.is_plain else name,
                     [] if self.is_plain else ["context"],
-                    [(y, self.uniform(x)) for y in x.arguments],
+                    [(y, self.uniform(y)) for y in x.arguments],
                     {name: x},
                     [(name, x.shape, self.uniform(x))],
+                    by_hand=not self.is_plain,
                 )
 
     def _kind(self, x: Node) -> str:
@@ -548,6 +554,18 @@ class CProgram:
                 self._assignment(target, piece, wanted),
             )
 
+    def _sines_and_cosines(self, group: Sequence[Node]) -> Iterator[str]:
+        """Both functions of the same angles, which cost little more than one."""
+        x, angles = group[0], group[0].arguments[0]
+        name = "sines_and_cosines" if x.shape else "sine_and_cosine"
+        yield from self._called(
+            f"{name}_real" if self.uniform(x) else name,
+            [str(x.size)] if x.shape else [],
+            [(angles, self.uniform(x))],
+            {_name_of(y): y for y in group},
+            [(function, x.shape, self.uniform(x)) for function in _ANGLES],
+        )
+
     def _solved(self, x: Node) -> Iterator[str]:
         matrix, right = x.arguments
         lines: list[str] = []
@@ -566,15 +584,21 @@ class CProgram:
         arguments: Iterable[tuple[Node, bool]],
         found: dict[str, Node],
         outputs: Iterable[tuple[str, Shape, bool]],
+        by_hand: bool = False,
     ) -> Iterator[str]:
-        """A call of a function with arguments and outputs, which are uniform or not."""
+        """A call of a function with arguments and outputs, which are uniform or not.
+
+        What is written by hand takes arrays of either.
+        """
         lines: list[str] = []
         given = [*first]
         for x, is_uniform in arguments:
             if x.shape == ():
                 given.append(self.entry(x, (), wanted=not is_uniform))
             else:
-                given.append(self.pointer(x, lines, is_uniform))
+                text = self.pointer(x, lines, is_uniform)
+                kind = "shared" if is_uniform else "of_each"
+                given.append(f"{kind}({text})" if by_hand else text)
         for name, shape, is_uniform in outputs:
             kind = "real" if is_uniform else "number"
             if name not in found:
@@ -676,6 +700,8 @@ class CProgram:
 def _call_of(x: Node) -> object:
     """What nodes have in common that one call computes."""
     match x.operation:
+        case nodes.Elementary("sin" | "cos"):
+            return (_ANGLES, x.arguments)
         case nodes.Call(functions, name):
             return (functions, name, x.arguments)
         case nodes.Invocation(program):
@@ -782,6 +808,8 @@ class _Names:
         if x in LABELS:
             return LABELS[x].name
         match x.operation:
+            case nodes.Elementary("sin" | "cos"):
+                return "sines" if _name_of(x) == "sin" else "cosines"
             case nodes.Call(_, name, output):
                 return FUNCTIONS[name].outputs[output].name
             case nodes.Invocation(_, name) | nodes.External(name):

@@ -154,10 +154,9 @@ static int find_nearest(const Nearest *p, real *sides, real *x)
     return 0;
 }
 
-/* Thrusts `found`, from those there, and `sides` as of `find_nearest`, of a state whose numbers are
- * `stride` apart; no numbers where none are found. */
+/* Thrusts `found`, from those there, and `sides` as of `find_nearest`; no numbers where none are
+ * found. */
 static void find_thrusts(
-    const int stride,
     const real *wrench,
     const real *columns,
     const real *least,
@@ -166,33 +165,24 @@ static void find_thrusts(
     real *found)
 {
     Nearest problem;
-    real x[ROTORS];
-    for (int k = 0; k < ROTORS; ++k) {
-        for (int i = 0; i < BASE; ++i) {
-            problem.columns[k][i] = columns[(k * BASE + i) * stride];
-        }
-        problem.least[k] = least[k * stride];
-        problem.most[k] = most[k * stride];
-        x[k] = found[k * stride];
-    }
-    for (int i = 0; i < BASE; ++i) {
-        problem.target[i] = wrench[i * stride];
-    }
+    memcpy(problem.columns, columns, sizeof problem.columns);
+    memcpy(problem.target, wrench, sizeof problem.target);
+    memcpy(problem.least, least, sizeof problem.least);
+    memcpy(problem.most, most, sizeof problem.most);
     weigh_torques(&problem);
-    const int done = find_nearest(&problem, sides, x);
-    for (int k = 0; k < ROTORS; ++k) {
-        found[k * stride] = done ? x[k] : (real)NAN;
+    if (!find_nearest(&problem, sides, found)) {
+        for (int k = 0; k < ROTORS; ++k) {
+            found[k] = (real)NAN;
+        }
     }
 }
 
-/* Whether a thrust is beyond its limits. Numbers of one state are `stride` apart. */
-static INLINE int are_beyond(
-    const int stride, const real *thrusts, const real *least, const real *most)
+/* Whether a thrust is beyond its limits. */
+static INLINE int are_beyond(const real *thrusts, const real *least, const real *most)
 {
     int beyond = 0;
     for (int k = 0; k < ROTORS; ++k) {
-        const int at = k * stride;
-        beyond |= thrusts[at] < least[at] || thrusts[at] > most[at];
+        beyond |= thrusts[k] < least[k] || thrusts[k] > most[k];
     }
     return beyond;
 }
@@ -208,38 +198,60 @@ static void nearest_thrusts_of_state(
     real *found)
 {
     memcpy(found, thrusts, ROTORS * sizeof *found);
-    if (are_beyond(1, thrusts, least, most)) {
+    if (are_beyond(thrusts, least, most)) {
         real sides[ROTORS] = {R(0.0)};
-        find_thrusts(1, wrench, columns, least, most, sides, found);
+        find_thrusts(wrench, columns, least, most, sides, found);
     }
 }
 
-/* The same in each lane, with guesses that are kept from one time to the next. */
-static void nearest_thrusts(
+/* Lanes with thrusts beyond limits get the nearest within; guesses are kept from time to time. */
+static APART void search_nearest(
     const void *const *context,
-    const number *thrusts,
-    const number *wrench,
-    const number *columns,
-    const number *least,
-    const number *most,
+    const Given wrench,
+    const Given columns,
+    const Given least,
+    const Given most,
     number *found)
 {
-    real *const guesses = (real *)context[GUESSES];
-    memcpy(found, thrusts, ROTORS * sizeof *found);
+    real *const guesses = (real *)(uintptr_t)context[GUESSES];
+    const Given thrusts = of_each(found);
     for (int lane = 0; lane < LANES; ++lane) {
-        const real *const limits[] = {(const real *)least + lane, (const real *)most + lane};
-        if (!are_beyond(LANES, (const real *)thrusts + lane, limits[0], limits[1])) {
+        real target[BASE], own[ROTORS * BASE], lowest[ROTORS], highest[ROTORS], x[ROTORS];
+        real sides[ROTORS] = {R(0.0)};
+        take_lane(thrusts, ROTORS, lane, x);
+        take_lane(least, ROTORS, lane, lowest);
+        take_lane(most, ROTORS, lane, highest);
+        if (!are_beyond(x, lowest, highest)) {
             continue;
         }
-        real sides[ROTORS];
-        for (int k = 0; k < ROTORS; ++k) {
-            sides[k] = guesses ? guesses[k * LANES + lane] : R(0.0);
+        take_lane(wrench, BASE, lane, target);
+        take_lane(columns, ROTORS * BASE, lane, own);
+        for (int k = 0; k < ROTORS && guesses; ++k) {
+            sides[k] = guesses[k * LANES + lane];
         }
-        find_thrusts(
-            LANES, (const real *)wrench + lane, (const real *)columns + lane, limits[0], limits[1],
-            sides, (real *)found + lane);
+        find_thrusts(target, own, lowest, highest, sides, x);
+        put_lane(ROTORS, lane, x, found);
         for (int k = 0; k < ROTORS && guesses; ++k) {
             guesses[k * LANES + lane] = sides[k];
         }
+    }
+}
+
+static INLINE void nearest_thrusts(
+    const void *const *context,
+    const Given thrusts,
+    const Given wrench,
+    const Given columns,
+    const Given least,
+    const Given most,
+    number *found)
+{
+    flags beyond = {0};
+    for (int k = 0; k < ROTORS; ++k) {
+        found[k] = of_all(thrusts, k);
+        beyond |= (flags)(found[k] < of_all(least, k)) | (flags)(found[k] > of_all(most, k));
+    }
+    if (any(beyond)) {
+        search_nearest(context, wrench, columns, least, most, found);
     }
 }

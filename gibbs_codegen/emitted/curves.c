@@ -10,13 +10,14 @@ enum { POWERS = 6 };
  * other. A table has begin, length of a piece, s, number of pieces, and their coefficients
  * [pieces][POWERS][n]. Before the first and after the last piece they stay as they are there.
  */
-static void curves_at(const real *table, const int n, const real time, real *found)
+static void curves_at(
+    const real *RESTRICT table, const int n, const real time, real *RESTRICT found)
 {
     const real piece = table[1], pieces = table[2];
     const real since = minimum_real(maximum_real(time - table[0], R(0.0)), piece * pieces);
     const real whole = minimum_real(LIBRARY(floor)(since / piece), pieces - R(1.0));
     const real s = since - whole * piece;
-    const real *c = table + 3 + (size_t)whole * (size_t)(POWERS * n);
+    const real *RESTRICT c = table + 3 + (size_t)whole * (size_t)(POWERS * n);
     for (int i = 0; i < n; ++i) {
         const real c1 = c[n + i], c2 = c[2 * n + i], c3 = c[3 * n + i];
         const real c4 = c[4 * n + i], c5 = c[5 * n + i];

@@ -5,6 +5,7 @@
 /* What differs from state to state is a number, what all states share is a real. */
 #if LANES == 1
 typedef real number;
+typedef int flags;
 #define same(value) (value)
 #define EACH(function) function
 #else
@@ -19,6 +20,20 @@ typedef int64_t flags __attribute__((vector_size(LANES * sizeof(int64_t)), may_a
 #define same(value) ((value) - (number){R(0.0)})
 #define EACH(function) function##_block
 #endif
+
+/* Whether a flag of any state is set. */
+static INLINE int any(const flags which)
+{
+#if LANES == 1
+    return which;
+#else
+    int found = 0;
+    for (int lane = 0; lane < LANES; ++lane) {
+        found |= which[lane] != 0;
+    }
+    return found;
+#endif
+}
 
 static INLINE real minimum_real(const real a, const real b)
 {

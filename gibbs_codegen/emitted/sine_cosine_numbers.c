@@ -1,20 +1,22 @@
-static INLINE real sine_real(const real a)
+/* Sines and cosines of `count` angles. */
+static INLINE void sines_and_cosines_real(
+    const int count, const real *angles, real *sines, real *cosines)
 {
-    real sine, cosine;
-    sine_cosine_many(1, &a, &sine, &cosine);
-    return sine;
+    if (count > 4) {
+        sine_cosine_many(count, angles, sines, cosines);
+    } else {
+        sine_cosine_few(count, angles, sines, cosines);
+    }
 }
 
-static INLINE real cosine_real(const real a)
+static INLINE void sine_and_cosine_real(const real angle, real *sine, real *cosine)
 {
-    real sine, cosine;
-    sine_cosine_many(1, &a, &sine, &cosine);
-    return cosine;
+    sine_cosine_few(1, &angle, sine, cosine);
 }
 
 #if LANES == 1
-#define sine sine_real
-#define cosine cosine_real
+#define sines_and_cosines sines_and_cosines_real
+#define sine_and_cosine sine_and_cosine_real
 #else
 typedef bits number_bits __attribute__((vector_size(LANES * sizeof(real)), may_alias));
 #define KERNEL sine_cosine_number
@@ -25,31 +27,23 @@ typedef bits number_bits __attribute__((vector_size(LANES * sizeof(real)), may_a
 #undef NUMBER
 #undef BITS
 
-/* Sine and cosine of a number, of which one that is not asked for costs nothing. */
-static INLINE void sine_and_cosine(const number a, number *sine_of, number *cosine_of)
+static INLINE void sines_and_cosines(
+    const int count, const number *angles, number *sines, number *cosines)
 {
-    number_bits beyond;
-    bits any = 0;
-    sine_cosine_number(&a, sine_of, cosine_of, &beyond);
-    for (int lane = 0; lane < LANES; ++lane) {
-        any |= beyond[lane];
+    number_bits beyond = {0};
+    for (int i = 0; i < count; ++i) {
+        number_bits here;
+        sine_cosine_number(angles + i, sines + i, cosines + i, &here);
+        beyond |= here;
     }
-    if (any) {
-        library_sine_cosine(LANES, (const real *)&a, (real *)sine_of, (real *)cosine_of);
+    if (any((flags)beyond)) {
+        library_sine_cosine(
+            count * LANES, (const real *)angles, (real *)sines, (real *)cosines);
     }
 }
 
-static INLINE number sine(const number a)
+static INLINE void sine_and_cosine(const number angle, number *sine, number *cosine)
 {
-    number sine_of, cosine_of;
-    sine_and_cosine(a, &sine_of, &cosine_of);
-    return sine_of;
-}
-
-static INLINE number cosine(const number a)
-{
-    number sine_of, cosine_of;
-    sine_and_cosine(a, &sine_of, &cosine_of);
-    return cosine_of;
+    sines_and_cosines(1, &angle, sine, cosine);
 }
 #endif

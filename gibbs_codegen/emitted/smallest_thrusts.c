@@ -9,15 +9,13 @@
 #define SMALL R(1e-18)
 #endif
 
-/* Numbers of one state are `stride` apart. */
-static void find_smallest(
-    const int stride, const real *columns, const real *wrench, real *found)
+static void smallest_thrusts_of_state(const real *columns, const real *wrench, real *found)
 {
     real rows[BASE][ROTORS], left[BASE], x[ROTORS] = {R(0.0)}, greatest = R(0.0);
     for (int i = 0; i < BASE; ++i) {
-        left[i] = wrench[i * stride];
+        left[i] = wrench[i];
         for (int k = 0; k < ROTORS; ++k) {
-            rows[i][k] = columns[(k * BASE + i) * stride];
+            rows[i][k] = columns[k * BASE + i];
         }
     }
     for (int rank = 0; rank < BASE; ++rank) {
@@ -50,33 +48,31 @@ static void find_smallest(
         memset(rows[next], 0, sizeof rows[next]);
     }
     for (int k = 0; k < ROTORS; ++k) {
-        found[k * stride] = x[k];
+        found[k] = x[k];
     }
 }
 
-static INLINE void smallest_thrusts_of_state(const real *columns, const real *wrench, real *found)
-{
-    find_smallest(1, columns, wrench, found);
-}
-
 static void smallest_thrusts(
-    const void *const *context, const number *columns, const number *wrench, number *found)
+    const void *const *context, const Given columns, const Given wrench, number *found)
 {
     (void)context;
     for (int lane = 0; lane < LANES; ++lane) {
-        find_smallest(
-            LANES, (const real *)columns + lane, (const real *)wrench + lane, (real *)found + lane);
+        real own[ROTORS * BASE], target[BASE], x[ROTORS];
+        take_lane(columns, ROTORS * BASE, lane, own);
+        take_lane(wrench, BASE, lane, target);
+        smallest_thrusts_of_state(own, target, x);
+        put_lane(ROTORS, lane, x, found);
     }
 }
 
 /* Unit vector along which rotors push, as equal thrusts of all do. */
-static void find_axis(const int stride, const real *columns, real *found)
+static void force_axis_of_state(const real *columns, real *found)
 {
     real force[3] = {R(0.0)}, largest = R(0.0), along = R(0.0);
     for (int k = 0; k < ROTORS; ++k) {
         real own[3];
         for (int i = 0; i < 3; ++i) {
-            own[i] = columns[(k * BASE + i) * stride];
+            own[i] = columns[k * BASE + i];
         }
         const real square = product_of(3, own, own);
         if (square > largest) {
@@ -86,25 +82,23 @@ static void find_axis(const int stride, const real *columns, real *found)
     }
     for (int k = 0; k < ROTORS; ++k) {
         for (int i = 0; i < 3; ++i) {
-            along += columns[(k * BASE + i) * stride] * force[i];
+            along += columns[k * BASE + i] * force[i];
         }
     }
     /* Rotors may push either way; where as many push up as down, the greatest one decides. */
     const real size = signed_as_real(square_root_real(largest), along);
     for (int i = 0; i < 3; ++i) {
-        found[i * stride] = force[i] / size;
+        found[i] = force[i] / size;
     }
 }
 
-static INLINE void force_axis_of_state(const real *columns, real *found)
-{
-    find_axis(1, columns, found);
-}
-
-static void force_axis(const void *const *context, const number *columns, number *found)
+static void force_axis(const void *const *context, const Given columns, number *found)
 {
     (void)context;
     for (int lane = 0; lane < LANES; ++lane) {
-        find_axis(LANES, (const real *)columns + lane, (real *)found + lane);
+        real own[ROTORS * BASE], axis[3];
+        take_lane(columns, ROTORS * BASE, lane, own);
+        force_axis_of_state(own, axis);
+        put_lane(3, lane, axis, found);
     }
 }

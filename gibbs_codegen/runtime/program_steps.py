@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -30,7 +31,7 @@ class Taken(NamedTuple):
     last one.
     """
 
-    taken: NDArray[np.int64]
+    taken: NDArray[np.int32]
     samples: Array
     last: Array
     refused: Flags
@@ -115,32 +116,36 @@ class ProgramSteps:
         state = self.in_blocks(states)
         samples = self._filled((blocks, kept + 1, self.size, self.lanes))
         progress = np.zeros((blocks, 3, self.lanes), dtype=np.int32)
-        flown = np.ones(self.count, dtype=bool) if going is None else going
-        progress[:, 0] = np.pad(flown, (0, blocks * self.lanes - self.count)).reshape(blocks, -1)
-        places = zip(
-            *map(self._column, (self._given[:, :, np.newaxis], state, samples, progress)),
-            strict=True,
-        )
-        parts = [tuple(map(int, each)) for each in places]
+        if self.count == 1:
+            progress[0, 0, 0] = 1 if going is None else going[0]
+        else:
+            flown = np.zeros(blocks * self.lanes, dtype=np.int32)
+            flown[: self.count] = 1 if going is None else going
+            progress[:, 0] = flown.reshape(blocks, -1)
         inputs = None if ranges is None else ranges.ctypes.data
+        parts = [
+            range(first := x.ctypes.data, first + blocks * x.strides[0], x.strides[0])
+            for x in (self._given, state, samples, progress)
+        ]
 
-        def fly(some: NDArray[np.int64]) -> None:
-            for k in some.tolist():
-                given, x, kept_at, ends = parts[k]
+        def fly(some: range) -> None:
+            for k in some:
+                given, x, kept_at, ends = (places[k] for places in parts)
                 self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
 
-        shares = np.array_split(np.arange(blocks), min(threads, blocks))
-        if len(shares) == 1:
-            fly(shares[0])
+        workers = min(threads, blocks)
+        if workers == 1:
+            fly(range(blocks))
         else:
-            with ThreadPoolExecutor(len(shares)) as pool:
-                list(pool.map(fly, shares))
+            with ThreadPoolExecutor(workers) as pool:
+                list(pool.map(fly, (range(k, blocks, workers) for k in range(workers))))
         last, found = self._out_of_blocks(state), self._out_of_blocks(samples[:, :kept])
-        _, refused, taken = np.moveaxis(self._out_of_blocks(progress), -1, 0)
-        ends = (number + taken) // every - number // every
-        for k in np.flatnonzero(ends < kept):
-            found[k, ends[k] :] = last[k]
-        return Taken(taken.astype(np.int64), found, last, refused != 0)
+        _, refused, taken = self._out_of_blocks(progress).T
+        if taken.min() < steps:
+            ends = (number + taken) // every - number // every
+            for k in np.flatnonzero(ends < kept):
+                found[k, ends[k] :] = last[k]
+        return Taken(taken, found, last, refused != 0)
 
     def _constants(self, constants: Any, each: bool) -> NDArray[Any]:
         """Constants of one robot, or of each state in blocks."""
@@ -159,7 +164,9 @@ class ProgramSteps:
 
     def _filled(self, shape: tuple[int, ...]) -> NDArray[Any]:
         """Zeros that begin where a block may."""
-        size = self.real.itemsize * int(np.prod(shape))
+        if self.lanes == 1:
+            return np.zeros(shape, dtype=self.real)
+        size = self.real.itemsize * math.prod(shape)
         memory = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
         begin = -memory.ctypes.data % _ALIGNMENT
         return memory[begin : begin + size].view(self.real).reshape(shape)
@@ -167,6 +174,8 @@ class ProgramSteps:
     def in_blocks(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Rows (n, entries) in blocks (blocks, entries, lanes); the last row fills up the last."""
         count, entries = rows.shape
+        if self.lanes == 1:
+            return np.array(rows, dtype=self.real, order="C")[..., np.newaxis]
         blocks = self._filled((-(-count // self.lanes), entries, self.lanes))
         places = np.minimum(np.arange(len(blocks) * self.lanes), count - 1)
         blocks[...] = np.swapaxes(rows[places].reshape(len(blocks), self.lanes, entries), 1, 2)
@@ -174,6 +183,8 @@ class ProgramSteps:
 
     def _out_of_blocks(self, blocks: NDArray[Any]) -> NDArray[Any]:
         """Rows (count, …) of blocks (blocks, …, lanes)."""
+        if self.lanes == 1:
+            return blocks[..., 0]
         rows = np.moveaxis(blocks, -1, 1)
         rows = rows.reshape(len(blocks) * self.lanes, *rows.shape[2:])
         return np.ascontiguousarray(rows[: self.count])

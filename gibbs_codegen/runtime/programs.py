@@ -70,7 +70,7 @@ def c_text(
     if elementaries_of(program) & {"sin", "cos"}:
         files += ["exactness.c", "sine_cosine.c", "sine_cosine_numbers.c"]
     files += ["curves.c"] if by_hand & {"desired", "centre"} else []
-    files += ["allocation.c"] if by_hand - {"desired", "centre"} else []
+    files += ["lanes.c", "allocation.c"] if by_hand - {"desired", "centre"} else []
     files += ["smallest_thrusts.c"] if by_hand & {"smallest_thrusts", "force_axis"} else []
     ending = "batch_each" if each else "batch"
     calls = functions_of(program) if lanes > 1 else []

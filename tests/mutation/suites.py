@@ -51,7 +51,8 @@ _FLYING_IN_C = (
     "tests/flight/integration/test_block_loop.py",
 )
 NATIVE = (
-    *("allocation.c", "curves.c", "engine.c", "numbers.c", "sine_cosine_numbers.c"),
+    *("allocation.c", "curves.c", "engine.c", "lanes.c", "numbers.c"),
+    "sine_cosine_numbers.c",
     "smallest_thrusts.c",
 )
 NAMED = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,26 +17,16 @@ from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.vehicle import Array
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
 
-
-class Rounding(NamedTuple):
-    """What rounding decides: time, s, over which thrusts are differenced to make up for lag.
-
-    And the share of a wrench that thrusts may fail to produce and still count as exact.
-    """
-
-    ahead: float
-    exact: float
-
-
-DOUBLE, SINGLE = Rounding(1e-7, 1e-9), Rounding(2.0**-11, 1e-4)
+# Shares of a wrench that thrusts may fail to produce and still count as exact.
+DOUBLE, SINGLE = 1e-9, 1e-4
 
 
 def loop_values(
-    closed: ClosedLoop, bounds: Array | float, loads: Loads, rounding: Rounding = DOUBLE
+    closed: ClosedLoop, bounds: Array | float, loads: Loads, exact: float = DOUBLE
 ) -> dict[str, Any]:
     """Values of the inputs of a closed loop's program by their names, while something acts.
 
-    `bounds` of errors, then of their rates, are (2 nv) or one number.
+    `bounds` of errors, then of their rates, are (2 nv) or one number. `exact` is DOUBLE or SINGLE.
     """
     plant, law = closed.vehicle, closed.controller
     model, reference = law.vehicle, law.reference
@@ -61,7 +51,7 @@ def loop_values(
         "end": reference.end,
         "bounds": np.broadcast_to(bounds, (*np.shape(bounds)[:-1], size)),
         "largest_lean": LARGEST_THETA_0,
-        **rounding._asdict(),
+        "exact": exact,
     }
     if law.allocation.limits is not None:
         limits = np.array(law.allocation.limits)

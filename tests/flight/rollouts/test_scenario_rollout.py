@@ -72,6 +72,22 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
     np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
 
 
+@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])
+def test_single_precision_is_near_double(name: str, fast: Callable[[str], ModuleType]) -> None:
+    """Also where rotors cannot produce every wrench."""
+    module = fast(name)
+    scenario = read_scenario("circle", {"motors": {"compensation": False}})
+    v0 = 0.05 * np.random.default_rng(1).normal(size=(19, len(module.VELOCITIES)))
+    given = module, None, v0, scenario, STEPS, DT
+    motors = {"time_constants": 0.02, "every": EVERY}
+    double, single = (rollout(*given, **motors, precision=p) for p in ("double", "single"))
+    for x in ("q", "v", "thrusts"):
+        one, other = getattr(double, x), getattr(single, x)
+        assert other.dtype == np.float32
+        assert 1e-9 < np.abs(other - one).max() < 1e-4
+    assert not single.ended.any()
+
+
 def test_thrusts_without_lag_are_those_that_are_commanded(
     machine: ModuleType, scenario: Scenario
 ) -> None:
@@ -127,7 +143,7 @@ def test_what_overflows_changes_no_other_quaternion(fast: Callable[[str], Module
 
 
 WRONG = {
-    "leave out method, precision, wrenches, limits": {"limits": (0.0, 1.0)},
+    "leave out method, wrenches, limits": {"limits": (0.0, 1.0)},
     "without control.rate and sensors": {"sensors": Sensors()},
     "dt: state 0: in steps of 2 s rk4 makes errors grow": {"dt": 2.0},
     "parameters: link2_mass_per_length: value 1 of 2 must be finite": {
