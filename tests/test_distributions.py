@@ -38,8 +38,8 @@ print(sys.modules[type(function).__module__].__file__)
 DATA = """
     py.typed
     emitted/allocation.c emitted/blocks.c emitted/constants.c
-    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/lanes.c emitted/numbers.c
-    emitted/platform.c emitted/smallest_thrusts.c
+    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/lanes.c
+    emitted/numbers.c emitted/platform.c emitted/smallest_thrusts.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
     emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
     emitted/rollout/transpose.c

@@ -72,7 +72,7 @@ def test_it_begins_where_it_is_told(machine: ModuleType, scenario: Scenario) -> 
     np.testing.assert_array_equal(found.q[1, -1], found.q[1, -2])
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "quadrotor"])
+@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])
 def test_single_precision_is_near_double(name: str, fast: Callable[[str], ModuleType]) -> None:
     """Also where rotors cannot produce every wrench."""
     module = fast(name)
