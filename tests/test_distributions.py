@@ -37,7 +37,7 @@ print(sys.modules[type(function).__module__].__file__)
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/allocation.c emitted/blocks.c emitted/constants.c
+    emitted/allocation.c emitted/blocks.c emitted/calls.c emitted/constants.c
     emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/lanes.c
     emitted/numbers.c emitted/platform.c emitted/smallest_thrusts.c
     emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
@@ -56,7 +56,7 @@ DATA = """
     scenarios/line.toml scenarios/paper.toml
     templates/c_each.c.jinja templates/c_header.h.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja
-    templates/c_source.c.jinja templates/c_steps.c.jinja templates/matlab_constants.m.jinja
+    templates/c_source.c.jinja templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja
     templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
     templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja

@@ -19,7 +19,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
+
 from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import LABELS
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
 from gibbs_codegen.interface import FUNCTIONS
@@ -50,15 +53,31 @@ Index = Sequence[str | int]
 
 
 class View(NamedTuple):
-    """Where entries of a node are: an array in C, the first entry, and how far axes go."""
+    """Where entries of a node are: an array in C, the first entry, and how far axes go.
+
+    If it `has_lanes`, an entry is `lanes` reals, one for each state.
+    """
 
     array: str
     offset: int
     strides: tuple[int, ...]
+    has_lanes: bool = False
 
     def entry(self, index: Index) -> str:
-        """The text of an entry; of a number it is the variable."""
-        return f"{self.array}[{_place(self.offset, self.strides, index)}]"
+        """The text of an entry."""
+        place = _place(self.offset, self.strides, index)
+        if not self.has_lanes:
+            return f"{self.array}[{place}]"
+        if place == "0":
+            return f"{self.array}[lane]"
+        scaled = f"({place})" if " " in place else place
+        return f"{self.array}[{scaled} * lanes + lane]"
+
+    @property
+    def first(self) -> str:
+        """The text of the address of the first entry."""
+        offset = f"{self.offset} * lanes" if self.has_lanes else self.offset
+        return f"{self.array} + {offset}" if self.offset else self.array
 
 
 def _place(offset: int, strides: Iterable[int], index: Index) -> str:
@@ -93,6 +112,9 @@ class CProgram:
     It is text for one state and for blocks, or if it `is_plain` for one state alone.
     """
 
+    # What stands before loops whose rounds do not depend on each other.
+    before_loops: tuple[str, ...] = ()
+
     def __init__(
         self,
         program: Program,
@@ -110,6 +132,7 @@ class CProgram:
         self._names = _Names(program)
         self._indices: dict[str, int] = {}
         self._uniform: dict[Node, bool] = {}
+        self._tables: dict[Node, None] = {}
         self._copies = 0
 
     # What is computed where it is read, and what has a place of its own.
@@ -133,9 +156,18 @@ class CProgram:
         """Sums that are computed where one other reads them."""
         return {x for x in self.program.nodes if self._is_inlined(x)}
 
+    def _in_rows(self, array: str, x: Node, is_uniform: bool | None = None) -> View:
+        """An array that has the entries of a node row by row, uniform as the node by itself."""
+        return View(array, 0, _strides(x.shape))
+
+    def _is_kept(self, x: Node) -> bool:
+        """Whether a node has an array, and not a variable."""
+        return bool(x.shape)
+
     def _is_inlined(self, x: Node) -> bool:
         readers = self.readers[x]
-        if not isinstance(x.operation, nodes.Elementary) or x in self.results or x in LABELS:
+        kinds = nodes.Elementary | nodes.Product
+        if not isinstance(x.operation, kinds) or x in self.results or x in LABELS:
             return False
         if _name_of(x) in _ANGLES and not self.is_plain:
             return False
@@ -144,10 +176,17 @@ class CProgram:
         if len(readers) != 1 or self.uniform(x) != self.uniform(readers[0]):
             return False
         reader = readers[0]
-        kinds = nodes.Elementary | nodes.Total
-        return isinstance(reader.operation, kinds) and (
-            reader.shape == x.shape or isinstance(reader.operation, nodes.Total)
-        )
+        if isinstance(x.operation, nodes.Product):
+            return self._is_added(x, reader)
+        if isinstance(reader.operation, nodes.Total):
+            return True
+        return isinstance(reader.operation, nodes.Elementary) and reader.shape == x.shape
+
+    def _is_added(self, x: Node, reader: Node) -> bool:
+        """Whether a node is added to others in a statement of its own."""
+        if _name_of(reader) != "add" or reader.shape != x.shape:
+            return False
+        return not self._is_inlined(reader) or self._is_added(reader, self.readers[reader][0])
 
     def _is_piece(self, x: Node) -> bool:
         """Whether a node is a number that one vector has as its entry."""
@@ -217,7 +256,42 @@ class CProgram:
             if self.is_computed(x):
                 is_alone = self.is_plain and isinstance(x.operation, nodes.Elementary)
                 groups.setdefault((not is_alone and _call_of(x)) or x, []).append(x)
-        return list(groups.values())
+        waiting, done, found = list(groups.values()), set[Node](), []
+        while waiting:
+            group = waiting.pop(0)
+            if self._is_sum(group[0]):
+                others = [other for other in waiting if self._goes_with(other[0], group, done)]
+                waiting = [other for other in waiting if other not in others]
+            done |= set(group)
+            found.append(group)
+        return found
+
+    def _is_sum(self, x: Node) -> bool:
+        """Whether entries of an array are computed one by one."""
+        if _name_of(x) in _ANGLES and not self.is_plain:
+            return False
+        return isinstance(x.operation, nodes.Elementary | nodes.Product) and self._is_kept(x)
+
+    def _goes_with(self, x: Node, group: list[Node], done: set[Node]) -> bool:
+        """Add a node to the loop of others, if all that it reads is there by then."""
+        first = group[0]
+        if x.shape != first.shape or self.uniform(x) != self.uniform(first):
+            return False
+        if not self._is_sum(x) or self._terms(x)[1]:
+            return False
+        if not self._are_there(x, group, done):
+            return False
+        group.append(x)
+        return True
+
+    def _are_there(self, x: Node, group: list[Node], done: set[Node]) -> bool:
+        """Whether all that an entry of a node reads is computed, or is where the entry will be."""
+        return all(
+            self._are_there(y, group, done)
+            if y in self.inlined
+            else (y in group and y.shape == x.shape) or self.reads(y) <= done
+            for y in x.arguments
+        )
 
     @cached_property
     def when(self) -> dict[Node, int]:
@@ -229,30 +303,51 @@ class CProgram:
         """Where computed arrays are kept."""
         found: dict[Node, View] = {}
         for name, x in self.program.outputs.items():
-            base = self.base(x)
-            whole = base.size == x.size and self._is_in_rows(x) and x.shape
-            if whole and self.is_computed(base) and base not in found and base.shape:
-                found[base] = View(name, 0, _strides(base.shape))
-        for x in self.program.nodes:
-            if isinstance(x.operation, nodes.Joining) and self.is_computed(x):
-                self._place(x, found)
+            self._place(x, self._in_rows(name, x), found)
+        for x in reversed(self.program.nodes):
+            if isinstance(x.operation, nodes.Joining) and x not in found and self.is_computed(x):
+                self._place(x, self._in_rows(self._names.of(x), x), found)
         for x in self.when:
-            if x not in found and x.shape:
-                found[x] = View(self._names.of(x), 0, _strides(x.shape))
+            if x not in found and self._is_kept(x):
+                found[x] = self._in_rows(self._names.of(x), x)
         return found
 
-    def _place(self, join: Node, found: dict[Node, View]) -> None:
-        """Let what is joined be computed where it is joined."""
-        if join not in found:
-            found[join] = View(self._names.of(join), 0, _strides(join.shape))
-        at = found[join]
-        begin = 0
-        for piece in join.arguments:
-            alone = self.is_computed(piece) and piece not in found
-            if alone and self.uniform(piece) == self.uniform(join):
-                offset = at.offset + begin * _strides(join.shape)[0]
-                found[piece] = View(at.array, offset, _strides(piece.shape))
-            begin += piece.shape[0]
+    def _place(self, x: Node, at: View, found: dict[Node, View]) -> None:
+        """Let a node be computed where it is wanted, and what is joined where it is joined."""
+        match x.operation:
+            case nodes.Entries() | nodes.Coordinates():
+                self._place(x.arguments[0], at, found)
+            case nodes.Transposition(axes):
+                strides = dict(zip(axes, at.strides, strict=True))
+                turned = tuple(strides[axis] for axis in sorted(axes))
+                self._place(x.arguments[0], at._replace(strides=turned), found)
+            case nodes.Reshaping() if at.strides == _strides(x.shape) and not self._is_copied(x):
+                inner = at._replace(strides=_strides(x.arguments[0].shape))
+                self._place(x.arguments[0], inner, found)
+            case _ if self.is_computed(x) and self._is_kept(x) and x not in found:
+                if at.strides != _strides(x.shape) and not self._can_be_apart(x):
+                    return
+                found[x] = at
+                pieces = x.arguments if isinstance(x.operation, nodes.Joining) else ()
+                offset = at.offset
+                for piece in pieces:
+                    if self.uniform(piece) == self.uniform(x):
+                        self._place(piece, at._replace(offset=offset), found)
+                    offset += piece.shape[0] * at.strides[0]
+
+    def _can_be_apart(self, x: Node) -> bool:
+        """Whether rows of a node can be apart: functions and looks at it row by row need them side
+        by side.
+        """
+        is_written = isinstance(x.operation, nodes.Total | nodes.Joining) or self._is_sum(x)
+        return is_written and not self._is_reshaped(x)
+
+    def _is_reshaped(self, x: Node) -> bool:
+        return any(
+            isinstance(reader.operation, nodes.Reshaping)
+            or (isinstance(reader.operation, _VIEWS) and self._is_reshaped(reader))
+            for reader in self.readers[x]
+        )
 
     @cached_property
     def arrays(self) -> dict[str, Storage]:
@@ -267,10 +362,10 @@ class CProgram:
                         last[y] = max(last[y], number)
         for x in self.results & set(last):
             last[x] = len(self.statements)
-        sizes = {self.places[x].array: x.size for x in self.when if x in self.places}
-        for x in self.when:
-            if isinstance(x.operation, nodes.Joining):
-                sizes[self.places[x].array] = x.size
+        sizes: dict[str, int] = {}
+        for x in set(self.when) & set(self.places):
+            array = self.places[x].array
+            sizes[array] = max(sizes.get(array, 0), x.size)
         for x, number in self.when.items():
             array = self.places[x].array if x in self.places else ""
             if not array or array in outputs or not self._is_in_room(x):
@@ -291,8 +386,9 @@ class CProgram:
         """Where the entries of a node are that is no expression."""
         match x.operation:
             case nodes.Input(name):
-                return View(name, 0, _strides(x.shape))
+                return self._in_rows(name, x)
             case nodes.Constant():
+                self._tables[x] = None
                 return View(self._names.of(x), 0, _strides(x.shape))
             case nodes.Part(begin):
                 inner = self.view(x.arguments[0])
@@ -310,7 +406,11 @@ class CProgram:
     def entry(self, x: Node, index: Index, wanted: bool = False) -> str:
         """An entry of a node; `wanted` tells that it must be a number, not a real."""
         text = self._entry(x, index)
-        return f"same({text})" if wanted and self.uniform(x) else text
+        return self._same(text) if wanted and self.uniform(x) else text
+
+    def _same(self, text: str) -> str:
+        """A number that all states share."""
+        return f"same({text})"
 
     def _entry(self, x: Node, index: Index) -> str:
         if x in self.inlined:
@@ -322,7 +422,12 @@ class CProgram:
         numbers = numbers_of(base)
         if numbers is not None and (numbers == numbers.flat[0]).all():
             return literal(float(numbers.flat[0]))
-        if base.shape == ():
+        if numbers is not None and x is base and len(numbers.shape) == 2:
+            shift = int(abs(numbers[0]).argmax())
+            value = float(numbers[0, shift])
+            if np.array_equal(numbers, value * np.eye(*numbers.shape, shift)):
+                return _diagonal(index, shift, value)
+        if not self._is_kept(base):
             return (
                 base.operation.name
                 if isinstance(base.operation, nodes.Input)
@@ -347,7 +452,7 @@ class CProgram:
         if self.uniform(x):
             return f"{_FUNCTIONS[name]}_real({', '.join(terms)})"
         numbers = [
-            f"same({term})" if self.uniform(y) else term
+            self._same(term) if self.uniform(y) else term
             for term, y in zip(terms, x.arguments, strict=True)
         ]
         return f"{_FUNCTIONS[name]}({', '.join(numbers)})"
@@ -371,36 +476,38 @@ class CProgram:
         base = self.base(x)
         known = numbers_of(base)
         spread = known is not None and (known == known.flat[0]).all()
-        there = self._is_in_rows(x) and base.shape and not spread and x not in self.inlined
+        there = self._is_kept(base) and not spread and x not in self.inlined
         if uniform == wanted_uniform and there:
             at = self.view(x)
-            return f"{at.array} + {at.offset}" if at.offset else at.array
+            if at.strides == _strides(x.shape):
+                return at.first
         self._copies += 1
         name = f"copy_{self._copies}"
-        kind = "real" if wanted_uniform else "number"
-        lines.append(f"{kind} {name}[{x.size}];")
-        view = View(name, 0, _strides(x.shape))
-        lines += self._loops(
-            x.shape,
-            lambda index: [
-                f"{view.entry(index)} = {self.entry(x, index, wanted=not wanted_uniform)};"
-            ],
-        )
+        lines.append(self._declaration(name, x.size, wanted_uniform))
+        target = self._in_rows(name, x, wanted_uniform)
+        copy = self._assignment(target, x, wanted=not wanted_uniform)
+        lines += self._loops(x.shape, copy, wanted_uniform)
         return name
 
     def _loops(
-        self, shape: Shape, body: Callable[[Index], list[str]], flat: bool = False
+        self, shape: Shape, body: Callable[[Index], list[str]], is_uniform: bool
     ) -> list[str]:
         """A statement for each entry: written out where there are few, or else in loops."""
         if math.prod(shape) <= FEW:
-            return [line for index in itertools.product(*map(range, shape)) for line in body(index)]
-        if flat:
-            shape = (math.prod(shape),)
+            entries = itertools.product(*map(range, shape))
+            return self._in_states([line for x in entries for line in body(x)], is_uniform)
         index = [i if n > 1 else 0 for i, n in zip(_INDICES, shape, strict=False)]
-        lines = body(index)
+        lines = self._in_states(body(index), is_uniform)
+        before = () if is_uniform else self.before_loops
         for i, n in reversed(list(zip(index, shape, strict=True))):
             if i != 0:
-                lines = [f"for (int {i} = 0; {i} < {n}; ++{i}) {{", *_indented(lines), "}"]
+                head = f"for (int {i} = 0; {i} < {n}; ++{i}) {{"
+                lines = [*before, head, *_indented(lines), "}"]
+                before = ()
+        return lines
+
+    def _in_states(self, lines: list[str], is_uniform: bool) -> list[str]:
+        """Statements that are done for each state, or once for all."""
         return lines
 
     # Statements.
@@ -408,15 +515,13 @@ class CProgram:
     def statement(self, group: list[Node]) -> Iterator[str]:
         """The text that computes the nodes of one statement."""
         x = group[0]
-        if x in LABELS and LABELS[x].words:
-            yield f"/* {LABELS[x].words} */"
+        words = (LABELS[y].words for y in group if y in LABELS and LABELS[y].words)
+        yield from (f"/* {text} */" for text in dict.fromkeys(words))
         match x.operation:
             case nodes.Elementary("sin" | "cos") if not self.is_plain:
                 yield from self._sines_and_cosines(group)
-            case nodes.Elementary():
-                yield from self._assigned(x, lambda index: self.expression(x, index))
-            case nodes.Product():
-                yield from self._product(x)
+            case nodes.Elementary() | nodes.Product():
+                yield from self._entries(group)
             case nodes.Total():
                 yield from self._total(x)
             case nodes.Reshaping():
@@ -426,10 +531,8 @@ class CProgram:
             case nodes.Solution():
                 yield from self._solved(x)
             case nodes.Call(functions, name):
-                function = f"{functions.name}_{name}"
                 yield from self._called(
-                    function if self.is_plain else f"EACH({function})",
-                    [functions.owner],
+                    *self._function(functions, name),
                     [(y, self.is_plain) for y in x.arguments],
                     {FUNCTIONS[name].outputs[k].name: y for k, y in _numbered(group)},
                     [
@@ -463,96 +566,107 @@ class CProgram:
                     by_hand=not self.is_plain,
                 )
 
+    def _function(self, functions: Functions, name: str) -> tuple[str, list[str]]:
+        """What calls a function of a module, and what it is given before its arguments."""
+        function = f"{functions.name}_{name}"
+        return function if self.is_plain else f"EACH({function})", [functions.owner]
+
     def _kind(self, x: Node) -> str:
         return "real" if self.uniform(x) else "number"
 
-    def _assigned(self, x: Node, value: Callable[[Index], str]) -> list[str]:
-        """Every entry of a node is given its value."""
-        if x.shape == ():
-            return [f"const {self._kind(x)} {self._names.of(x)} = {value(())};"]
-        flat = isinstance(x.operation, nodes.Elementary) and self._is_flat(x)
-        at = self.view(x)
-        if flat and x.size > FEW:
-            at = at._replace(strides=(1,))
-        return self._loops(x.shape, lambda index: [f"{at.entry(index)} = {value(index)};"])
-
-    def _is_flat(self, x: Node) -> bool:
-        return len(x.shape) < 2
-
-    def _product(self, x: Node) -> list[str]:
-        left, right = x.arguments
-        inner, lead = left.shape[-1], len(left.shape) - 1
-
-        def term(index: Index, k: str | int) -> str:
-            one = self.entry(left, [*index[:lead], k])
-            return f"{one} * {self.entry(right, [k, *index[lead:]])}"
-
-        if inner <= FEW:
-            return self._assigned(x, lambda index: " + ".join(term(index, k) for k in range(inner)))
-        kind = self._kind(x)
-        zero = "same(R(0.0))" if kind == "number" else "R(0.0)"
-        at = self.view(x) if x.shape else None
+    def _entries(self, group: Sequence[Node]) -> list[str]:
+        """What computes nodes of one shape, entry by entry."""
+        bodies = [self._entry_lines(x) for x in group]
+        if not self._is_kept(group[0]):
+            return bodies[0](())
 
         def body(index: Index) -> list[str]:
-            name = "sum" if at else self._names.of(x)
-            return [
-                f"{kind} {name} = {zero};",
-                f"for (int k = 0; k < {inner}; ++k) {{",
-                f"    {name} += {term(index, 'k')};",
-                "}",
-                *([f"{at.entry(index)} = {name};"] if at else []),
-            ]
+            return [line for each in bodies for line in each(index)]
 
-        if at and x.size <= FEW:
-            return [
-                line
-                for index in itertools.product(*map(range, x.shape))
-                for line in ["{", *_indented(body(index)), "}"]
-            ]
-        names = [i for i in ("i", "j", "l") if i]
-        lines = body([i if n > 1 else 0 for i, n in zip(names, x.shape, strict=False)])
-        for i, n in reversed(list(zip(names, x.shape, strict=False))):
-            if n > 1:
-                lines = [f"for (int {i} = 0; {i} < {n}; ++{i}) {{", *_indented(lines), "}"]
+        return self._loops(group[0].shape, body, self.uniform(group[0]))
+
+    def _entry_lines(self, x: Node) -> Callable[[Index], list[str]]:
+        """What computes an entry of a node."""
+        is_kept, kind = self._is_kept(x), self._kind(x)
+        declared = f"const {kind} {self._names.of(x)}"
+        terms, products = self._terms(x)
+        if products and max(map(_inner, products)) > FEW:
+            return lambda index: self._summed(x, index, terms, products)
+
+        def lines(index: Index) -> list[str]:
+            added = [self._term(y, index, k) for y in products for k in range(_inner(y))]
+            text = " + ".join([*(self._spread(y, x, index) for y in terms), *added])
+            target = self.view(x).entry(index) if is_kept else declared
+            return [f"{target} = {text if products else self.expression(x, index)};"]
+
         return lines
+
+    def _terms(self, x: Node) -> tuple[list[Node], list[Node]]:
+        """The terms of a sum, and the products that are added up in it."""
+        if isinstance(x.operation, nodes.Product):
+            return [], [x]
+        terms: list[Node] = []
+        products: list[Node] = []
+        for y in x.arguments if _name_of(x) == "add" else ():
+            own, added = self._terms(y) if y in self.inlined else ([], [])
+            terms += own if added else [y]
+            products += added
+        return terms, products
+
+    def _summed(
+        self, x: Node, index: Index, terms: Sequence[Node], products: Sequence[Node]
+    ) -> list[str]:
+        """An entry that is the sum of others and of products of many terms."""
+        kind, is_kept = self._kind(x), self._is_kept(x)
+        name = "sum" if is_kept else self._names.of(x)
+        start = " + ".join(self._spread(y, x, index) for y in terms) or "R(0.0)"
+        if kind == "number" and all(map(self.uniform, terms)):
+            start = self._same(start)
+        lines = [f"{kind} {name} = {start};"]
+        for inner, group in itertools.groupby(products, _inner):
+            sums = [f"    {name} += {self._term(y, index, 'k')};" for y in group]
+            lines += [f"for (int k = 0; k < {inner}; ++k) {{", *sums, "}"]
+        if not is_kept:
+            return lines
+        lines.append(f"{self.view(x).entry(index)} = {name};")
+        return ["{", *_indented(lines), "}"] if x.size <= FEW else lines
+
+    def _term(self, x: Node, index: Index, k: str | int) -> str:
+        """A term of an entry of a product."""
+        left, right = x.arguments
+        lead = len(left.shape) - 1
+        return f"{self.entry(left, [*index[:lead], k])} * {self.entry(right, [k, *index[lead:]])}"
 
     def _total(self, x: Node) -> list[str]:
         inner = x.arguments[0]
         axes = x.operation.axes if isinstance(x.operation, nodes.Total) else ()
         at = self.view(x)
-        lines = self._loops(x.shape, lambda index: [f"{at.entry(index)} = {self._zero(x)};"])
+        uniform = self.uniform(x)
+        zero = "R(0.0)" if uniform else self._same("R(0.0)")
+        lines = self._loops(x.shape, lambda index: [f"{at.entry(index)} = {zero};"], uniform)
 
         def body(index: Index) -> list[str]:
             kept = [0 if axis in axes else i for axis, i in enumerate(index)]
             return [f"{at.entry(kept)} += {self.entry(inner, index)};"]
 
-        return [*lines, *self._loops(inner.shape, body)]
-
-    def _zero(self, x: Node) -> str:
-        return "R(0.0)" if self.uniform(x) else "same(R(0.0))"
+        return [*lines, *self._loops(inner.shape, body, uniform)]
 
     def _copied(self, x: Node) -> list[str]:
         """A reshaping of entries that are stored in another order."""
         inner, at = x.arguments[0], self.view(x)
-        rows = View(at.array, at.offset, _strides(inner.shape))
-        return self._loops(
-            inner.shape, lambda index: [f"{rows.entry(index)} = {self.entry(inner, index)};"]
-        )
+        rows = at._replace(strides=_strides(inner.shape))
+        return self._loops(inner.shape, self._assignment(rows, inner), self.uniform(x))
 
     def _joined(self, x: Node) -> Iterator[str]:
         at, begin = self.view(x), 0
         for piece in x.arguments:
-            offset = at.offset + begin * at.strides[0]
+            target = at._replace(offset=at.offset + begin * at.strides[0])
             begin += piece.shape[0]
-            there = self.places.get(piece)
-            if there is not None and (there.array, there.offset) == (at.array, offset):
+            if self._is_there(piece, target):
                 continue
-            target = View(at.array, offset, _strides(piece.shape))
-            wanted = not self.uniform(x)
-            yield from self._loops(
-                piece.shape,
-                self._assignment(target, piece, wanted),
-            )
+            uniform = self.uniform(x)
+            copy = self._assignment(target, piece, wanted=not uniform)
+            yield from self._loops(piece.shape, copy, uniform)
 
     def _sines_and_cosines(self, group: Sequence[Node]) -> Iterator[str]:
         """Both functions of the same angles, which cost little more than one."""
@@ -574,8 +688,7 @@ class CProgram:
         yield from lines
         name = "solve_real" if self.uniform(x) else "solve"
         at = self.view(x)
-        target = f"{at.array} + {at.offset}" if at.offset else at.array
-        yield f"{name}({x.shape[0]}, {width}, {', '.join(arguments)}, {target});"
+        yield f"{name}({x.shape[0]}, {width}, {', '.join(arguments)}, {at.first});"
 
     def _called(
         self,
@@ -593,7 +706,7 @@ class CProgram:
         lines: list[str] = []
         given = [*first]
         for x, is_uniform in arguments:
-            if x.shape == ():
+            if not self._is_kept(x):
                 given.append(self.entry(x, (), wanted=not is_uniform))
             else:
                 text = self.pointer(x, lines, is_uniform)
@@ -603,17 +716,21 @@ class CProgram:
             kind = "real" if is_uniform else "number"
             if name not in found:
                 self._copies += 1
-                lines.append(f"{kind} unused_{self._copies}[{math.prod(shape)}];")
-                given.append(f"unused_{self._copies}")
-            elif shape == ():
+                unused = f"unused_{self._copies}"
+                lines.append(self._declaration(unused, math.prod(shape), is_uniform))
+                given.append(unused)
+            elif not self._is_kept(found[name]):
                 variable = self._names.of(found[name])
                 lines.append(f"{kind} {variable};")
                 given.append(f"&{variable}")
             else:
-                at = self.places[found[name]]
-                given.append(f"{at.array} + {at.offset}" if at.offset else at.array)
+                given.append(self.places[found[name]].first)
         yield from lines
         yield f"{function}({', '.join(given)});"
+
+    def _declaration(self, name: str, size: int, is_uniform: bool) -> str:
+        """The declaration of an array of so many entries."""
+        return f"{'real' if is_uniform else 'number'} {name}[{size}];"
 
     # Functions.
 
@@ -632,15 +749,11 @@ class CProgram:
         """Statements of the function."""
         lines = [line for group in self.statements for line in self.statement(group)]
         for name, x in self.program.outputs.items():
-            if self.view_of_output(x) != name:
-                target = View(name, 0, _strides(x.shape))
-                if x.shape == ():
-                    lines.append(f"*{name} = {self.entry(x, ())};")
-                else:
-                    lines += self._loops(
-                        x.shape,
-                        self._assignment(target, x),
-                    )
+            target = self._in_rows(name, x)
+            if not self._is_kept(x):
+                lines.append(f"*{name} = {self.entry(x, ())};")
+            elif not self._is_there(x, target):
+                lines += self._loops(x.shape, self._assignment(target, x), self.uniform(x))
         unused = [
             f"(void){name};"
             for name, x in zip(self.program.names, self.program.inputs, strict=True)
@@ -648,13 +761,9 @@ class CProgram:
         ]
         return [*unused, *self._declared(), *lines]
 
-    def view_of_output(self, x: Node) -> str | None:
-        """The name of the output where a node is computed, if it is."""
-        base = self.base(x)
-        if base not in self.places or not x.shape or base.size != x.size:
-            return None
-        at = self.places[base]
-        return at.array if at.offset == 0 and self._is_in_rows(x) else None
+    def _is_there(self, x: Node, target: View) -> bool:
+        """Whether entries of a node are computed where they are wanted."""
+        return self.base(x) in self.places and self.view(x) == target
 
     def _declared(self) -> list[str]:
         """Declarations of the arrays between statements."""
@@ -676,10 +785,9 @@ class CProgram:
     def constants(self) -> list[str]:
         """Tables of the numbers that the program has."""
         lines = []
-        for x in self.program.nodes:
+        for x in self._tables:
             numbers = numbers_of(x)
-            if numbers is None or not x.shape or (numbers == numbers.flat[0]).all():
-                continue
+            assert numbers is not None  # noqa: S101 - see `view`
             values = ", ".join(literal(float(value)) for value in numbers.ravel())
             lines.append(f"static const real {self._names.of(x)}[{x.size}] = {{{values}}};")
         return lines
@@ -832,6 +940,19 @@ _RESERVED = (
     "real",
     "number",
 )
+
+
+def _diagonal(index: Index, shift: int, value: float) -> str:
+    """An entry of a matrix with a value on the diagonal that begins in column `shift`."""
+    i, j = index
+    if isinstance(i, int) and isinstance(j, int):
+        return literal(value if j == i + shift else 0.0)
+    return f"({_place(shift, (1,), (i,))} == {j} ? {literal(value)} : R(0.0))"
+
+
+def _inner(x: Node) -> int:
+    """How many terms an entry of a product has."""
+    return x.arguments[0].shape[-1]
 
 
 def literal(value: float) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.labels import LABELS, named
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.arrays.slopes import (
     call_slopes,
@@ -17,6 +19,7 @@ from gibbs_codegen.arrays.slopes import (
     entries_slope,
 )
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import FUNCTIONS
 
 
 def jacobian(program: Program, by: str | Iterable[str]) -> Program:
@@ -48,7 +51,32 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
         for output, x in program.outputs.items():
             shape = (*x.tangent, math.prod(inputs[name].tangent))
             outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
-    return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, outputs)
+        for x, derivative in derivatives.items():
+            if x in LABELS:
+                named(derivative, f"{LABELS[x].name}_by_{name}")
+    return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, _from_derivatives(outputs))
+
+
+def _from_derivatives(outputs: dict[str, Node]) -> dict[str, Node]:
+    """The same, with values of a function from the call that gives its derivatives with them."""
+    every = nodes.ordered(outputs.values())
+    names: dict[object, str] = {}
+    for x in every:
+        if isinstance(x.operation, nodes.Call):
+            row = FUNCTIONS[x.operation.name]
+            if row.kind == "jacobian" and not row.outputs[0].by:
+                names[x.operation.functions, row.derivative_of, x.arguments] = row.name
+    made: dict[Node, Node] = {}
+    for x in every:
+        operation = x.operation
+        if isinstance(operation, nodes.Call):
+            name = names.get((operation.functions, operation.name, x.arguments), operation.name)
+            operation = replace(operation, name=name)
+        arguments = [made[y] for y in x.arguments]
+        made[x] = nodes.node(operation, arguments, x.shape, x.space, x.is_uniform)
+        if x in LABELS:
+            named(made[x], *LABELS[x])
+    return {name: made[x] for name, x in outputs.items()}
 
 
 def _derivatives(program: Program, by: Node) -> dict[Node, Node]:
@@ -78,6 +106,8 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
             ]
         case nodes.Call() as call:
             call_slope = call_slopes(call, x, [*inner])
+            if call.name == "integrate":
+                return [_moved(call_slope, inner)]
             return [_through(call_slope[place], d) for place, d in inner.items()]
         case nodes.Invocation(program, output):
             names = tuple(program.names[place] for place in inner)
@@ -119,6 +149,19 @@ def _alone(x: Node, d: Node) -> Node:
         case _:
             raise UsageError(f"{x} has no derivative")
     return d if slope is None else slope @ d
+
+
+def _moved(slopes: dict[int, Node], inner: dict[int, Node]) -> Node:
+    """The derivative of coordinates with a quaternion that are displaced: joints move by sums."""
+    base, joints = [], []
+    for place, d in inner.items():
+        rows = slopes[place][:6]
+        turned = rows @ d
+        if isinstance(turned.operation, nodes.Product):
+            turned = rows.transposed[:6].transposed @ d[:6]
+        base.append(turned)
+        joints.append(d[6:])
+    return nodes.join(sum(base[1:], base[0]), sum(joints[1:], joints[0]))
 
 
 def _through(slope: Node, d: Node) -> Node:

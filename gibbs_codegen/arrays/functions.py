@@ -6,7 +6,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from gibbs_codegen.arrays.nodes import Call, Node, Space, node, variable
+from gibbs_codegen.arrays.nodes import (
+    Call,
+    Node,
+    Space,
+    coordinates_of,
+    entries_of,
+    node,
+    variable,
+)
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
 from gibbs_codegen.interface.choice import option_with
@@ -69,6 +77,20 @@ class Functions:
     def state(self) -> tuple[Node, Node]:
         """The inputs q and v."""
         return self.coordinates(), self.velocities()
+
+    def integrate(self, q: Node, displacement: Node) -> Node:
+        """Coordinates after a displacement: a sum, unless there is a quaternion.
+
+        Args:
+            q: Coordinates (nq).
+            displacement: Of each velocity (nv), in rad or m.
+
+        Returns:
+            The node.
+        """
+        if self.space.has_quaternion:
+            return self.outputs("integrate", q, displacement)[0]
+        return coordinates_of(entries_of(q) + displacement, self.space)
 
     def outputs(self, name: str, *arguments: Node) -> tuple[Node, ...]:
         """The outputs of a function, as many as it has.

@@ -340,6 +340,8 @@ def _simpler(name: str, arguments: Sequence[Node], shape: Shape) -> Node | None:
         return None
     one, two = arguments
     kept = None
+    if name == "add" and _is_negated(two):
+        return elementary("subtract", one, two.arguments[1])
     if name in ("multiply", "divide") and is_all(one, 0.0):
         return zeros(*shape)
     if name == "multiply" and is_all(two, 0.0):
@@ -351,6 +353,14 @@ def _simpler(name: str, arguments: Sequence[Node], shape: Shape) -> Node | None:
     elif (name == "add" and is_all(one, 0.0)) or (name == "multiply" and is_all(one, 1.0)):
         kept = two
     return kept if kept is not None and kept.shape == shape else None
+
+
+def _is_negated(x: Node) -> bool:
+    """Whether a node is minus another of its shape."""
+    if x.operation != Elementary("multiply"):
+        return False
+    factor, other = x.arguments
+    return is_all(factor, -1.0) and other.shape == x.shape
 
 
 def _choose(a: Any, b: Any, above: Any, otherwise: Any) -> Any:
@@ -446,7 +456,20 @@ def product(matrix: Value, other: Value) -> Node:
     numbers = _all_numbers((matrix, other))
     if numbers is not None:
         return constant(np.tensordot(numbers[0], numbers[1], 1))
+    for scaled, kept in ((matrix, other), (other, matrix)):
+        scale = _scale_of(scaled)
+        if scale is not None:
+            return scale * kept
     return node(Product(), (matrix, other), shape)
+
+
+def _scale_of(x: Node) -> Node | None:
+    """The number that the identity matrix is multiplied by; None of what is another matrix."""
+    if isinstance(x.operation, Elementary) and x.operation.name == "multiply":
+        for scale, matrix in (x.arguments, x.arguments[::-1]):
+            if scale.size == 1 and _is_identity(matrix):
+                return reshaped(scale, ())
+    return None
 
 
 def solve(matrix: Value, right: Value) -> Node:
@@ -521,6 +544,11 @@ def join(*pieces: Value) -> Node:
     if numbers is not None:
         return constant(np.concatenate(numbers))
     return node(Joining(), parts, (sum(x.shape[0] for x in parts), *rows.pop()))
+
+
+def beside(*blocks: Node) -> Node:
+    """Matrices of as many rows, one beside the other."""
+    return join(*(block.transposed for block in blocks)).transposed
 
 
 def total(x: Node, *axes: int) -> Node:

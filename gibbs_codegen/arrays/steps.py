@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.nodes import Node, Program, variable
+from gibbs_codegen.arrays.labels import named
+from gibbs_codegen.arrays.nodes import Node, Program, beside, join, variable
 
 State = tuple[Node, Node]
 
 
 def semi_implicit_euler(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State:
     """v_next = v + h a, and q_next is q after the displacement h v_next."""
-    v_next = v + h * robot.forward_dynamics(q, v, u)
-    return robot.integrate(q, h * v_next), v_next
+    a = named(robot.forward_dynamics(q, v, u), "acceleration", "accelerations at the beginning")
+    v_next = named(v + h * a, "v_next", "velocities after the step")
+    return robot.integrate(q, named(h * v_next, "displacement", "displacement by these")), v_next
 
 
 def runge_kutta_4(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State:
@@ -20,16 +23,19 @@ def runge_kutta_4(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State
     A quaternion moves by exponentials alone, without commutators; for attitude angles it is the
     classical method.
     """
-    half = 0.5 * h
-    a1 = robot.forward_dynamics(q, v, u)
-    q2, v2 = robot.integrate(q, half * v), v + half * a1
-    a2 = robot.forward_dynamics(q2, v2, u)
-    q3, v3 = robot.integrate(q, half * v2), v + half * a2
-    a3 = robot.forward_dynamics(q3, v3, u)
-    q4, v4 = robot.integrate(q2, h * (v3 - 0.5 * v)), v + h * a3
-    a4 = robot.forward_dynamics(q4, v4, u)
-    sixth = h / 6.0
-    q_half = robot.integrate(q, half * (v + sixth * (a1 + a2 - a3)))
+    half = named(0.5 * h, "half")
+    a1 = named(robot.forward_dynamics(q, v, u), "acceleration", "accelerations at the beginning")
+    q2 = named(robot.integrate(q, half * v), "q2", "second stage, after half of the step")
+    v2 = named(v + half * a1, "v2")
+    a2 = named(robot.forward_dynamics(q2, v2, u), "a2")
+    q3 = named(robot.integrate(q, half * v2), "q3", "third stage, there again, with its rates")
+    v3 = named(v + half * a2, "v3")
+    a3 = named(robot.forward_dynamics(q3, v3, u), "a3")
+    q4 = named(robot.integrate(q2, h * (v3 - 0.5 * v)), "q4", "fourth stage, at the end")
+    v4 = named(v + h * a3, "v4")
+    a4 = named(robot.forward_dynamics(q4, v4, u), "a4")
+    sixth = named(h / 6.0, "sixth", "both halves of the step, by the stages together")
+    q_half = named(robot.integrate(q, half * (v + sixth * (a1 + a2 - a3))), "q_half")
     q_next = robot.integrate(q_half, half * (v + sixth * (a1 + a2 + 3.0 * a3)))
     return q_next, v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
@@ -37,9 +43,30 @@ def runge_kutta_4(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State
 METHODS = {"euler": semi_implicit_euler, "rk4": runge_kutta_4}
 
 
-def step_program(robot: Functions, method: str) -> Program:
-    """A step with constant inputs: q (nq), v (nv), u (nu) and h to q_next and v_next."""
+def step_program(robot: Functions, method: str, *, one_length: bool = True) -> Program:
+    """A step with constant inputs: q (nq), v (nv), u (nu) and h to q_next and v_next.
+
+    All states share h, or if not of `one_length` each has its own.
+    """
     q, v = robot.state()
-    u, h = variable("u", robot.inputs), variable("h", uniform=True)
+    u, h = variable("u", robot.inputs), variable("h", uniform=one_length)
     q_next, v_next = METHODS[method](robot, q, v, u, h)
     return Program(f"step_{method}", (q, v, u, h), {"q_next": q_next, "v_next": v_next})
+
+
+def emitted_step(robot: Functions, name: str) -> Program:
+    """A step of time as a row of the table has it, by itself or with its derivatives.
+
+    These are A (2 nv, 2 nv) by q and v, and B (2 nv, nu) by u.
+    """
+    method = name.removeprefix("step_").removesuffix("_derivatives")
+    step = step_program(robot, method, one_length=False)
+    if not name.endswith("_derivatives"):
+        return step
+    found = jacobian(step, ("q", "v", "u")).outputs
+    of_state, of_inputs = (
+        join(*(beside(*(found[f"{x}_next_by_{y}"] for y in by)) for x in "qv"))
+        for by in ("qv", "u")
+    )
+    results = {x: found[x] for x in step.outputs}
+    return Program(name, step.inputs, {**results, "A": of_state, "B": of_inputs})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 from gibbs_codegen.interface import FUNCTIONS, Signature, derivatives_among, signatures
 from gibbs_codegen.program.nodes import Function, Node, Program, names_in
@@ -47,6 +48,16 @@ class Model:
             "DERIVATIVES": derivatives_among(self.functions),
         }
         return {**self.description.lists(self.functions), **own}
+
+    @property
+    def listing(self) -> SimpleNamespace:
+        """What array programs read of a module: its name, attitude and lists."""
+        return SimpleNamespace(
+            **self.lists,
+            NAME=self.robot.name,
+            ATTITUDE=self.description.layout.attitude,
+            COORDINATE_UNITS=self.description.layout.q.units,
+        )
 
     @property
     def signatures(self) -> list[Signature]:

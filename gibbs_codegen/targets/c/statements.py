@@ -5,6 +5,7 @@ The entries of an array are `stride` reals apart: 1 for one state, LANES for a b
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -14,6 +15,8 @@ from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 WIDTH = 100
 # Of every line in the body of a function, and of every line in a loop there.
 _INDENT = 4
+# A space where no line is broken.
+_KEPT = "\0"
 
 
 class CStatements(StatementPrinter):
@@ -50,15 +53,7 @@ class CStatements(StatementPrinter):
         """An assignment, broken where it is too long for a line."""
         width = WIDTH - self._depth * _INDENT
         text = f"{target} = {value};"
-        if len(text) <= width:
-            return [text]
-        return textwrap.wrap(
-            text,
-            width,
-            subsequent_indent=" " * _INDENT,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
+        return broken(text, width)
 
 
 def load_constant(name: str) -> str:
@@ -103,7 +98,7 @@ def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
 def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     """A loop over an index from 0, of `count` rounds."""
     head = f"for (int {index} = 0; {index} < {count}; ++{index}) {{"
-    return [head, *_indented(body), "}"]
+    return [head, *indented(body), "}"]
 
 
 def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
@@ -119,10 +114,30 @@ def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[st
     every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
     idle = [] if any("stride" in line for line in body) else [unused("stride")]
     opening = head(f"static INLINE void {name}", every)
-    return [*opening, "{", *_indented([*idle, *body]), "}"]
+    return [*opening, "{", *indented([*idle, *body]), "}"]
 
 
-def _indented(lines: Iterable[str]) -> list[str]:
+def broken(line: str, width: int = WIDTH) -> list[str]:
+    """A statement on as many lines as it needs, those after the first further to the right."""
+    if len(line) <= width:
+        return [line]
+    text = line.lstrip()
+    margin = line[: len(line) - len(text)]
+    # An index stays whole.
+    text = re.sub(r"\[[^\]]*\]", lambda index: index[0].replace(" ", _KEPT), text)
+    lines = textwrap.wrap(
+        text,
+        width,
+        initial_indent=margin,
+        subsequent_indent=margin + " " * _INDENT,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [part.replace(_KEPT, " ") for part in lines]
+
+
+def indented(lines: Iterable[str]) -> list[str]:
+    """Lines of a block."""
     return [f"{' ' * _INDENT}{line}".rstrip() for line in lines]
 
 

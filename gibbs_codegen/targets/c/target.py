@@ -13,9 +13,9 @@ from gibbs_codegen.robot.description import Description
 from gibbs_codegen.runtime.rollout_source import RolloutText
 from gibbs_codegen.targets import documentation
 from gibbs_codegen.targets.c.function import CFunction
+from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
 from gibbs_codegen.targets.c.statements import WIDTH, CStatements, load
-from gibbs_codegen.targets.c.steps import composed_texts
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 # Of more derivatives that are left out nobody reads the names.
@@ -36,7 +36,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         CFunction(model, function, signature, printer).text()
         for function, signature in model.derived
     ]
-    functions += composed_texts(model)
+    functions += program_texts(model)
     macros = _macros(robot.name, model.defaults)
     listed, folded = model.description.lists(model.functions), ", ".join(model.folded) or "nothing"
     return {
