@@ -17,6 +17,7 @@ from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.table import Table, default_at, read_table
 from gibbs_codegen.files.toml import checked, merged, nested, plain_value
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.record.series import StrPath as StrPath
 from gibbs_codegen.flight.scenario.file import ScenarioTable, parse_scenario
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.load import find_module, load
@@ -25,7 +26,6 @@ from gibbs_codegen.version import __version__
 Step = str | int
 
 _KEY = re.compile(r"[^.\[\]\s]+(\.[^.\[\]\s]+|\[\d+\])*")
-StrPath = str | os.PathLike[str]
 
 
 def steps_of(key: str) -> tuple[Step, ...]:
