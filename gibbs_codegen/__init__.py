@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
     from gibbs_codegen.runtime.load import load as load
+    from gibbs_codegen.runtime.program_blocks import compile_program as compile_program
     from gibbs_codegen.runtime.rollouts import Feedback as Feedback
     from gibbs_codegen.runtime.rollouts import Rollout as Rollout
     from gibbs_codegen.verification.modules import verify as verify
@@ -111,6 +112,7 @@ _MODULES = {
     "robot.family": ("paper_family",),
     "robot.file": ("parse_robot", "read_robot"),
     "runtime.load": ("load",),
+    "runtime.program_blocks": ("compile_program",),
     "runtime.rollouts": ("Feedback", "Rollout"),
     "verification.modules": ("verify",),
     "verification.verify": ("Verification",),

@@ -36,6 +36,7 @@ RUN_ELSEWHERE = {
     "docs/howto/acados.md": "tests/test_acados_page.py",
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
+    "docs/howto/own-law.md": "tests/runtime/test_own_law.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }

@@ -26,12 +26,14 @@ Definition = ast.FunctionDef | ast.ClassDef
 BY_PATH = {
     (PACKAGE / "flight" / "rollouts" / "vector_env.py", "VectorEnv"),
     (PACKAGE / "arrays" / "backward.py", "gradient"),
+    (PACKAGE / "arrays" / "c_file.py", "write_c"),
     (PACKAGE / "arrays" / "evaluation.py", "evaluate"),
     (PACKAGE / "arrays" / "evaluation.py", "evaluate_casadi"),
     (PACKAGE / "arrays" / "forward.py", "jacobian"),
     (PACKAGE / "arrays" / "functions.py", "Functions"),
     (PACKAGE / "arrays" / "nodes.py", "Program"),
     (PACKAGE / "arrays" / "nodes.py", "variable"),
+    (PACKAGE / "runtime" / "program_blocks.py", "BlockProgram"),
 }
 
 

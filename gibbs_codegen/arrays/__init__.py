@@ -16,6 +16,7 @@ are those of one state; evaluation takes any number of states, in leading axes.
 """
 
 from gibbs_codegen.arrays.backward import gradient
+from gibbs_codegen.arrays.c_file import write_c
 from gibbs_codegen.arrays.evaluation import evaluate, evaluate_casadi
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
@@ -66,4 +67,5 @@ __all__ = [
     "square_root",
     "total",
     "variable",
+    "write_c",
 ]

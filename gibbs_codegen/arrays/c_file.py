@@ -7,17 +7,21 @@ flat arrays, row by row.
 
 from __future__ import annotations
 
+import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import CProgram, externals_of, inner_programs, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.version import __version__
 
 _WIDTH = 100
 # What is written by hand, with the paragraphs that others need before them.
@@ -73,6 +77,48 @@ def c_files(
     comment = "".join(f"/* {line} */\n" for line in opening)
     header, source = _header(robot, stem, words, functions), _source(robot, stem, functions)
     return {f"{stem}.h": f"{comment}\n{header}", f"{stem}.c": f"{comment}\n{source}"}
+
+
+def write_c(
+    program: Program, robot: Functions, folder: str | os.PathLike[str], words: str = ""
+) -> list[Path]:
+    """Write a program as C for firmware: one function, `<robot>_<program>`, for one state.
+
+    It is given the robot's constants, if it calls functions of the robot, then inputs and outputs
+    in the program's order: numbers by value, arrays row by row. It allocates no memory, and is
+    compiled with `<robot>.c`, in double or, with -D<ROBOT>_FLOAT, in single precision.
+
+    Args:
+        program: The program.
+        robot: The robot whose functions it calls.
+        folder: Where the two files are written, such as the folder of the robot's module.
+        words: What it does, in a sentence for the header.
+
+    Returns:
+        Paths of the header and the source.
+
+    Raises:
+        UsageError: If the program has external functions of which there is no C.
+        OutputError: If the files cannot be written.
+    """
+    explained = {
+        name: f"{x.size} numbers, of the shape {x.shape}"
+        if len(x.shape) > 1
+        else (f"{x.size} numbers" if x.shape else "a number")
+        for name, x in _values(program).items()
+    }
+    stem = f"{robot.name}_{program.name}"
+    opening = [
+        f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
+        "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
+    ]
+    words = words or f"The array program {program.name}."
+    made = [Function(program, words, explained=explained)]
+    texts = c_files(robot, stem, f"{program.name} of {robot.name}.", made, opening)
+    for name, text in texts.items():
+        with writing(Path(folder) / name):
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+    return [Path(folder) / name for name in texts]
 
 
 def _header(robot: Functions, stem: str, words: str, functions: Sequence[Function]) -> str:

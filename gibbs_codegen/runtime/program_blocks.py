@@ -1,0 +1,193 @@
+"""Array programs in C for any number of states, which go in blocks side by side."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.arrays.c_text import CProgram, externals_of, functions_of
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import LANES
+from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
+from gibbs_codegen.runtime.programs import c_text
+
+Array = NDArray[np.floating[Any]]
+_ALIGNMENT = 64
+
+
+class BlockProgram:
+    """A program, compiled with the functions of a module that it calls, for any number of states.
+
+    What `compile_program` returns. It is called with arrays by the names of the inputs, as
+    `gibbs_codegen.arrays.evaluate` takes them, and returns arrays by the names of the outputs.
+    """
+
+    def __init__(self, program: Program, module: ModuleType, *, single: bool = False) -> None:
+        self.program = program
+        self._module = module
+        self._real: type[np.floating[Any]] = np.float32 if single else np.float64
+        self._lanes = 2 * LANES if single else LANES
+        self._text = CProgram(program)
+        self._function = self._compiled(single)
+
+    def __call__(
+        self, inputs: Mapping[str, Any], constants: Mapping[str, Any] | None = None
+    ) -> dict[str, Array]:
+        """Arrays by the names of the outputs.
+
+        Args:
+            inputs: Arrays by the names of the inputs, with the states in leading axes, which
+                broadcast; what all states share has no such axes.
+            constants: What `prepare` of the module loaded for C returned, by owner; those of the
+                robot file if left out.
+
+        Returns:
+            Arrays with the leading axes of the inputs together; without, where all states share
+            what they are made of.
+
+        Raises:
+            UsageError: If an input is missing, or not of the shape that the program has.
+        """
+        program = self.program
+        if absent := [name for name in program.names if name not in inputs]:
+            raise UsageError(f"{program.name}: no value for {', '.join(absent)}")
+        pairs = list(zip(program.names, program.inputs, strict=True))
+        arrays = {name: self._checked(name, x, inputs[name]) for name, x in pairs}
+        leads = [arrays[n].shape[: arrays[n].ndim - len(x.shape)] for n, x in pairs]
+        try:
+            batch = np.broadcast_shapes(*leads)
+        except ValueError:
+            counts = " and ".join(map(str, dict.fromkeys(leads)))
+            raise UsageError(f"{program.name}: {counts} states do not go together") from None
+        count = math.prod(batch)
+        blocks = -(-count // self._lanes)
+        given = [self._laid(arrays[name], x, batch, blocks) for name, x in pairs]
+        found = [
+            self._aligned((1 if self._text.uniform(x) else blocks * self._lanes) * x.size)
+            for x in program.outputs.values()
+        ]
+        default = self._module.prepare({})
+        owned = [
+            np.frombuffer((constants or {}).get(owner, default)).astype(self._real)
+            for owner in self._text.owners
+        ]
+        pointers = (ctypes.c_void_p * (len(given) + len(found)))(
+            *(x.ctypes.data for x in (*given, *found))
+        )
+        own = (ctypes.c_void_p(x.ctypes.data) for x in owned)
+        self._function(ctypes.c_size_t(blocks), pointers, *own)
+        results = {}
+        for values, (name, x) in zip(found, program.outputs.items(), strict=True):
+            if self._text.uniform(x):
+                results[name] = values.reshape(x.shape)
+                continue
+            shape = (blocks, x.size, self._lanes)
+            rows = values.reshape(shape).swapaxes(1, 2).reshape(-1, x.size)[:count]
+            results[name] = rows.reshape((*batch, *x.shape))
+        return results
+
+    def _checked(self, name: str, x: Node, value: Any) -> Array:
+        array = np.asarray(value, dtype=self._real)
+        axes = array.ndim - len(x.shape)
+        if axes < 0 or array.shape[axes:] != x.shape or (x.is_uniform and axes):
+            wanted = "it is shared by all states" if x.is_uniform else "leading axes are states"
+            raise UsageError(f"{name} has the shape {array.shape}, not {x.shape}; {wanted}")
+        return array
+
+    def _laid(self, array: Array, x: Node, batch: tuple[int, ...], blocks: int) -> Array:
+        """An input as C takes it: in blocks, the last filled up with its last state."""
+        if x.is_uniform:
+            return np.ascontiguousarray(array.ravel())
+        rows = np.broadcast_to(array, (*batch, *x.shape)).reshape(math.prod(batch), x.size)
+        rows = np.pad(rows, ((0, blocks * self._lanes - len(rows)), (0, 0)), mode="edge")
+        laid = self._aligned(rows.size)
+        laid[:] = rows.reshape(blocks, self._lanes, x.size).swapaxes(1, 2).ravel()
+        return laid
+
+    def _aligned(self, size: int) -> Array:
+        """Room for numbers that begins where blocks may begin."""
+        width = np.dtype(self._real).itemsize
+        room = np.empty(size * width + _ALIGNMENT, dtype=np.uint8)
+        begin = -room.ctypes.data % _ALIGNMENT
+        return room[begin : begin + size * width].view(self._real)
+
+    def _compiled(self, single: bool) -> Any:
+        program, name = self.program, self._module.NAME
+        if by_hand := sorted(externals_of(program)):
+            raise UsageError(
+                f"{program.name}: {', '.join(by_hand)} is external, which is not compiled here; "
+                "evaluate the program with NumPy"
+            )
+        functions = list(dict.fromkeys(function for _, function in functions_of(program)))
+        for function in functions:
+            getattr(self._module, function)  # It says how the module gets one that it lacks.
+        source = c_text(program, Functions(self._module), self._lanes) + self._blocks()
+        path = compiled_files(
+            Path(self._module.__path__[0]),
+            name,
+            [f"{name}.h", f"{name}.c"],
+            chosen_compiler(),
+            ["-fno-math-errno", *([f"-D{name.upper()}_FLOAT"] if single else [])],
+            {f"_{program.name}.c": source.encode()},
+            functions=functions,
+        )
+        blocks = opened(path).program_blocks
+        blocks.restype = None
+        return blocks
+
+    def _blocks(self) -> str:
+        """The function that takes the program through blocks of states, one after the other."""
+        text, given = self._text, []
+        for place, x in enumerate(self.program.inputs):
+            kind = "real" if x.is_uniform else "number"
+            at = f"(const {kind} *)arrays[{place}]"
+            at = at if x.is_uniform else f"({at} + block * {x.size})"
+            given.append(f"*{at}" if x.shape == () else at)
+        first = len(given)
+        for place, x in enumerate(self.program.outputs.values()):
+            is_uniform = text.uniform(x)
+            at = f"({'real' if is_uniform else 'number'} *)arrays[{first + place}]"
+            given.append(at if is_uniform else f"{at} + block * {x.size}")
+        constants = "".join(f", const Constants *{owner}" for owner in text.owners)
+        arguments = ", ".join([*text.owners, *given])
+        return (
+            f"\nvoid program_blocks(const size_t blocks, void *const *arrays{constants})\n"
+            "{\n"
+            "    for (size_t block = 0; block < blocks; ++block) {\n"
+            f"        program_{text.name}({arguments});\n"
+            "    }\n"
+            "}\n"
+        )
+
+
+def compile_program(program: Program, module: ModuleType, *, single: bool = False) -> BlockProgram:
+    """Compile an array program with the functions of a module that it calls.
+
+    Args:
+        program: The program, of calls of this module's functions.
+        module: The module, loaded with `backend="c"`.
+        single: Whether it computes in single precision.
+
+    Returns:
+        What computes the program's outputs for any number of states, in blocks side by side.
+
+    Raises:
+        UsageError: If the module was loaded for another back end, or the program has external
+            functions.
+        MissingFunctionError: If the module was generated without a function.
+    """
+    if getattr(module, "backend", "numpy") != "c":
+        raise UsageError(
+            f"{module.NAME}: a program is compiled with a module's C functions; load it with "
+            'backend="c", where there is a C compiler'
+        )
+    return BlockProgram(program, module, single=single)
