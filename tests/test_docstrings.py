@@ -33,7 +33,6 @@ BY_PATH = {
     (PACKAGE / "arrays" / "functions.py", "Functions"),
     (PACKAGE / "arrays" / "nodes.py", "Program"),
     (PACKAGE / "arrays" / "nodes.py", "variable"),
-    (PACKAGE / "runtime" / "program_blocks.py", "BlockProgram"),
 }
 
 

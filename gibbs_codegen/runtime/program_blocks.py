@@ -27,8 +27,8 @@ _ALIGNMENT = 64
 class BlockProgram:
     """A program, compiled with the functions of a module that it calls, for any number of states.
 
-    What `compile_program` returns. It is called with arrays by the names of the inputs, as
-    `gibbs_codegen.arrays.evaluate` takes them, and returns arrays by the names of the outputs.
+    What `compile_program` returns. Called with arrays by the names of the inputs, as
+    `gibbs_codegen.arrays.evaluate` takes them, it returns arrays by the names of the outputs.
     """
 
     def __init__(self, program: Program, module: ModuleType, *, single: bool = False) -> None:
@@ -42,20 +42,11 @@ class BlockProgram:
     def __call__(
         self, inputs: Mapping[str, Any], constants: Mapping[str, Any] | None = None
     ) -> dict[str, Array]:
-        """Arrays by the names of the outputs.
+        """Arrays by the names of the outputs, with the leading axes of the inputs together.
 
-        Args:
-            inputs: Arrays by the names of the inputs, with the states in leading axes, which
-                broadcast; what all states share has no such axes.
-            constants: What `prepare` of the module loaded for C returned, by owner; those of the
-                robot file if left out.
-
-        Returns:
-            Arrays with the leading axes of the inputs together; without, where all states share
-            what they are made of.
-
-        Raises:
-            UsageError: If an input is missing, or not of the shape that the program has.
+        `inputs` by name have the states in leading axes, which broadcast; what all states share has
+        none. `constants` by owner are what `prepare` of the module returned, or those of the robot
+        file. Raises `UsageError` for an input that is missing, or has not the program's shape.
         """
         program = self.program
         if absent := [name for name in program.names if name not in inputs]:
@@ -178,7 +169,9 @@ def compile_program(program: Program, module: ModuleType, *, single: bool = Fals
         single: Whether it computes in single precision.
 
     Returns:
-        What computes the program's outputs for any number of states, in blocks side by side.
+        A function of a dict of arrays by the names of the inputs, with the states in leading axes,
+        which returns a dict of the outputs. A second dict has other constants by owner, as
+        `prepare` of this module returned them.
 
     Raises:
         UsageError: If the module was loaded for another back end, or the program has external
