@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from dataclasses import asdict
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -235,21 +236,15 @@ def _mjcf_joint(element: ET.Element, joint: sources.Joint, frame: Placement) -> 
 
     `frame` is its frame in the body's, its coordinate and those after it at zero.
     """
-    passive, limits = joint.passive, joint.limits
+    limits = joint.limits
     attributes = {
         "name": joint.name,
         "type": "slide" if joint.kind == "prismatic" else "hinge",
         "axis": numbers(frame.matrix @ np.array(joint.axis)),
         "pos": numbers(frame.xyz),
     }
-    for key, value in (
-        ("damping", passive.damping),
-        ("armature", passive.armature),
-        ("stiffness", passive.stiffness),
-        ("springref", passive.rest),
-    ):
-        if value:
-            attributes[key] = repr(value)
+    own = {"springref" if key == "rest" else key: x for key, x in asdict(joint.passive).items()}
+    attributes |= {key: repr(value) for key, value in own.items() if value}
     if limits.low is not None and limits.high is not None:
         attributes["range"] = numbers((limits.low, limits.high))
     ET.SubElement(element, "joint", attributes)

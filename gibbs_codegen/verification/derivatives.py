@@ -215,17 +215,15 @@ _ARRAYS: dict[str, tuple[str, Callable[[_Point, Array, Array], Array]]] = {
         "w_jacobian",
         lambda point, scales, inputs: np.tile(point.tree.reach / scales, (3, 1)),
     ),
-    "frame_poses": ("", lambda point, scales, inputs: _placed(point.tree.reach)),
+    "frame_poses": (
+        "",
+        lambda point, scales, inputs: np.pad(
+            np.full((3, 1), point.tree.reach), ((0, 1), (3, 0)), constant_values=1.0
+        ),
+    ),
     "frame_velocities": ("", lambda point, scales, inputs: _twist(point, 1)),
     "frame_bias_accelerations": ("", lambda point, scales, inputs: _twist(point, 2)),
 }
-
-
-def _placed(reach: float) -> Array:
-    """Units of a homogeneous transform (4, 4) of a robot of a size, m."""
-    units = np.ones((4, 4))
-    units[:3, 3] = reach
-    return units
 
 
 def _twist(point: _Point, rates: int) -> Array:
