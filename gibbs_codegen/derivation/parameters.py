@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.robot.model import BASE, Body, Robot, Rod, Vector3
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, PASSIVE_UNITS, Body, Robot, Rod, Vector3
 from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, Vector
 from gibbs_codegen.symbolic.vectors import ZERO
@@ -53,10 +53,6 @@ class LinkSymbols:
 
 
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
-_ENTRIES = ("xx", "yy", "zz", "xy", "xz", "yz")
-# Units of what acts on joints that turn, and that slide.
-_TURNING = ("N m s/rad", "kg m^2", "N m/rad", "rad")
-_SLIDING = ("N s/m", "kg", "N/m", "m")
 
 
 class Parameters:
@@ -121,7 +117,7 @@ class Parameters:
         body = self._body(prefix, link.body)
         if not link.moves:
             return LinkSymbols(a, d, position, body, NOT_PASSIVE)
-        units = _TURNING if link.joint == "revolute" else _SLIDING
+        units = PASSIVE_UNITS["revolute" if link.joint == "revolute" else "prismatic"]
         own = zip(asdict(link.passive).items(), units, strict=True)
         passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
         return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
@@ -144,7 +140,7 @@ class Parameters:
                 # About its start: B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the
                 # section's B₃.
                 density = self._value(f"{prefix}_mass_per_length", body.mass_per_length, "kg/m")
-                own, names = body.section_inertia, _ENTRIES[:3]
+                own, names = body.section_inertia, AXIS_PAIRS[:3]
                 x, y, z = self._values(f"{prefix}_section_inertia", names, own, "kg m^2")
                 along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
                 second = (along, excess(z, x, y), excess(x, y, z), zero, zero, zero)
@@ -152,7 +148,7 @@ class Parameters:
                 return BodySymbols(length, Inertia(density * length, moment, second))
             mass = self._value(f"{prefix}_mass", body.mass, "kg")
             com = self._vector(f"{prefix}_com", body.com)
-            entries = self._values(f"{prefix}_inertia", _ENTRIES, body.inertia, "kg m^2")
+            entries = self._values(f"{prefix}_inertia", AXIS_PAIRS, body.inertia, "kg m^2")
             xx, yy, zz, xy, xz, yz = entries
             second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
             about_com = Inertia(mass, (zero, zero, zero), second)

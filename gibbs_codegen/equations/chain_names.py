@@ -25,7 +25,7 @@ from gibbs_codegen.robot.description import (
     constrained_coordinate,
     constraint_torque,
 )
-from gibbs_codegen.robot.model import Robot, Rod
+from gibbs_codegen.robot.model import AXIS_PAIRS, Robot, Rod
 from gibbs_codegen.robot.names import (
     JOINT_LETTERS,
     default_prefix,
@@ -200,10 +200,6 @@ def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.
         numbered, whose = of_bodies.get(internal, (internal, ""))
         unit = parameters.units[internal]
         yield sp.Symbol(internal), parameter_name(numbered, robot.rotors, default, unit, whose)
-
-
-# Entries of a symmetric matrix, in order.
-AXIS_PAIRS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def second_moments(

@@ -23,13 +23,13 @@ import sympy as sp
 
 from gibbs_codegen.derivation import gibbs
 from gibbs_codegen.equations import chain_equations
-from gibbs_codegen.equations.chain_names import AXIS_PAIRS, hybrid_names, second_moments
+from gibbs_codegen.equations.chain_names import hybrid_names, second_moments
 from gibbs_codegen.equations.normal_form import collected
 from gibbs_codegen.equations.readable_chain import check_chain, item_frames, readable_chain
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import AXIS_PAIRS, Robot
 
 EQUATIONS = (2, 5, 6, 15, 18)
 # What says everything once: the same coefficients stand in 2 and 5, and 6 is the same for any link.

@@ -12,7 +12,7 @@ import numpy as np
 
 from gibbs_codegen.robot import posture
 from gibbs_codegen.robot.layout import joint_terms
-from gibbs_codegen.robot.model import BASE, Robot, as_rigid_body
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Robot, as_rigid_body
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import Array, mounted_rotors
 from gibbs_codegen.robot.rigid_body import inertia_matrix, named_bodies
@@ -245,7 +245,7 @@ def balance_lines(robot: Robot) -> list[str]:
     """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
     found = posture.base_properties(robot)
     x, y, z = map(number, found.com)
-    pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
+    pairs = zip(AXIS_PAIRS, found.inertia, strict=True)
     return [
         f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {frame_text(robot)}",
         f"inertia about it: {', '.join(f'{a} {number(v)}' for a, v in pairs)} kg m²",

@@ -21,7 +21,7 @@ from typing import Any
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
-from gibbs_codegen.robot.model import BASE, LinkKind, Robot
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, LinkKind, Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
     default_prefix,
@@ -37,7 +37,7 @@ from gibbs_codegen.robot.posture import default_posture
 NUMBERS = {
     "mass": "kg",
     **{f"moment_{axis}": "kg m" for axis in "xyz"},
-    **{f"second_{axes}": "kg m^2" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")},
+    **{f"second_{axes}": "kg m^2" for axes in AXIS_PAIRS},
 }
 # Those that are its parent's, by the joint along z that carries the body.
 PARENTS_NUMBERS: dict[LinkKind, tuple[str, ...]] = {

@@ -109,6 +109,15 @@ class Passive:
     rest: float = 0.0
 
 
+# Units of these, of joints that turn and that slide.
+PASSIVE_UNITS: dict[JointKind, tuple[str, ...]] = {
+    "revolute": ("N m s/rad", "kg m^2", "N m/rad", "rad"),
+    "prismatic": ("N s/m", "kg", "N/m", "m"),
+}
+# Entries of inertias, and of other symmetric matrices, in their order everywhere.
+AXIS_PAIRS = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
 @dataclass(frozen=True)
 class JointLimits:
     """Bounds for simulators and controllers, which no equation contains; None is no bound.

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from gibbs_codegen.files.table import Place, shown
 from gibbs_codegen.robot.layout import BASE_ENTRIES
-from gibbs_codegen.robot.model import BASE, MAX_FRAMES, MAX_LINKS, MAX_ROTORS
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, MAX_FRAMES, MAX_LINKS, MAX_ROTORS
 from gibbs_codegen.robot.names import (
     CONSTRAINT_TORQUES,
     default_prefix,
@@ -29,11 +29,10 @@ from gibbs_codegen.robot.names import (
 NamedKind = Literal["base", "arm", "link", "rod", "rotor", "frame", "joint"]
 
 _AXES = ("x", "y", "z")
-_DIAGONAL = ("xx", "yy", "zz")
-_ROD = ("length", "mass_per_length", *(f"section_inertia_{axes}" for axes in _DIAGONAL))
+_ROD = ("length", "mass_per_length", *(f"section_inertia_{axes}" for axes in AXIS_PAIRS[:3]))
 _RIGID = (
     *("length", "mass", *(f"com_{axis}" for axis in _AXES)),
-    *(f"inertia_{axes}" for axes in (*_DIAGONAL, "xy", "xz", "yz")),
+    *(f"inertia_{axes}" for axes in AXIS_PAIRS),
 )
 _JOINT = (*_AXES, "a", "d", "damping", "armature", "stiffness", "rest")
 # How names of parameters end, after the prefix of what they belong to.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from fractions import Fraction
 
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import (
     AXES,
     BASE,
+    PASSIVE_UNITS,
     Body,
     Link,
     Pose,
@@ -159,16 +160,10 @@ def _joint_lines(link: Link) -> list[str]:
     """Lines of what acts on a joint, and of its limits, where they are not the defaults."""
     turns = link.joint == "revolute"
     rate, unit, effort = ("rad/s", "rad", "N m") if turns else ("m/s", "m", "N")
-    passive, limits = link.passive, link.limits
+    units = PASSIVE_UNITS["revolute" if turns else "prismatic"]
+    limits, own = link.limits, zip(asdict(link.passive).items(), units, strict=True)
     lines = ["constrained = true"] if link.constrained else []
-    for key, value, dimension in (
-        ("damping", passive.damping, f"{effort} s/{unit}"),
-        ("armature", passive.armature, "kg m^2" if turns else "kg"),
-        ("stiffness", passive.stiffness, f"{effort}/{unit}"),
-        ("rest", passive.rest, unit),
-    ):
-        if value != 0.0:
-            lines.append(f"{key} = {value!r}  # {dimension}")
+    lines += [f"{key} = {value!r}  # {of}" for (key, value), of in own if value != 0.0]
     if (limits.low, limits.high) != (None, None):
         low = -math.inf if limits.low is None else limits.low
         high = math.inf if limits.high is None else limits.high

@@ -121,12 +121,12 @@ class _Mapping:
         change, length = self.change, self.change(f"{prefix}_length", body.length, LENGTH)
         if isinstance(body, model.Rod):
             density = change(f"{prefix}_mass_per_length", body.mass_per_length, DENSITY)
-            own = zip(("xx", "yy", "zz"), body.section_inertia, strict=True)
+            own = zip(model.AXIS_PAIRS[:3], body.section_inertia, strict=True)
             x, y, z = (change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
             return model.Rod(length, density, (x, y, z))
         mass = change(f"{prefix}_mass", body.mass, MASS)
         com = self._vector(f"{prefix}_com", body.com)
-        own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+        own = zip(model.AXIS_PAIRS, body.inertia, strict=True)
         xx, yy, zz, xy, xz, yz = (change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own)
         return model.RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
 
