@@ -880,12 +880,12 @@ def functions_of(program: Program) -> list[tuple[str, str]]:
     return list(dict.fromkeys((call.functions.name, call.name) for call in calls))
 
 
-def c_functions(program: Program, prefix: str = "") -> list[str]:
+def c_functions(program: Program, prefix: str = "", storage: str = "") -> list[str]:
     """Lines of C of a program and those that it invokes, its own last, with names that begin so."""
     lines: list[str] = []
     for inner in inner_programs(program):
         lines += [*CProgram(inner, prefix).function(), ""]
-    return [*lines, *CProgram(program, prefix).function("")]
+    return [*lines, *CProgram(program, prefix).function(storage)]
 
 
 class _Names:

@@ -20,7 +20,7 @@ static INLINE Given of_each(const number *entries)
 static INLINE number of_all(const Given array, const int i)
 {
     if (array.lanes > 1) {
-        return ((const number *)array.entries)[i];
+        return ((const number *)(const void *)array.entries)[i];
     }
     return same(array.entries[i]);
 }
