@@ -75,7 +75,11 @@ def c_text(
     ending = "batch_each" if each else "batch"
     calls = functions_of(program) if lanes > 1 else []
     blocks = [line for call in calls for line in _block(*call, ending)]
-    parts = [*map(c_source, files), *blocks, *c_functions(program, _PREFIX, "static " if steps else "")]
+    parts = [
+        *map(c_source, files),
+        *blocks,
+        *c_functions(program, _PREFIX, "static " if steps else ""),
+    ]
     if steps:
         parts += [*_take_step(program), c_source("engine.c")]
     return "\n".join([*lines, *parts]) + "\n"

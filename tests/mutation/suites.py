@@ -31,7 +31,7 @@ COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes lower inlining trigonometry steps loops scratch patterns"),
     *_in("targets", "printers documentation registry"),
-    *_in("targets.c", "target function sparse statements steps"),
+    *_in("targets.c", "target function sparse statements"),
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
