@@ -129,7 +129,7 @@ class CProgram:
         self.owners = owners_of(program) if owners is None else list(owners)
         self.is_plain = is_plain
         self.has_context = bool(externals_of(program)) and not is_plain
-        self._names = _Names(program)
+        self._names = Names(program, _RESERVED)
         self._indices: dict[str, int] = {}
         self._uniform: dict[Node, bool] = {}
         self._tables: dict[Node, None] = {}
@@ -255,7 +255,7 @@ class CProgram:
         for x in self.program.nodes:
             if self.is_computed(x):
                 is_alone = self.is_plain and isinstance(x.operation, nodes.Elementary)
-                groups.setdefault((not is_alone and _call_of(x)) or x, []).append(x)
+                groups.setdefault((not is_alone and call_of(x)) or x, []).append(x)
         waiting, done, found = list(groups.values()), set[Node](), []
         while waiting:
             group = waiting.pop(0)
@@ -805,7 +805,7 @@ class CProgram:
         ]
 
 
-def _call_of(x: Node) -> object:
+def call_of(x: Node) -> object:
     """What nodes have in common that one call computes."""
     match x.operation:
         case nodes.Elementary("sin" | "cos"):
@@ -888,11 +888,11 @@ def c_functions(program: Program, prefix: str = "", storage: str = "") -> list[s
     return [*lines, *CProgram(program, prefix).function(storage)]
 
 
-class _Names:
+class Names:
     """Names of variables, which tell what they are where the program does."""
 
-    def __init__(self, program: Program) -> None:
-        self._taken = {*program.names, *program.outputs, *_RESERVED}
+    def __init__(self, program: Program, reserved: Iterable[str]) -> None:
+        self._taken = {*program.names, *program.outputs, *reserved}
         self._taken |= {*owners_of(program), *externals_of(program)}
         self._found: dict[Node, str] = {}
 
@@ -901,6 +901,14 @@ class _Names:
         if x not in self._found:
             self._found[x] = self._free(self._wanted(x))
         return self._found[x]
+
+    def give(self, x: Node, name: str) -> None:
+        """Give a node the name of an output, if it has none."""
+        self._found.setdefault(x, name)
+
+    def has(self, x: Node) -> bool:
+        """Whether a node has a name of its own."""
+        return x in self._found or x in LABELS
 
     def _free(self, wanted: str) -> str:
         name = wanted

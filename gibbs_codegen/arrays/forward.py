@@ -54,6 +54,9 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
         for x, derivative in derivatives.items():
             if x in LABELS:
                 named(derivative, f"{LABELS[x].name}_by_{name}")
+        for output, x in program.outputs.items():
+            if x in derivatives:
+                named(derivatives[x], f"{output}_by_{name}")
     return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, _from_derivatives(outputs))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
-from gibbs_codegen.arrays.nodes import Node
+from gibbs_codegen.arrays.nodes import Coordinates, Node
 
 
 class Label(NamedTuple):
@@ -21,4 +21,6 @@ LABELS: WeakKeyDictionary[Node, Label] = WeakKeyDictionary()
 def named(x: Node, name: str, words: str = "") -> Node:
     """A node, with the name of its variable elsewhere and a sentence that stands before it."""
     LABELS.setdefault(x, Label(name, words))
+    if isinstance(x.operation, Coordinates):  # Their entries are what is computed.
+        named(x.arguments[0], name, words)
     return x

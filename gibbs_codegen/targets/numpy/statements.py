@@ -62,6 +62,17 @@ def listed(begin: str, items: Sequence[str], end: str = "") -> list[str]:
     return [f"{begin}(", *_indented(f"{item}," for item in items), f"){end}"]
 
 
+def broken(statement: str) -> list[str]:
+    """A statement in a function of a function, what it computes in parentheses where it is long."""
+    if len(statement) <= WIDTH - 2 * _INDENT:
+        return [statement]
+    start, _, value = statement.partition(" = ")
+    # An index stays whole.
+    value = re.sub(r"\[[^\]]*\]", lambda index: index[0].replace(" ", _NO_BREAK), value)
+    lines = textwrap.wrap(value, WIDTH - 3 * _INDENT, break_long_words=False)
+    return [f"{start} = (", *_indented(line.replace(_NO_BREAK, " ") for line in lines), ")"]
+
+
 def _indented(lines: Iterable[str]) -> list[str]:
     return [f"{' ' * _INDENT}{line}" for line in lines]
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.numpy_text import NumpyText
+from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import python_source
 from gibbs_codegen.interface import ARGUMENTS, DATA, DATA_ON_REQUEST, LISTS, Signature
 from gibbs_codegen.program.model import Model
@@ -36,7 +39,18 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
     ]
     on_request = [name for name in DATA_ON_REQUEST if name in constants]
     data = [*DATA, *on_request, *(["PATTERNS"] if found else [])]
-    steps = [documentation.step_text(signature.name) for signature in model.composed]
+    robot = Functions(model.listing)
+    steps = [
+        {
+            "name": signature.name,
+            "lines": [
+                part
+                for line in NumpyText(emitted_step(robot, signature.name)).lines()
+                for part in python.broken(line)
+            ],
+        }
+        for signature in model.composed
+    ]
     functions = [
         _function_text(
             model,
@@ -87,10 +101,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         "labels": _labels(model),
         "functions": functions,
         "steps": steps,
-        "euler": any(step["method"] == "euler" for step in steps),
-        "runge_kutta": any(step["method"] == "rk4" for step in steps),
-        "step_derivatives": any(step["derivatives"] for step in steps),
-        "is_quaternion": description.layout.is_quaternion,
+        "joins": any("_joined(" in line for step in steps for line in step["lines"]),
     }
 
 
