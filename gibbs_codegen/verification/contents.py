@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -42,7 +42,8 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         rows.append(
             _verdict(name, _FILE, "" if alike else f"is {_shown(found)}, not {_shown(value)}")
         )
-    faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)
+    functions = getattr(module, "FUNCTIONS", None)
+    faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot, functions)
     return [*rows, _verdict("PARAMETERS", _FILE, "; ".join(faults))]
 
 
@@ -79,19 +80,25 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def has_effect(robot: Robot, name: str) -> bool:
-    """Whether anything depends on a parameter; if nothing does, a module may leave it out."""
+def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None) -> bool:
+    """Whether anything depends on a parameter; if nothing does, a module may leave it out.
+
+    Of a module that has some `functions` only, what these return.
+    """
     states = States.random(Tree(robot), 1, 0)
     value = parameter_values(robot)[name]
     there, here = (
         Expected(formulated(NewtonEuler(Tree(each))), states).rows
         for each in (robot, with_values(robot, {name: 2.0 * value or 1.0}))
     )
-    changes = (np.abs(found - here[what][0]) / size for what, (found, size) in there.items())
-    return any((change > _CONSTANTS_LIMIT).any() for change in changes)
+    seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
+    changes = ((np.abs(there[what][0] - here[what][0]), there[what][1]) for what in seen)
+    return any((change > _CONSTANTS_LIMIT * size).any() for change, size in changes)
 
 
-def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
+def _parameter_faults(
+    found: object, robot: Robot, functions: Collection[str] | None
+) -> Iterator[str]:
     if not isinstance(found, dict):
         yield "is not a dict"
         return
@@ -102,7 +109,7 @@ def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
         elif repr(value) != repr(expected[name]):
             yield f"{name} is {_shown(value)}, not {expected[name]!r}"
     for name, value in expected.items():
-        if name not in found and value != 0.0 and has_effect(robot, name):
+        if name not in found and value != 0.0 and has_effect(robot, name, functions):
             yield f"{name} is missing, and not zero"
 
 

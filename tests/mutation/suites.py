@@ -31,7 +31,7 @@ COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes lower inlining trigonometry steps loops scratch patterns"),
     *_in("targets", "printers documentation registry"),
-    *_in("targets.c", "target function sparse statements"),
+    *_in("targets.c", "target function sparse statements laws"),
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
@@ -177,6 +177,7 @@ _QUICK = {
     "program.loops": _QUICK_LOOPS,
     "program.patterns": ("tests/interface/test_on_request.py",),
     "targets.c.sparse": ("tests/targets/test_sparse.py",),
+    "targets.c.laws": ("tests/targets/test_laws.py",),
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.random_robots import random_robot, random_tree, robots, trees
 
+from gibbs_codegen import generate, load
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
@@ -99,3 +102,14 @@ def test_two_rods_in_line_need_their_section_inertia() -> None:
     robot = Robot("rods", Base(2, (rod,), thrust, (0.0, 0.0), attitude="yzx"), (), 9.81)
     assert determined(robot)
     assert not determined(with_values(robot, {"base_arm_section_inertia_xx": 0.0}))
+
+
+def test_a_module_may_leave_out_what_its_functions_do_not_read(tmp_path: Path) -> None:
+    """Of the drag of rotors and the places of frames inverse dynamics knows nothing."""
+    found = load(generate("quadrotor", tmp_path, functions=["inverse_dynamics"]))
+    assert found.FUNCTIONS == ("inverse_dynamics",)
+    assert "front_left_drag" not in found.PARAMETERS
+    robot, _ = read_robot("quadrotor")
+    assert has_effect(robot, "front_left_drag")
+    assert not has_effect(robot, "front_left_drag", found.FUNCTIONS)
+    assert has_effect(robot, "base_mass", found.FUNCTIONS)
