@@ -30,7 +30,8 @@ HARMLESS = ("re.compile", "platform.system")
 SENT_TO_WORKERS = {
     "flight/many.py": {"pickle"},
     "flight/sweeps/fingerprint.py": {"cloudpickle"},
-    "flight/sweeps/measures.py": {"pickle", "cloudpickle"},
+    "flight/sweeps/measures.py": {"cloudpickle"},
+    "flight/sweeps/chunks.py": {"pickle"},
     "flight/sweeps/execution.py": {"pickle"},
 }
 
