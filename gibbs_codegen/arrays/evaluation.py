@@ -6,10 +6,12 @@ leading axes. CasADi has matrices only: there a value of more axes has its last 
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +25,27 @@ Modules = Mapping[str, Any]
 Externals = Mapping[str, Callable[..., Any]]
 
 
+class Step(NamedTuple):
+    """A function of nodes; what has one `key` is computed once, and one of its results `chosen`."""
+
+    function: Callable[..., Any]
+    reads: tuple[Node, ...]
+    key: Any = None
+    chosen: int | str | None = None
+
+
+class _Prepared(NamedTuple):
+    """Steps, each of which adds a value to those before, and places of the outputs."""
+
+    steps: list[Callable[[list[Any]], Any]]
+    outputs: dict[str, int]
+
+
 class Evaluation:
-    """The values of a program's nodes, in one language; see `evaluate` for what it is given."""
+    """The values of programs in one language; see `evaluate` for what it is given.
+
+    What each node reads, and what is done with it, is looked up once for each program.
+    """
 
     def __init__(
         self, modules: Modules, constants: Mapping[str, Any] | None, externals: Externals | None
@@ -32,44 +53,95 @@ class Evaluation:
         self.modules = modules
         self.constants = constants or {}
         self.externals = externals or {}
+        self._prepared: dict[Program, _Prepared] = {}
 
     def program(self, program: Program, arguments: Sequence[Any]) -> dict[str, Any]:
         """The outputs for arrays in the order of the inputs."""
-        found: dict[Node, Any] = dict(zip(program.inputs, arguments, strict=True))
-        calls: dict[Any, Any] = {}
-        for x in program.nodes:
-            if x not in found:
-                given = [found[argument] for argument in x.arguments]
-                found[x] = self.value(x, given, calls)
-        return {name: found[x] for name, x in program.outputs.items()}
+        prepared = self._prepared.get(program)
+        if prepared is None:
+            prepared = self._prepared[program] = self._prepare(program)
+        values = [*arguments]
+        for step in prepared.steps:
+            values.append(step(values))
+        return {name: values[place] for name, place in prepared.outputs.items()}
 
-    def value(self, x: Node, given: Sequence[Any], calls: dict[Any, Any]) -> Any:
-        """The value of a node; `calls` keeps all outputs of what was called."""
+    def _prepare(self, program: Program) -> _Prepared:
+        """The steps that outputs need, in an order in which they can be taken."""
+        made: dict[Node, Step] = {}
+        needed = {*program.outputs.values()}
+        for x in reversed(program.nodes):
+            if x in needed and x not in program.inputs:
+                made[x] = self.step(x)
+                needed.update(made[x].reads)
+        places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs)}
+        steps: list[Callable[[list[Any]], Any]] = []
+
+        def take(function: Callable[..., Any], reads: Sequence[Any]) -> int:
+            steps.append(_reading(function, [places[y] for y in reads]))
+            return len(program.inputs) + len(steps) - 1
+
+        for x in program.nodes:
+            if x in made:
+                function, reads, key, chosen = made[x]
+                if key is None or key not in places:
+                    places[x if key is None else key] = take(function, reads)
+                if chosen is not None:
+                    places[x] = take(operator.itemgetter(chosen), [key])
+                elif key is not None:
+                    places[x] = places[key]
+        return _Prepared(steps, {name: places[x] for name, x in program.outputs.items()})
+
+    def step(self, x: Node) -> Step:
+        """How the value of a node is computed."""
         match x.operation:
             case nodes.Call(functions, name, output):
-                key: Any = (functions, name, x.arguments)
-                if key not in calls:
-                    function = getattr(_given(self.modules, functions.owner, "module"), name)
-                    constants = self.constants.get(functions.owner)
-                    named = {} if constants is None else {"constants": constants}
-                    calls[key] = function(*given, **named)
-                return calls[key][output] if len(FUNCTIONS[name].outputs) > 1 else calls[key]
+                function = self.function(_given(self.modules, functions.owner, "module"), name)
+                constants = self.constants.get(functions.owner)
+                if constants is not None:
+                    function = partial(function, constants=constants)
+                several = len(FUNCTIONS[name].outputs) > 1
+                chosen = output if several else None
+                return Step(function, x.arguments, (functions, name, x.arguments), chosen)
             case nodes.Invocation(program, name):
-                key = (program, x.arguments)
-                if key not in calls:
-                    calls[key] = self.program(program, given)
-                return calls[key][name]
+                return self._invoked(program, name, x.arguments)
             case nodes.External(name):
-                return _given(self.externals, name, "external function")(*given)
+                return Step(_given(self.externals, name, "external function"), x.arguments)
             case nodes.Entries() | nodes.Coordinates():
-                return given[0]
+                return Step(lambda given: given, x.arguments, x.arguments[0])
             case _:
                 shapes = [argument.shape for argument in x.arguments]
-                return self.array(x, shapes, given)
+                return Step(self.array(x, shapes), x.arguments)
 
-    def array(self, x: Node, shapes: list[Shape], given: Sequence[Any]) -> Any:
-        """The value of a node that is no call."""
+    def _invoked(self, program: Program, name: str, arguments: tuple[Node, ...]) -> Step:
+        """An output of a program within another, for which nothing is computed that it ignores."""
+        inside = set(program.nodes)
+        read = [x in inside for x in program.inputs]
+
+        def function(*given: Any) -> dict[str, Any]:
+            values = iter(given)
+            return self.program(program, [next(values) if is_read else None for is_read in read])
+
+        reads = tuple(itertools.compress(arguments, read))
+        return Step(function, reads, (program, arguments), name)
+
+    def function(self, module: Any, name: str) -> Callable[..., Any]:
+        """A function of a module."""
+        function: Callable[..., Any] = getattr(module, name)
+        return function
+
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+        """What computes a node that is no call, of values of these shapes."""
         raise NotImplementedError
+
+
+def _reading(function: Callable[..., Any], places: Sequence[int]) -> Callable[[list[Any]], Any]:
+    """A function of the values at some places."""
+    match places:
+        case [one]:
+            return lambda values: function(values[one])
+        case [one, two]:
+            return lambda values: function(values[one], values[two])
+    return lambda values: function(*[values[place] for place in places])
 
 
 def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
@@ -86,53 +158,152 @@ class _Batches(Evaluation):
         super().__init__(*others)
         self.xp = xp
 
-    def array(self, x: Node, shapes: list[Shape], given: Sequence[Any]) -> Any:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         xp = self.xp
         match x.operation:
             case nodes.Constant():
-                return xp.asarray(nodes.numbers_of(x))
+                numbers = nodes.numbers_of(x)
+                return lambda: xp.asarray(numbers)
             case nodes.Elementary(name):
-                function = xp.where if name == "choose" else getattr(xp, name)
-                axes = (len(shape) for shape in shapes)
-                given = [_spread(a, n, len(x.shape)) for a, n in zip(given, axes, strict=True)]
-                if name == "choose":
-                    given = [given[0] > given[1], *given[2:]]
-                return function(*given)
+                function = _choice(xp) if name == "choose" else getattr(xp, name)
+                lacking = [len(x.shape) - len(shape) for shape in shapes]
+                if not any(lacking):
+                    return function
+                return lambda *given: function(*map(_spread, given, lacking))
             case nodes.Product():
                 left, right = shapes
-                one = self._shaped(given[0], left, (math.prod(left[:-1]), left[-1]))
-                two = self._shaped(given[1], right, (right[0], math.prod(right[1:])))
-                return self._shaped(one @ two, (one.shape[-2], two.shape[-1]), x.shape)
+                flat = (math.prod(left[:-1]), left[-1]), (right[0], math.prod(right[1:]))
+                return lambda one, two: _shaped(
+                    _shaped(one, left, flat[0]) @ _shaped(two, right, flat[1]),
+                    (flat[0][0], flat[1][1]),
+                    x.shape,
+                )
             case nodes.Solution():
-                right = (*shapes[1], 1)[:2]
-                found = xp.linalg.solve(given[0], self._shaped(given[1], shapes[1], right))
-                return self._shaped(found, right, x.shape)
-            case nodes.Transposition(axes):
-                lead = given[0].ndim - len(axes)
-                return xp.transpose(given[0], (*range(lead), *(lead + axis for axis in axes)))
+                wide = (*shapes[1], 1)[:2]
+                return lambda matrix, given: _shaped(
+                    xp.linalg.solve(matrix, _shaped(given, shapes[1], wide)), wide, x.shape
+                )
+            case nodes.Transposition(order):
+
+                def transposed(given: Any) -> Any:
+                    lead = given.ndim - len(order)
+                    return xp.transpose(given, (*range(lead), *(lead + axis for axis in order)))
+
+                return transposed
             case nodes.Reshaping():
-                return self._shaped(given[0], shapes[0], x.shape)
+                return lambda given: _shaped(given, shapes[0], x.shape)
             case nodes.Part(begin, end):
-                return given[0][(..., slice(begin, end), *[slice(None)] * (len(x.shape) - 1))]
+                return operator.itemgetter(
+                    (..., slice(begin, end), *[slice(None)] * (len(x.shape) - 1))
+                )
             case nodes.Joining():
-                lead = np.broadcast_shapes(*(a.shape[: a.ndim - len(x.shape)] for a in given))
-                full = [(*lead, *shape) for shape in shapes]
-                pieces = [xp.broadcast_to(a, f) for a, f in zip(given, full, strict=True)]
-                return xp.concatenate(pieces, -len(x.shape))
+
+                def joined(*given: Any) -> Any:
+                    lead = np.broadcast_shapes(*(a.shape[: a.ndim - len(x.shape)] for a in given))
+                    full = [(*lead, *shape) for shape in shapes]
+                    pieces = [xp.broadcast_to(a, f) for a, f in zip(given, full, strict=True)]
+                    return xp.concatenate(pieces, -len(x.shape))
+
+                return joined
             case nodes.Total(axes):
                 summed = tuple(axis - len(x.shape) for axis in axes)
-                return xp.sum(given[0], summed, keepdims=True)
+                return lambda given: xp.sum(given, summed, keepdims=True)
         raise UsageError(f"{x} is no node of an array program")
 
-    def _shaped(self, array: Any, shape: Shape, new: Shape) -> Any:
-        """The same entries of every state in another shape."""
-        return array.reshape((*array.shape[: array.ndim - len(shape)], *new))
+
+def _choice(xp: Any) -> Callable[..., Any]:
+    """The third value where the first is greater than the second, or else the fourth."""
+    return lambda a, b, above, otherwise: xp.where(a > b, above, otherwise)
 
 
-def _spread(array: Any, axes: int, wanted: int) -> Any:
+def _shaped(array: Any, shape: Shape, new: Shape) -> Any:
+    """The same entries of every state in another shape."""
+    return array.reshape((*array.shape[: array.ndim - len(shape)], *new))
+
+
+def _spread(array: Any, lacking: int) -> Any:
     """An array of numbers beside arrays of more axes."""
     array = np.asarray(array) if isinstance(array, float | int) else array
-    return array[(..., *[None] * (wanted - axes))] if axes < wanted else array
+    return array[(..., *[None] * lacking)] if lacking else array
+
+
+class _SeveralStatesError(Exception):
+    """A function of a module returned more than the values of one state."""
+
+
+# Functions of two numbers, of which Python has a shorter way to NumPy's.
+_OPERATORS = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+}
+
+
+class _OneState(_Batches):
+    """Arrays of NumPy without leading axes, of which much less is to be asked."""
+
+    def step(self, x: Node) -> Step:
+        found = super().step(x)
+        match x.operation:
+            case nodes.Reshaping() if not x.shape:
+                whole, first = x.arguments[0], 0
+                match whole.operation:
+                    case nodes.Part(begin, _):
+                        whole, first = whole.arguments[0], begin
+                place = (first, *[0] * (len(whole.shape) - 1))
+                return Step(operator.itemgetter(place), (whole,))
+            case nodes.Joining() if len(x.shape) == 1:
+                return Step(_joined, tuple(map(_number, x.arguments)))
+            case nodes.Call(functions, name, _):
+                axes = [len(shape) for shape in functions.signatures[name].shapes]
+                return found._replace(function=_of_one_state(found.function, axes))
+        return found
+
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+        match x.operation:
+            case nodes.Constant():
+                numbers = np.asarray(nodes.numbers_of(x))[()]
+                return lambda: numbers
+            case nodes.Elementary(name) if name in _OPERATORS:
+                return _OPERATORS[name]
+            case nodes.Elementary(name) if name != "choose":
+                return nodes.ELEMENTARY[name]
+            case nodes.Product() if max(map(len, shapes)) < 3:
+                return operator.matmul
+            case nodes.Solution():
+                return np.linalg.solve
+            case nodes.Part(begin, end):
+                return operator.itemgetter(slice(begin, end))
+            case nodes.Reshaping():
+                return lambda given: given.reshape(x.shape)
+        return super().array(x, shapes)
+
+
+def _number(x: Node) -> Node:
+    """A number that is a vector of one entry, as a number; other nodes as they are."""
+    shaped = isinstance(x.operation, nodes.Reshaping) and x.arguments[0].shape == ()
+    return x.arguments[0] if shaped else x
+
+
+def _joined(*pieces: Any) -> Any:
+    """Numbers and vectors, one after the other."""
+    if any(map(np.ndim, pieces)):
+        return np.concatenate([np.reshape(x, -1) for x in pieces])
+    return np.array(pieces)
+
+
+def _of_one_state(function: Callable[..., Any], axes: Sequence[int]) -> Callable[..., Any]:
+    """A function whose results have so many axes, or it refuses."""
+
+    def checked(*given: Any) -> Any:
+        found = function(*given)
+        for array, count in zip(found if len(axes) > 1 else (found,), axes, strict=True):
+            if array.ndim != count:
+                raise _SeveralStatesError
+        return found
+
+    return checked
 
 
 def evaluate(
@@ -163,9 +334,36 @@ def evaluate(
         UsageError: If inputs, modules or externals are missing, or inputs are not of the shapes
             that the program has.
     """
-    return _Batches(xp, modules, constants, externals).program(
-        program, [_array(xp, inputs, name, x) for name, x in _inputs(program, inputs)]
-    )
+    return Evaluator(program, modules, constants, externals, xp)(inputs)
+
+
+class Evaluator:
+    """A program that is evaluated again and again; see `evaluate` for what it is given."""
+
+    def __init__(
+        self,
+        program: Program,
+        modules: Modules,
+        constants: Mapping[str, Any] | None = None,
+        externals: Externals | None = None,
+        xp: Any = np,
+    ) -> None:
+        self._program, self._xp = program, xp
+        self._batches = _Batches(xp, modules, constants, externals)
+        self._one = _OneState(xp, modules, constants, externals) if xp is np else None
+
+    def __call__(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
+        """The outputs for arrays by the names of the inputs."""
+        named = _inputs(self._program, inputs)
+        given = [_array(self._xp, inputs, name, x) for name, x in named]
+        if self._one is not None and all(
+            array.ndim == len(x.shape) for array, x in zip(given, self._program.inputs, strict=True)
+        ):
+            try:
+                return self._one.program(self._program, [array[()] for array in given])
+            except _SeveralStatesError:  # Constants have leading axes.
+                self._one = None
+        return self._batches.program(self._program, given)
 
 
 def _inputs(program: Program, inputs: Mapping[str, Any]) -> zip[tuple[str, Node]]:
@@ -189,7 +387,11 @@ def _array(xp: Any, inputs: Mapping[str, Any], name: str, x: Node) -> Any:
 class _Casadi(Evaluation):
     """Matrices of CasADi's MX. Of more axes the last is in columns, the others are in rows."""
 
-    def array(self, x: Node, shapes: list[Shape], given: Sequence[Any]) -> Any:
+    def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
+        return lambda *given: self.value(x, shapes, given)
+
+    def value(self, x: Node, shapes: list[Shape], given: Sequence[Any]) -> Any:
+        """The value of a node that is no call."""
         import casadi
 
         rows, columns = _matrix(x.shape)
