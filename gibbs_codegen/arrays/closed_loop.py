@@ -102,7 +102,7 @@ class ClosedLoop:
     refuses: bool = False
     around: Surroundings = Surroundings()
     each: Collection[str] = ()
-    inputs: dict[str, Node] = field(default_factory=dict)
+    inputs: dict[str, Node] = field(default_factory=dict, compare=False)
 
     @cached_property
     def plant(self) -> Functions:
@@ -188,26 +188,96 @@ class ClosedLoop:
 
     def rate(self, at: Instant, x: Node) -> dict[str, Node]:
         """Time derivative of a state x, inputs that are commanded and that act (nu), refusal."""
-        plant = self.plant
         q, v, thrusts, memory = self.parts(x)
+        wanted, aimed, u, refused = self._inputs(at, q, v, thrusts, memory)
+        wrenches, a, _ = self._motion(at.time, q, v, u)
+        rates = [base_of(self.plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
+        if self.lags:
+            count = self.plant.rotors
+            rates.append(self.given("pace", count) * (aimed[:count] - thrusts))
+        if self.integral:
+            rates.append(self._remembered(at, q, v, memory, wanted))
+        return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
+
+    def commands(self) -> Program:
+        """Inputs `commanded` and `acting` (nu), and `refused` as of a step.
+
+        Of a time, coordinates and velocities, and of thrusts and memory where they are in the
+        state.
+        """
+        time, (q, v) = variable("time", uniform=True), self.plant.state()
+        thrusts, memory = variable("thrusts", self.plant.rotors), variable("memory", v.size)
+        at = self._instant(time, self._curves_at(time))
+        wanted, _, u, refused = self._inputs(at, q, v, thrusts, memory)
+        outputs = {"commanded": wanted, "acting": u, "refused": refused}
+        return self._program("commands", (time, q, v, *self._own(thrusts, memory)), outputs)
+
+    def motion(self) -> Program:
+        """Accelerations `a` (nv), `wrenches` (f, 6) of what acts and `pressed` (w) of the walls.
+
+        Of a time, coordinates, velocities, and inputs that act.
+        """
+        time, (q, v) = variable("time", uniform=True), self.plant.state()
+        u = variable("u", self.plant.inputs)
+        wrenches, a, pressed = self._motion(time, q, v, u)
+        found = zeros(self.frames, 6) if wrenches is None else wrenches
+        outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
+        return self._program("motion", (time, q, v, u), outputs)
+
+    def command(self) -> Program:
+        """Inputs `wanted` (nu) of the law alone, `refused`, and `growth` of what it remembers.
+
+        Of a time, coordinates and velocities as it knows them, and what it remembers, if it does.
+        `wrench` (6) is what it asks of the rotors.
+        """
+        time, (q, v) = variable("time", uniform=True), self.model.state()
+        memory = variable("memory", v.size)
+        at = self._instant(time, self._curves_at(time))
+        wanted, refused = self.commanded(at, q, v, memory)
+        outputs = {"wanted": wanted, "refused": refused}
+        if self.integral:
+            outputs["growth"] = self._remembered(at, q, v, memory, wanted)
+        if self.law not in ("off", "held"):
+            outputs["wrench"] = self._wrench(*self._force(at, q, v, memory))
+        own = [memory] if self.integral else []
+        return self._program("command", (time, q, v, *own), outputs)
+
+    def required(self) -> Program:
+        """Inputs `wanted` (nu) that accelerations need, as of `command`, of q, v and a."""
+        (q, v), a = self.model.state(), self.model.velocities("a")
+        force = self.model.inverse_dynamics(q, v, a)
+        wanted, refused = inputs_of(self.model, q, force, self.rotors)
+        outputs = {"wanted": wanted, "refused": refused, "wrench": self._wrench(q, force)}
+        return self._program("required", (q, v, a), outputs)
+
+    def _wrench(self, q: Node, force: Node) -> Node:
+        """Force and torque (6) about the base centre that a generalised force (nv) asks for."""
+        return base_of(self.model, q).wrench(self.rotors.centre, force)
+
+    def _own(self, thrusts: Node, memory: Node) -> list[Node]:
+        """Of thrusts and memory what the state has."""
+        return [*([thrusts] if self.lags else []), *([memory] if self.integral else [])]
+
+    def _inputs(
+        self, at: Instant, q: Node, v: Node, thrusts: Node, memory: Node
+    ) -> tuple[Node, Node, Node, Node]:
+        """Inputs (nu) that are commanded, those aimed for and those that act; refusal."""
         wanted, refused = self.commanded(at, q, v, memory)
         if self.compensates:
             lead, later = self._lead(at, (q, v, memory), thrusts, wanted)
             wanted, refused = wanted + lead, refused + maximum(later, 0.0)
         aimed = within_limits(wanted, self.limits) if self.limited else wanted
-        u = self._acting(aimed, thrusts)
-        wrenches = self._wrenches(at.time, q, v, u) if self.around.acts else None
-        if wrenches is None:
-            a = plant.forward_dynamics(q, v, u)
-        else:
-            a = plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
-        rates = [base_of(plant, q).rates(v, x), a, self._power(q, v, u, wrenches)]
-        if self.lags:
-            pace = self.given("pace", plant.rotors)
-            rates.append(pace * (aimed[: plant.rotors] - thrusts))
-        if self.integral:
-            rates.append(self._remembered(at, q, v, memory, wanted))
-        return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
+        return wanted, aimed, self._acting(aimed, thrusts), refused
+
+    def _motion(
+        self, time: Node, q: Node, v: Node, u: Node
+    ) -> tuple[Node | None, Node, list[Node]]:
+        """Wrenches (f, 6) of what acts, if anything does, accelerations (nv), forces of walls."""
+        if not self.around.acts:
+            return None, self.plant.forward_dynamics(q, v, u), []
+        wrenches, pressed = self._wrenches(time, q, v, u)
+        a = self.plant.forward_dynamics_with_wrenches(q, v, u, wrenches)
+        return wrenches, a, pressed
 
     def parts(self, x: Node) -> tuple[Node, Node, Node, Node]:
         """Coordinates with a unit quaternion, velocities, thrusts and memory of a state."""
@@ -298,20 +368,22 @@ class ClosedLoop:
         return self._program("law", (time, curves, q, v, *learnt), outputs)
 
     def _law(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+        q, force = self._force(at, q, v, memory)
+        return inputs_of(self.model, q, force, self.rotors)
+
+    def _force(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
+        """Coordinates (nq) and the generalised force (nv) that the law wants there."""
         model, desired = self.model, at.motion
         learnt = memory if self.integral else None
         if self.law == "open_loop":
-            q = desired.q
-            force = model.inverse_dynamics(q, desired.v, desired.a)
-        elif at.centre is None:
-            force = computed_torque(model, q, v, desired, self.gains, learnt)
-        else:
-            axis = self.given("axis", 3)
-            if self.moves:
-                axis = external("force_axis", (3,), moved_wrenches(model, q, self.rotors))
-            robot = Weight(self.given("mass"), self.given("weight", 3), axis)
-            force = geometric(model, q, v, desired, self.gains, at.centre, robot, learnt)
-        return inputs_of(model, q, force, self.rotors)
+            return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
+        if at.centre is None:
+            return q, computed_torque(model, q, v, desired, self.gains, learnt)
+        axis = self.given("axis", 3)
+        if self.moves:
+            axis = external("force_axis", (3,), moved_wrenches(model, q, self.rotors))
+        robot = Weight(self.given("mass"), self.given("weight", 3), axis)
+        return q, geometric(model, q, v, desired, self.gains, at.centre, robot, learnt)
 
     def _lead(
         self, at: Instant, parts: Sequence[Node], thrusts: Node, wanted: Node
@@ -376,8 +448,8 @@ class ClosedLoop:
         settled = choose(self.given("lag", count), 0.0, thrusts, aimed[:count])
         return join(settled, aimed[count:])
 
-    def _wrenches(self, time: Node, q: Node, v: Node, u: Node) -> Node:
-        """Wrenches (f, 6) on the frames of the plant."""
+    def _wrenches(self, time: Node, q: Node, v: Node, u: Node) -> tuple[Node, list[Node]]:
+        """Wrenches (f, 6) on the frames of the plant, and forces of the walls along normals."""
         around, plant, frames = self.around, self.plant, self.frames
         found = self.given("push", frames, 6) if around.pushes else zeros(frames, 6)
         if around.drag or around.walls or around.spins:
@@ -387,12 +459,13 @@ class ClosedLoop:
             wind = surroundings.wind_velocity(time, self.given("wind", 3), gusts)
             found = found + surroundings.drag(self.given("drag", frames, 6), wind, velocities)
         parts: list[tuple[int, Node]] = []
+        pressed: list[Node] = []
         if around.walls or around.spins:
             poses = plant.frame_poses(q)
         for k, frame in enumerate(around.walls):
             wall = self.given("walls", len(around.walls), 8)[k]
-            force = surroundings.wall_force(wall, poses[frame], velocities[frame])
-            parts.append((frame, join(force, zeros(3))))
+            pressed.append(surroundings.wall_force(wall, poses[frame], velocities[frame]))
+            parts.append((frame, join(pressed[k] * wall[3:6], zeros(3))))
         for k, (rotor, frame) in enumerate(around.spins):
             spin = self.given("spins", len(around.spins), 4)[k]
             moving = poses[frame], velocities[frame]
@@ -410,7 +483,7 @@ class ClosedLoop:
                 for frame, force in zip(around.payloads, forces, strict=True)
             ]
             found = found + surroundings.on_frames(carried, frames)
-        return found
+        return found, pressed
 
     def _power(self, q: Node, v: Node, u: Node, wrenches: Node | None) -> Node:
         """Power, W, of all that acts less what damping takes."""

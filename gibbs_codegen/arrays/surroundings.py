@@ -50,7 +50,7 @@ def drag(coefficients: Node, wind: Node, velocities: Node) -> Node:
 
 
 def wall_force(wall: Node, pose: Node, velocity: Node) -> Node:
-    """Force (3) of a wall on a frame with a pose (4, 4) and a velocity (6).
+    """Force of a wall along its normal on a frame with a pose (4, 4) and a velocity (6).
 
     The wall (8) is a point (3), a unit normal (3), stiffness, N/m, and damping, N s/m.
     """
@@ -58,7 +58,7 @@ def wall_force(wall: Node, pose: Node, velocity: Node) -> Node:
     depth = dot(normal, wall[:3] - _origin(pose))
     speed = -dot(normal, velocity[:3])
     pressed = maximum(wall[6] * depth + wall[7] * speed, 0.0)
-    return choose(depth, 0.0, pressed, 0.0) * normal
+    return choose(depth, 0.0, pressed, 0.0)
 
 
 def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: Node) -> Node:

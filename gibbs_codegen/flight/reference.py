@@ -13,6 +13,11 @@ import numpy as np
 
 from gibbs_codegen.flight.vectors import Array
 
+# Of the powers of a quintic (6), in its value and its first and second derivatives (3): what each
+# is multiplied by, and the power that is left.
+_SLOPES = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], np.float64)
+_LEFT = np.maximum(np.arange(6) - np.arange(3)[:, np.newaxis], 0)
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -54,13 +59,15 @@ class Reference:
         """Times of the knots (pieces + 1), s."""
         return np.linspace(self.begin, self.end, len(self.coefficients) + 1)
 
+    def curves(self, time: float | Array) -> Array:
+        """The quintics (…, n), and their first and second derivatives after them: (…, 3 n)."""
+        t = np.minimum(np.maximum(np.asarray(time) - self.begin, 0.0), self.end - self.begin)
+        piece = np.minimum((t / self.step).astype(int), len(self.coefficients) - 1)
+        since = (t - piece * self.step)[..., np.newaxis, np.newaxis]
+        found: Array = (_SLOPES * since**_LEFT) @ self.coefficients[piece]
+        return found.reshape(*found.shape[:-2], -1)
+
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
         """q, v and a (…, nq) at times (…); before the first and after the last knot, theirs."""
-        t = np.clip(np.asarray(time, dtype=np.float64) - self.begin, 0.0, self.end - self.begin)
-        piece = np.minimum((t / self.step).astype(int), len(self.coefficients) - 1)
-        s = (t - piece * self.step)[..., np.newaxis]
-        c0, c1, c2, c3, c4, c5 = np.moveaxis(self.coefficients[piece], -2, 0)
-        q = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
-        v = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * (5 * c5))))
-        a = 2 * c2 + s * (6 * c3 + s * (12 * c4 + s * (20 * c5)))
-        return q, v, a
+        found, n = self.curves(time), self.coefficients.shape[-1]
+        return found[..., :n], found[..., n : 2 * n], found[..., 2 * n :]

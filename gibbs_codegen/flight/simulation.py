@@ -187,7 +187,7 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     impossible = np.flatnonzero(allocation.residual_at(q, wrenches))
     if len(impossible):
         try:
-            allocation.thrusts_at(q[impossible], wrenches[impossible])
+            allocation.check(q[impossible], wrenches[impossible])
         except AllocationError as error:
             first = f"from t = {time[impossible[0]]:.6g} s on "
             raise AllocationError(f"{vehicle.name}: {first}{error}", error.missing) from None

@@ -25,11 +25,15 @@ law knows it; for this the thrusts must be measured, or known from a model of th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
+from gibbs_codegen.arrays import closed_loop
+from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
@@ -37,9 +41,6 @@ from gibbs_codegen.flight.scenario.parts import Law
 
 # Laws that correct errors by gains.
 CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
-# Time, s, over which thrusts are differenced. A second derivative of 100 N/s² then costs 5e-6 N/s,
-# and rounding of 10 N about as much.
-_AHEAD = 1e-7
 
 
 def required_inputs(
@@ -49,20 +50,20 @@ def required_inputs(
 
     Raises `AllocationError` if no thrusts at all produce the wrench.
     """
-    return inputs_of(vehicle, allocation, q, vehicle.inverse_dynamics(q, v, a))
+    program = law_program(vehicle, allocation, "open_loop").required()
+    evaluator = Evaluator(program, *called(vehicle, vehicle), allocation.externals)
+    found = evaluator(_of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a})
+    return _commanded(allocation, q, found)
 
 
-def inputs_of(vehicle: Vehicle, allocation: Allocation, q: Array, force: Array) -> Array:
-    """Inputs u (…, nu) that produce a generalised force M a − R (…, nv).
+def _commanded(allocation: Allocation, q: Array, found: Mapping[str, Array]) -> Array:
+    """The inputs (…, nu) that a program has found.
 
-    Raises `AllocationError` if no thrusts at all produce the wrench.
+    Raises `AllocationError` where it refuses a wrench.
     """
-    thrusts = allocation.thrusts_at(q, vehicle.base_wrench(q, force))
-    efforts = force[..., vehicle.arm_rates]
-    if vehicle.rotors_move:
-        loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
-        efforts = efforts - (loads @ thrusts[..., np.newaxis])[..., 0]
-    return np.concatenate([thrusts, efforts], axis=-1)
+    if np.any(found["refused"] > 0.0):
+        allocation.check(q, found["wrench"])
+    return found["wanted"]
 
 
 def inputs_and_constraint_torques(
@@ -76,21 +77,41 @@ def inputs_and_constraint_torques(
     return inputs, vehicle.constraint_torques(q, v, a, inputs)
 
 
-def error_correction(vehicle: Vehicle, pull: Array, q: Array) -> Array:
-    """Accelerations (…, nv) that correct motions, from `pull` (…, nv), those of the errors.
+def law_program(
+    vehicle: Vehicle, allocation: Allocation, law: str, **others: Any
+) -> closed_loop.ClosedLoop:
+    """The array program of a law of a robot, and `others` of what a closed loop consists of."""
+    return closed_loop.ClosedLoop(
+        vehicle.module,
+        law,
+        len(vehicle.frames),
+        shared=allocation.limits is not None,
+        moves=vehicle.rotors_move,
+        refuses=allocation.refuses and (bool(allocation.missing) or vehicle.rotors_move),
+        **others,
+    )
 
-    Those of a base with a quaternion are in its frame.
-    """
-    found = np.array(pull)
-    if vehicle.layout.is_quaternion:
-        place = vehicle.layout.v.position
-        found[..., place] = (pull[..., np.newaxis, place] @ vehicle.base_rotation(q))[..., 0, :]
-    return found
+
+def called(plant: Vehicle, model: Vehicle) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Modules and constants of a plant and of the model in a law, by owner."""
+    owners = {"plant": plant, "model": model}
+    constants = {name: vehicle.constants for name, vehicle in owners.items()}
+    return {name: vehicle.module for name, vehicle in owners.items()}, constants
 
 
-def anti_windup(growth: Array, memory: Array, saturated: bool | np.bool_) -> Array:
-    """Growth of what is remembered, none of it away from 0 while an input is at a limit."""
-    return np.where(saturated & (growth * memory >= 0.0), 0.0, growth)
+def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
+    """Values of the inputs of a law's program that are about its rotors."""
+    values = {
+        "known_centre": vehicle.centre_offset(vehicle.neutral),
+        "known_wrenches": np.swapaxes(vehicle.thrust_wrenches(), -1, -2),
+        "distribution": allocation.inverse,
+    }
+    if allocation.limits is not None:
+        limits = np.array(allocation.limits)
+        limits = limits[:, np.newaxis] if limits.ndim == 1 else limits
+        limits = np.broadcast_to(limits, (*limits.shape[:-1], vehicle.rotors))
+        values |= {"least_shared": limits[..., 0, :], "most_shared": limits[..., 1, :]}
+    return values
 
 
 @dataclass(frozen=True)
@@ -142,11 +163,22 @@ class ControlLaw(Protocol):
     def memory(self) -> int:
         """How many numbers the law remembers."""
 
-    def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory)."""
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Values of the inputs of its program, by name."""
 
-    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Time derivative (…, memory) of what the law remembers (…, memory)."""
+    @property
+    def externals(self) -> Mapping[str, Callable[..., Any]]:
+        """What its program calls that is written by hand."""
+
+    def commanded(
+        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory).
+
+        And the time derivative (…, memory) of what it remembers, which does not grow while an input
+        is at its `limits`, as `Actuators.values` has them, if there are any.
+        """
 
 
 @dataclass(frozen=True)
@@ -164,53 +196,53 @@ class Controller:
     law: Law = "computed_torque"
     memory: int = 0
 
-    def __call__(
-        self, time: float | Array, q: Array, v: Array, memory: Array | None = None
-    ) -> Array:
-        """Inputs u (…, nu) for states q (…, nq), v (…, nv), and memory (…, m).
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """Values of the inputs of its program, by name."""
+        gains = self.gains
+        return _of_rotors(self.vehicle, self.allocation) | {
+            "stiffness": gains.stiffness,
+            "damping": gains.damping,
+            "integral": gains.integral,
+            "end": self.reference.end,
+        }
+
+    @cached_property
+    def externals(self) -> dict[str, Callable[..., Any]]:
+        """What its program calls that is written by hand."""
+        return {**self.allocation.externals, "desired": self.reference.curves}
+
+    def program(self, **others: Any) -> closed_loop.ClosedLoop:
+        """The array program of the law, as `law_program` has it."""
+        integral = self.memory > 0
+        return law_program(self.vehicle, self.allocation, self.law, integral=integral, **others)
+
+    @cached_property
+    def _commands(self) -> dict[bool, Evaluator]:
+        """What tells inputs, and growth of the memory, by whether inputs have limits."""
+        owners = called(self.vehicle, self.vehicle)
+        return {
+            limited: Evaluator(self.program(limited=limited).command(), *owners, self.externals)
+            for limited in (False, True)
+        }
+
+    def commanded(
+        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Inputs u (…, nu), and growth (…, memory), as `ControlLaw` says.
 
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """
-        if self.law == "off":
-            return np.zeros((*np.shape(time), len(self.vehicle.inputs)))
-        desired = self.reference(time)
-        if self.law == "open_loop":
-            q, v, a = desired
-        else:
-            gains = self.gains.stiffness, self.gains.damping
-            a = self.vehicle.kinematics.corrected(q, v, desired, gains)
-            if memory is not None and self.memory:
-                pull = self.gains.stiffness * self.gains.integral * memory
-                a = a + error_correction(self.vehicle, pull, q)
-        return required_inputs(self.vehicle, self.allocation, q, v, a)
+        given = {"time": time, "q": q, "v": v, "memory": memory}
+        found = self._commands[bool(limits)]({**self.values, **limits, **given})
+        at = self.reference(time)[0] if self.law == "open_loop" else q
+        inputs = _commanded(self.allocation, at, found)
+        shape = (*q.shape[:-1], inputs.shape[-1])
+        return np.array(np.broadcast_to(inputs, shape)), found.get("growth", memory)
 
-    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Time derivative (…, m) of the errors' integrals, with nv entries or none: the errors."""
-        if not self.memory:
-            return memory
-        desired = self.reference(time)
-        return self.vehicle.kinematics.errors(q, v, *desired[:2])[0]
-
-
-def setpoint_rates(
-    law: ControlLaw,
-    time: float | Array,
-    parts: tuple[Array, Array, Array],
-    wanted: Array,
-    applied: Array,
-) -> Array:
-    """Time derivatives (…, N), N/s, along the motion, of the thrusts that a law wants.
-
-    Of the law nothing is known but what it commands: `wanted`, while `applied` act, both (…, nu).
-    `parts` are coordinates, velocities, and memory. Where limits begin or cease to bind, the mean
-    of both sides.
-    """
-    q, v, memory = parts
-    vehicle, growth = law.vehicle, law.growth(time, q, v, memory)
-    moving, a = vehicle.kinematics.rates(q, v), vehicle.forward_dynamics(q, v, applied)
-    # Back at the end of the desired motion, after which it stands still.
-    ahead = np.where(np.asarray(time) > law.reference.end - _AHEAD, -_AHEAD, _AHEAD)
-    share = ahead[..., np.newaxis]
-    moved = vehicle.kinematics.normalised(q + share * moving)
-    later = law(time + ahead, moved, v + share * a, memory + share * growth)
-    return ((later - wanted) / share)[..., : vehicle.rotors]
+    def __call__(
+        self, time: float | Array, q: Array, v: Array, memory: Array | None = None
+    ) -> Array:
+        """Inputs u (…, nu) for states q (…, nq), v (…, nv), and memory (…, m)."""
+        learnt = np.zeros((*v.shape[:-1], self.memory)) if memory is None else memory
+        return self.commanded(time, q, v, learnt, {})[0]

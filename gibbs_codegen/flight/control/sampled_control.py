@@ -8,13 +8,14 @@ long. All commands are recorded, since whoever gave them may not be asked again.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.control.laws import ControlLaw, Gains, anti_windup
+from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -55,6 +56,16 @@ class ZeroOrderHold:
         self._pending: deque[tuple[float, Array]] = deque()
         self._times: list[float] = []
         self._commands: list[Array] = []
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """No values: what is held is no law's."""
+        return {}
+
+    @property
+    def externals(self) -> dict[str, Callable[..., Any]]:
+        """Nothing that is called."""
+        return {}
 
     def fault(self, command: Any) -> str:
         """What is wrong with a command that should be inputs u (nu), "" if nothing is."""
@@ -110,17 +121,15 @@ class ZeroOrderHold:
         self._times.append(time)
         self._commands.append(command)
 
-    def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Inputs u (…, nu) that were commanded at times (…), s, whatever state and memory were.
+    def commanded(
+        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Inputs u (…, nu) that were commanded at times (…), s, whatever all else was.
 
-        They are 0 where no command was given.
+        They are 0 where no command was given. Nothing is remembered.
         """
         places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
-        return np.array(self._commands or [self.inputs])[places]
-
-    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The time derivative (…, 0) of a memory of nothing."""
-        return memory
+        return np.array(self._commands or [self.inputs])[places], memory
 
 
 @dataclass(frozen=True)
@@ -208,8 +217,8 @@ class LawController:
     While an input is at a limit of `actuators`, nothing that is remembered grows.
     """
 
-    def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
-        self._law, self._actuators, self._rate = law, actuators, rate
+    def __init__(self, law: Controller, actuators: Actuators, rate: float) -> None:
+        self._law, self._limits, self._rate = law, actuators.values, rate
         self.reset()
 
     def reset(self) -> None:
@@ -219,9 +228,7 @@ class LawController:
     def __call__(self, observation: Observation) -> Array:
         """Inputs u (nu) for an observation; what is remembered grows as in the period after it."""
         seen = observation.time, observation.q, observation.v, self._memory
-        inputs = self._law(*seen)
-        at_limit = np.any(self._actuators.reached(inputs))
-        growth = anti_windup(self._law.growth(*seen), self._memory, at_limit)
+        inputs, growth = self._law.commanded(*seen, self._limits)
         self._memory = self._memory + growth / self._rate
         return inputs
 

@@ -16,8 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.flight.control.laws import ControlLaw, anti_windup, setpoint_rates
+from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.flight.control.laws import ControlLaw, called
 from gibbs_codegen.flight.control.sampled_control import ZeroOrderHold
+from gibbs_codegen.flight.integration.loop_program import acting, loop_program, loop_values
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.environment import Environment
@@ -110,8 +113,9 @@ class ClosedLoop:
         if self.hold is not None:
             self.hold.start(q, v)
         memory = np.zeros(self.controller.memory)
-        setpoints = self._setpoints(self.controller(0.0, q, v, memory))
-        thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
+        wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
+        settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
+        thrusts = settled[: self.vehicle.rotors if self.lags else 0]
         return np.concatenate([q, v, [0.0], thrusts, memory])
 
     def parts(self, states: Array) -> Parts:
@@ -125,55 +129,70 @@ class ClosedLoop:
             states[..., memory:],
         )
 
-    def commanded(self, time: float | Array, parts: Parts) -> Array:
-        """Commanded inputs (…, nu), not yet within limits, with what makes up for lag of motors."""
-        q, v, _, thrusts, memory = parts
-        wanted = self.controller(time, q, v, memory)
-        if self.compensates:
-            applied = self.applied(wanted, thrusts)
-            rates = setpoint_rates(self.controller, time, (q, v, memory), wanted, applied)
-            wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
-        return wanted
+    def inputs(
+        self, time: float | Array, parts: Parts, loads: Loads = NOTHING
+    ) -> tuple[Array, Array]:
+        """Inputs (…, nu) that are commanded, not yet within limits, and those that act.
 
-    def applied(self, commanded: Array, thrusts: Array) -> Array:
-        """Inputs u (…, nu) that act: those commanded, within limits, with thrusts of the motors.
-
-        `thrusts` (…, N), N, are those of the state, not looked at if the motors do not lag.
+        With what makes up for lag of motors; thrusts are those of the motors where they lag.
+        Raises `AllocationError` if no thrusts at all produce the wrench.
         """
-        inputs = self._setpoints(commanded)
-        if self.lags:
-            settled = inputs[..., : self.vehicle.rotors]
-            settled[...] = np.where(self.actuators.lag > 0.0, thrusts, settled)
-        return inputs
-
-    def _setpoints(self, commanded: Array) -> Array:
-        """The inputs (…, nu) that motors and joints aim for: those commanded, within limits."""
-        return np.clip(commanded, *self.actuators.inputs) if self.limited else commanded.copy()
+        given = {"time": time, **parts._asdict()}
+        if self.hold is not None and loads.inputs is None:
+            given["held"], _ = self.hold.commanded(time, *parts[:2], parts.memory, {})
+        found = self._found("commands", loads, given)
+        shape = (*parts.q.shape[:-1], len(self.vehicle.inputs))
+        commanded, acting = (np.broadcast_to(found[x], shape) for x in ("commanded", "acting"))
+        return commanded, acting
 
     def saturated(self, time: float, state: Array) -> list[str]:
         """Names of inputs of which the greatest or the least value is commanded."""
         if not self.limited:
             return []
-        commanded = self.commanded(time, self.parts(state))
+        commanded, _ = self.inputs(time, self.parts(state))
         reached = self.actuators.reached(commanded)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
-    def wrenches(
+    def motion(
         self, time: float | Array, q: Array, v: Array, inputs: Array, loads: Loads
-    ) -> Array:
-        """Wrenches (…, f, 6) on the frames by all that acts but the inputs.
+    ) -> dict[str, Array]:
+        """Accelerations `a` (…, nv) under inputs (…, nu) and all else that acts.
 
-        Force, N, and torque about the origin, N m, world axes.
+        `wrenches` (…, f, 6) are on the frames by that but the inputs: force, N, and torque about
+        the origin, N m, world axes. `pressed` (…, w), N, are forces of walls along their normals.
         """
-        if self.environment is None:
-            return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
-        return self.environment.wrenches(time, q, v, inputs, loads.push, loads.payloads)
+        given = {"time": time, "q": q, "v": v, "u": inputs}
+        found = self._found("motion", loads, given)
+        return {
+            name: np.broadcast_to(x, (*q.shape[:-1], *x.shape[-(1 + (name == "wrenches")) :]))
+            for name, x in found.items()
+        }
 
-    def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
-        """Accelerations (…, nv) of states, inputs and wrenches (…, f, 6), by forward dynamics."""
-        if self.environment is None:
-            return self.vehicle.forward_dynamics(q, v, inputs)
-        return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
+    def _found(self, name: str, loads: Loads, given: dict[str, Any]) -> dict[str, Array]:
+        """Results of a program of the loop by its name, while something acts."""
+        known = given.get("held", loads.inputs)
+        around, figures = acting(self.environment, loads)
+        key = name, around, known is not None
+        if key not in self._evaluators:
+            whole = loop_program(self, replace(loads, inputs=known))
+            owners = called(self.vehicle, self.controller.vehicle)
+            program: Program = getattr(whole, name)()
+            self._evaluators[key] = Evaluator(program, *owners, self.controller.externals)
+        found = self._evaluators[key]({"held": known, **self._values, **figures, **given})
+        if np.any(found.get("refused", 0.0) > 0.0):
+            parts = given if "q" in given else self.parts(given["x"])._asdict()
+            seen = (parts[name] for name in ("q", "v", "memory"))
+            self.controller.commanded(given["time"], *seen, {})  # It says which wrench it is.
+        return found
+
+    @cached_property
+    def _evaluators(self) -> dict[Any, Evaluator]:
+        return {}
+
+    @cached_property
+    def _values(self) -> dict[str, Any]:
+        """Values of the inputs of programs, but for what acts."""
+        return loop_values(self, np.inf, NOTHING)
 
     def loads(self, time: float | Array) -> Loads:
         """What acts at times (…), s."""
@@ -189,25 +208,7 @@ class ClosedLoop:
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        parts = self.parts(state)
-        q, v, _, thrusts, memory = parts
-        known = loads.inputs
-        commanded = self.commanded(time, parts) if known is None else np.array(known)
-        inputs = self.applied(commanded, thrusts)
-        power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        wrenches = self.wrenches(time, q, v, inputs, loads)
-        if self.environment is not None:
-            power += self.vehicle.wrench_forces(q, wrenches) @ v
-        moving = self.vehicle.kinematics.rates(state[: len(q)], v)
-        rates: list[Any] = [moving, self.acceleration(q, v, inputs, wrenches), [power]]
-        if self.lags:
-            setpoints = self._setpoints(commanded)[: len(thrusts)]
-            lag = self.actuators.lag
-            growth = np.zeros_like(thrusts)
-            rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
-        growth = self.controller.growth(time, q, v, memory)
-        rates.append(anti_windup(growth, memory, np.any(self.actuators.reached(commanded))))
-        return np.concatenate(rates)
+        return self._found("slope", loads, {"time": time, "x": state})["rate"]
 
     def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
         """An interval with the inputs held through it, after samples that are due, and a reason.

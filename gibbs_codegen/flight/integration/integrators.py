@@ -186,13 +186,8 @@ class InputRecord:
 
     def _compute(self) -> None:
         time, states = np.array(self._times), np.stack(self._states)
-        parts = self.loop.parts(states)
-        known = self.loads.inputs
-        if known is None:
-            commanded = self.loop.commanded(time, parts)
-        else:
-            commanded = np.tile(np.array(known), (len(time), 1))
-        inputs = np.stack([commanded, self.loop.applied(commanded, parts.thrusts)], axis=1)
+        found = self.loop.inputs(time, self.loop.parts(states), self.loads)
+        inputs = np.stack(found, axis=1)
         self._found.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
         self._times.clear()
         self._states.clear()

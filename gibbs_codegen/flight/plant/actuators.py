@@ -56,11 +56,17 @@ class Actuators:
         parts = (np.broadcast_to(x, (*before, x.shape[-1])) for x in (self.thrusts, efforts))
         return np.concatenate(list(parts), axis=-1)
 
-    def reached(self, commanded: Array) -> Flags:
-        """Which commanded inputs (nu) are at a limit, or beyond."""
-        least, most = self.inputs
+    @property
+    def values(self) -> dict[str, Array]:
+        """Limits of the inputs (nu) as array programs take them, and what counts as at them."""
+        least, most = self.inputs[..., 0, :], self.inputs[..., 1, :]
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
+        return {"least": least, "most": most, "margin": margin}
+
+    def reached(self, commanded: Array) -> Flags:
+        """Which commanded inputs (nu) are at a limit, or beyond."""
+        least, most, margin = self.values.values()
         return (commanded <= least + margin) | (commanded >= most - margin)
 
 

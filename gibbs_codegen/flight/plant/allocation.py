@@ -8,7 +8,7 @@ one matrix serves; of rotors that joints move, `MovingAllocation` has one for ea
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Vehicle
-from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.flight.vectors import Array, times, transposed
 from gibbs_codegen.robot.wrenches import directions
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
@@ -84,12 +84,14 @@ class Allocation:
 
         Raises `AllocationError` for a wrench in a direction that the rotors cannot command.
         """
-        found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
-        if self.missing and self.refuses:
+        if self.refuses:
             self._check_produced(wrenches)
-        if self.limits is None:
-            return found
-        least, most = self.limits
+        smallest = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
+        return smallest if self.limits is None else self._nearest(smallest, wrenches)
+
+    def _nearest(self, smallest: Array, wrenches: Array, *others: Array) -> Array:
+        """Thrusts (…, N) within limits, of the smallest (…, N) of wrenches (…, 6)."""
+        found, (least, most) = smallest.copy(), self._limits
         beyond = np.any((found < least) | (found > most), axis=-1)
         beyond &= np.all(np.isfinite(wrenches), axis=-1)
         for index in np.argwhere(beyond):
@@ -98,16 +100,25 @@ class Allocation:
             nearest = lsq_linear(
                 self._weighted,
                 desired,
-                bounds=self.limits,
+                bounds=self._limits,
                 method="bvls",
                 max_iter=_ITERATIONS * found.shape[-1],
             )
             found[place] = np.clip(nearest.x, least, most)
         return found
 
-    def thrusts_at(self, q: Array, wrenches: Array) -> Array:
-        """`thrusts` (…, N) for wrenches (…, 6); the configurations (…, nq) make no difference."""
-        return self.thrusts(wrenches)
+    @property
+    def _limits(self) -> Array | tuple[float, float]:
+        return (-np.inf, np.inf) if self.limits is None else self.limits
+
+    @property
+    def externals(self) -> dict[str, Callable[..., Array]]:
+        """What programs of laws call: see `arrays.laws.inputs_of`."""
+        return {"nearest_thrusts": self._nearest}
+
+    def check(self, q: Array, wrenches: Array) -> None:
+        """Raise `AllocationError` if no thrusts at `q` (…, nq) produce a wrench (…, 6)."""
+        self._check_produced(wrenches)
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:
         """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference."""
@@ -121,7 +132,7 @@ class Allocation:
         return unproduced(self.wrenches, self.inverse, wrenches)
 
     def _check_produced(self, wrenches: Array) -> None:
-        if np.any(missed := self.residual(wrenches)):
+        if self.missing and np.any(missed := self.residual(wrenches)):
             raise AllocationError(
                 f"the motion needs {listed(self.missing)} (in the base's frame, about the base "
                 f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
@@ -170,20 +181,32 @@ class MovingAllocation(Allocation):
         super().__init__(vehicle.thrust_wrenches(q), limits)
         self.vehicle = vehicle
 
-    def thrusts_at(self, q: Array, wrenches: Array) -> Array:
-        """Thrusts (…, N), N, that produce wrenches (…, 6) at `q`, or come nearest to them."""
-        matrices, inverses = self._at(q)
-        thrusts: Array = (inverses @ wrenches[..., np.newaxis])[..., 0]
-        doubtful = self.refuses & (unproduced(matrices, inverses, wrenches) > 0.0)
-        if self.limits is not None:
-            least, most = self.limits
-            doubtful |= np.any((thrusts < least) | (thrusts > most), axis=-1)
-        for index in np.argwhere(doubtful):
+    @property
+    def externals(self) -> dict[str, Callable[..., Array]]:
+        """What programs of laws call, with the wrenches of unit thrusts as they are somewhere."""
+        return {
+            "nearest_thrusts": self._nearest_there,
+            "smallest_thrusts": _smallest,
+            "force_axis": lambda columns: force_axis(transposed(columns)),
+        }
+
+    def _nearest_there(
+        self, smallest: Array, wrenches: Array, columns: Array, *limits: Array
+    ) -> Array:
+        """Thrusts (…, N) within limits, where unit thrusts make the columns (…, N, 6)."""
+        found, (least, most) = smallest.copy(), self._limits
+        for index in np.argwhere(np.any((found < least) | (found > most), axis=-1)):
             place = tuple(index)
-            here = Allocation(matrices[place], self.limits)
-            here.refuses = self.refuses
-            thrusts[place] = here.thrusts(wrenches[place])
-        return thrusts
+            here = Allocation(columns[place].T, self.limits)
+            found[place] = here._nearest(smallest[place], wrenches[place])
+        return found
+
+    def check(self, q: Array, wrenches: Array) -> None:
+        """Raise `AllocationError` if no thrusts at `q` (…, nq) produce a wrench (…, 6)."""
+        matrices = self._at(q)[0]
+        for index in np.argwhere(self.residual_at(q, wrenches) > 0.0):
+            place = tuple(index)
+            Allocation(matrices[place])._check_produced(wrenches[place])
 
     def residual_at(self, q: Array, wrenches: Array) -> Array:
         """Norm (…), N and N m, of the part of wrenches (…, 6) that no thrusts produce at `q`."""
@@ -193,6 +216,12 @@ class MovingAllocation(Allocation):
         """Wrenches of unit thrusts (…, 6, N) at configurations, and their pseudo-inverses."""
         matrices = self.vehicle.thrust_wrenches(q)
         return matrices, np.asarray(np.linalg.pinv(matrices, rcond=RANK), dtype=np.float64)
+
+
+def _smallest(columns: Array, wrenches: Array) -> Array:
+    """The smallest thrusts (…, N) of wrenches (…, 6), where unit thrusts make columns (…, N, 6)."""
+    inverses = np.linalg.pinv(transposed(columns), rcond=RANK)
+    return times(np.asarray(inverses, dtype=np.float64), wrenches)
 
 
 def allocation_of(

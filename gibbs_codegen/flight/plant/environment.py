@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
@@ -56,27 +56,6 @@ class Payloads:
         times = np.asarray(time)[..., np.newaxis]
         return (times >= self.begins) & (times < self.ends)
 
-    def add(self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: ArrayLike) -> None:
-        """Add the forces of the payloads to the wrenches (…, f, 6) of all else.
-
-        `carried` (…, p) tells which are there.
-        """
-        vehicle = self.vehicle
-        masses = np.repeat(np.where(carried, self.masses, 0.0), 3, axis=-1)
-        free = vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
-        jacobian = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
-        jacobian = jacobian.reshape(*q.shape[:-1], masses.shape[-1], free.shape[-1])
-        drift = vehicle.function("frame_bias_accelerations")(q, v)[..., self.places, :3]
-        drift = (
-            drift.reshape(*q.shape[:-1], masses.shape[-1]) + (jacobian @ free[..., None])[..., 0]
-        )
-        yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(jacobian, -1, -2))
-        matrix = np.eye(masses.shape[-1]) + masses[..., None] * (jacobian @ yielding)
-        falling = masses * (np.tile(self.gravity, len(self.places)) - drift)
-        forces = np.linalg.solve(matrix, falling[..., None])[..., 0]
-        for k, place in enumerate(self.places):
-            wrenches[..., place, :3] += forces[..., 3 * k : 3 * k + 3]
-
 
 class WindDrag:
     """The drag of frames in the wind.
@@ -100,21 +79,6 @@ class WindDrag:
         for name, coefficient in drag.items():
             self.coefficients[vehicle.frames.index(name), entries] = coefficient
 
-    def speed(self, time: float | Array) -> Array:
-        """Velocity (…, 3) of the wind, m/s, world axes, at times (…), s."""
-        share = (np.asarray(time)[..., np.newaxis] - self.gusts[:, 0]) / self.gusts[:, 1]
-        rise = 1.0 - np.cos(2.0 * np.pi * np.clip(share, 0.0, 1.0))
-        return self.velocity + rise @ self.gusts[:, 2:]
-
-    def wrenches(self, time: float | Array, velocities: Array) -> Array:
-        """Wrenches (…, f, 6) of the drag on the frames: force, N, and torque, N m, world axes.
-
-        `velocities` (…, f, 6) of the frames are linear, then angular.
-        """
-        against = np.array(velocities)
-        against[..., :3] -= self.speed(time)[..., np.newaxis, :]
-        return -self.coefficients * against
-
 
 class Walls:
     """The w walls of a flight."""
@@ -130,20 +94,6 @@ class Walls:
         self.points: Array = points.reshape(-1, 3)
         self.stiffness: Array = np.array([wall.stiffness for wall in walls], dtype=np.float64)
         self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
-
-    def add(self, wrenches: Array, poses: Array, velocities: Array) -> None:
-        """Add the forces of walls to wrenches (…, f, 6), which are changed, as of `forces`."""
-        forces = self.forces(poses, velocities)[..., np.newaxis] * self.normals
-        for k, place in enumerate(self.places):
-            wrenches[..., place, :3] += forces[..., k, :]
-
-    def forces(self, poses: Array, velocities: Array) -> Array:
-        """The force (…, w) of each wall along its normal, N, by poses and velocities of frames."""
-        behind = self.points - poses[..., :3, 3][..., self.places, :]
-        depth = np.sum(self.normals * behind, axis=-1)
-        speed = -np.sum(self.normals * velocities[..., self.places, :3], axis=-1)
-        pushed = np.maximum(self.stiffness * depth + self.damping * speed, 0.0)
-        return np.where(depth > 0.0, pushed, 0.0)
 
     def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
         """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).
@@ -185,21 +135,6 @@ class RotorSpin:
         world = vehicle.base_rotation(q[0]) @ vehicle.thrust_wrenches(q)[0, :3, self.rotors].T
         axes = np.einsum("gij,ig->gj", vehicle.frame_poses(q)[0, self.places, :3, :3], world)
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
-
-    def add(self, wrenches: Array, poses: Array, velocities: Array, inputs: Array) -> None:
-        """Add the gyroscopic torques to other wrenches (…, f, 6) on the frames.
-
-        `poses` (…, f, 4, 4) and `velocities` (…, f, 6), linear, then angular, world axes, are
-        theirs.
-        """
-        thrusts = inputs[..., self.rotors]
-        # A thrust the other way is that of a rotor that turns the other way.
-        momentum = self.spins * np.sign(thrusts) * np.sqrt(np.abs(thrusts))
-        rotations = poses[..., self.places, :3, :3]
-        held = np.einsum("...gij,gj->...gi", rotations, self.axes) * momentum[..., np.newaxis]
-        torques = -np.cross(velocities[..., self.places, 3:], held)
-        for k, place in enumerate(self.places):
-            wrenches[..., place, 3:] += torques[..., k, :]
 
 
 @dataclass(frozen=True)
@@ -304,32 +239,3 @@ class Environment:
             *(["less wind"] if self.wind else []),
             *(["a wall further away"] if self.wall else []),
         ]
-
-    def wrenches(
-        self,
-        time: float | Array,
-        q: Array,
-        v: Array,
-        inputs: Array,
-        pushed: Flags | bool,
-        carried: ArrayLike,
-    ) -> Array:
-        """All wrenches (…, f, 6) on the frames: force, N, torque about the origin, N m, world axes.
-
-        `pushed` (…) tells whether the push acts, `carried` (…, p) which payloads are there.
-        """
-        vehicle = self.vehicle
-        found: Array = np.asarray(pushed)[..., np.newaxis, np.newaxis] * self.pushing
-        found = np.array(np.broadcast_to(found, (*q.shape[:-1], *self.pushing.shape)))
-        if self.drag is not None or self.wall or self.spin is not None:
-            velocities = vehicle.function("frame_velocities")(q, v)
-            if self.drag is not None:
-                found += self.drag.wrenches(time, velocities)
-            if self.wall or self.spin is not None:
-                poses = vehicle.frame_poses(q)
-                self.walls.add(found, poses, velocities)
-                if self.spin is not None:
-                    self.spin.add(found, poses, velocities, inputs)
-        if np.any(carried):
-            self.payloads.add(found, q, v, inputs, carried)
-        return found

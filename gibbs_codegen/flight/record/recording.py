@@ -82,8 +82,13 @@ class Recording:
     @cached_property
     def _acting_inputs(self) -> tuple[Array, Array]:
         """Inputs (s, nu) that are commanded, and those that act."""
-        commanded = self.loop.commanded(self._time, self._parts)
-        return commanded, self.loop.applied(commanded, self._parts.thrusts)
+        return self.loop.inputs(self._time, self._parts)
+
+    @cached_property
+    def _motion(self) -> dict[str, Array]:
+        """Accelerations, wrenches on frames and forces of walls, as `ClosedLoop.motion` has."""
+        loop, time, (q, v, *_) = self.loop, self._time, self._parts
+        return loop.motion(time, q, v, self._acting_inputs[1], loop.loads(time))
 
     def _names(self) -> dict[str, Any]:
         """What has no numbers."""
@@ -126,12 +131,10 @@ class Recording:
 
     def _forces(self) -> dict[str, Any]:
         """Accelerations (s, nv), wrenches on frames (s, f, 6), constraint torques (s, c)."""
-        loop, time, (q, v, *_) = self.loop, self._time, self._parts
-        applied = self._acting_inputs[1]
-        loads = loop.wrenches(time, q, v, applied, loop.loads(time))
-        a = loop.acceleration(q, v, applied, loads)
-        torques = loop.vehicle.constraint_torques(q, v, a, applied)
-        return {"a": a, "frame_wrenches": loads, "constraint_torques": torques}
+        (q, v, *_), motion = self._parts, self._motion
+        torques = self.loop.vehicle.constraint_torques(q, v, motion["a"], self._acting_inputs[1])
+        wrenches = motion["wrenches"]
+        return {"a": motion["a"], "frame_wrenches": wrenches, "constraint_torques": torques}
 
     def _base(self) -> dict[str, Any]:
         """Rotation of the base (s, 3, 3), angles of its arms and of the path's tangent, rad."""
@@ -169,12 +172,7 @@ class Recording:
 
     def _wall_forces(self) -> dict[str, Any]:
         """Force (s, w) of each wall, N."""
-        environment, vehicle, (q, v, *_) = self.loop.environment, self.loop.vehicle, self._parts
-        forces = np.zeros((len(self._time), 0))
-        if environment is not None and environment.wall:
-            velocities = vehicle.function("frame_velocities")(q, v)
-            forces = environment.walls.forces(vehicle.frame_poses(q), velocities)
-        return {"wall_forces": forces}
+        return {"wall_forces": self._motion["pressed"]}
 
     def _energies(self) -> dict[str, Any]:
         """Energies (s), J."""

@@ -145,7 +145,7 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
 def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
     """States (n, size) of the closed loop of all at the start, with motors that have settled."""
     memory = np.zeros((len(q), loop.controller.memory))
-    wanted = loop.controller(np.zeros(len(q)), q, v, memory)
+    wanted, _ = loop.controller.commanded(np.zeros(len(q)), q, v, memory, {})
     thrusts = np.clip(wanted, *loop.actuators.inputs)[:, : loop.vehicle.rotors if loop.lags else 0]
     return np.concatenate([q, v, np.zeros((len(q), 1)), thrusts, memory], axis=1)
 
@@ -200,7 +200,7 @@ def _thrusts(loops: ScenarioLoops, parts: Parts, time: Array) -> Array:
     for i in np.flatnonzero((lag == 0.0).any(axis=1)).tolist():
         # A command acts at once where nothing lags, and then the state has no thrust.
         loop, own = loops.loop(i), Parts(*(each[i] for each in parts))
-        applied = loop.applied(loop.commanded(time[i], own), own.thrusts)
+        applied = loop.inputs(time[i], own)[1]
         thrusts[i] = applied[:, : thrusts.shape[-1]]
     return thrusts
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -107,57 +107,30 @@ def test_a_thrust_that_is_off_finds_back_within_its_time_constant(law: Law, fast
     for step in range(50):
         state = rk4_step(loop, step * size, state, size, NOTHING)
     q, v, _, thrusts, memory = loop.parts(state)
-    wanted = loop.controller(50 * size, q, v, memory)[: len(thrusts)]
+    wanted = loop.controller.commanded(50 * size, q, v, memory, {})[0][: len(thrusts)]
     decay = np.exp(-50 * size / loop.actuators.lag[1:])
     assert (thrusts - wanted)[1:] == pytest.approx(2.0 * decay, abs=1e-5)
 
 
-@dataclass(frozen=True)
-class Swinging(Controller):
-    """A law like no other, which remembers how far the robot has gone."""
-
-    memory: int = 1
-
-    def __call__(
-        self, time: float | Array, q: Array, v: Array, memory: Array | None = None
-    ) -> Array:
-        """Inputs that swing with time, place, speed, and what is remembered."""
-        assert memory is not None
-        phase = np.asarray(time) + np.sum(q, axis=-1) + 0.1 * np.sum(v, axis=-1) + memory[..., 0]
-        swing: Array = np.sin(phase[..., np.newaxis] + np.arange(len(self.vehicle.inputs)))
-        return swing
-
-    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """The sum of velocities (…, 1)."""
-        return np.asarray(np.sum(v, axis=-1, keepdims=True), dtype=np.float64)
-
-
 @pytest.mark.parametrize(
-    ("robot", "law"),
-    [
-        ("hexarotor_3link", Controller),
-        ("hexarotor_3link", Swinging),
-        pytest.param("everything", Swinging, marks=pytest.mark.slow),  # rotors on links
-    ],
+    "robot",
+    ["hexarotor_3link", pytest.param("everything", marks=pytest.mark.slow)],  # rotors on links
 )
 def test_commands_look_ahead_along_the_motion_that_the_acting_thrusts_make(
-    robot: str, law: type[Controller], fast: Load
+    robot: str, fast: Load
 ) -> None:
     """By thrusts that the law wants a little earlier and later in flights that are integrated."""
     file = Path(__file__).parents[2] / "robots/everything.toml"
     module = fast(robot) if robot != "everything" else emitted_module(read_robot(str(file))[0])
     loop = loop_of(module)
-    known = loop.controller
-    loop = replace(
-        loop, controller=law(known.vehicle, known.reference, known.allocation, known.gains)
-    )
     rotors, state, time, size = loop.vehicle.rotors, start_of(loop, 0.3), 0.3, 1e-6
     wanted = []
     for side in (-size, size):
         q, v, _, _, memory = loop.parts(rk4_step(loop, time, state, side, NOTHING))
-        wanted.append(loop.controller(time + side, q, v, memory)[:rotors])
+        wanted.append(loop.controller.commanded(time + side, q, v, memory, {})[0][:rotors])
     parts = loop.parts(state)
-    more = loop.commanded(time, parts) - loop.controller(time, parts.q, parts.v, parts.memory)
+    law, _ = loop.controller.commanded(time, parts.q, parts.v, parts.memory, {})
+    more = loop.inputs(time, parts)[0] - law
     rates = (wanted[1] - wanted[0]) / (2.0 * size)
     assert more[:rotors] == pytest.approx(loop.actuators.lag * rates, rel=1e-3, abs=1e-3)
     assert np.abs(more[1:rotors]).max() > 0.02

@@ -339,11 +339,8 @@ def test_what_a_law_remembers_grows_from_sample_to_sample() -> None:
     class Remembers:
         memory = 2
 
-        def __call__(self, time: float, q: Array, v: Array, memory: Array) -> Array:
-            return memory.copy()
-
-        def growth(self, time: float, q: Array, v: Array, memory: Array) -> Array:
-            return np.array([1.0, time]) - memory
+        def commanded(self, time: float, q: Array, v: Array, memory: Array, *_: Any) -> Any:
+            return memory.copy(), np.array([1.0, time]) - memory
 
     none, sides = np.zeros(0), np.array([[-np.inf] * 2, [np.inf] * 2])
     free = Actuators(sides, np.zeros(2), np.zeros((2, 0)), none, none, np.zeros(2))

@@ -19,12 +19,13 @@ from gibbs_codegen.flight.desired.trajectory import desired_motion
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import CompiledLoop, is_compiled
 from gibbs_codegen.flight.integration.integrators import rk4_step
-from gibbs_codegen.flight.integration.state_history import Loads
+from gibbs_codegen.flight.integration.state_history import NOTHING, Loads
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of
 from gibbs_codegen.flight.plant.environment import Environment, RotorSpin
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wall, Wind
 from gibbs_codegen.flight.simulation import simulate
@@ -100,6 +101,24 @@ def flown(module: ModuleType, name: str = "hover", /, **changes: Any) -> Flight:
     return flight
 
 
+def wrenches(
+    environment: Environment, q: Array, v: Array, inputs: Array, time: float | Array = 0.0
+) -> Array:
+    """Wrenches (…, f, 6) on the frames where nothing is pushed or carried."""
+    vehicle = environment.vehicle
+    reference = resting(vehicle)
+    gains = Gains.of(1.0, 1.0, vehicle.layout.v.size)
+    law = Controller(vehicle, reference, allocation_of(vehicle), gains, "off")
+    loop = ClosedLoop(vehicle, law, Actuators.unlimited(vehicle), environment)
+    return loop.motion(time, q, v, inputs, NOTHING)["wrenches"]
+
+
+def resting(vehicle: Vehicle) -> Reference:
+    """The motion that rests where all coordinates are 0."""
+    q, still = np.stack([vehicle.neutral] * 2), np.zeros((2, vehicle.layout.v.size))
+    return vehicle.kinematics.reference(Motion(np.array([0.0, 1.0]), q, still, still))
+
+
 # Wind
 
 
@@ -126,20 +145,22 @@ def test_wind_carries_a_falling_base_as_the_exponential_function_says(fast: Load
 def test_a_gust_rises_and_falls_once_and_turning_is_dragged_too(fast: Load) -> None:
     """The velocity of a gust has the mean of half its amplitude."""
     wind = Wind({"base": 1.0}, (1, 0, 0), (Gust((2, 0, 4), 0.5, 1.0),), {"base": 0.3})
-    environment = Environment(Vehicle(fast("hexarotor")), wind=wind)
-    assert environment.drag is not None
+    vehicle = Vehicle(fast("hexarotor"))
+    environment = Environment(vehicle, wind=wind)
     time = np.linspace(0.9, 1.6, 7001)
-    speed = environment.drag.speed(time) - [1.0, 0.0, 0.0]
+    still = np.zeros((len(time), 6))
+    pulled = wrenches(environment, still + vehicle.neutral, still, np.zeros((len(time), 6)), time)
+    speed = pulled[:, 0, :3] - [1.0, 0.0, 0.0]
     assert speed[[0, 1000, 3500, 6000, 7000]] == pytest.approx(
         np.outer([0, 0, 1, 0, 0], [2, 0, 4]), abs=1e-12
     )
     mean = np.mean(speed[(time >= 1.0) & (time <= 1.5)], axis=0)
     assert mean == pytest.approx([1, 0, 2], abs=1e-3)
     assert environment.jumps == {1.0, 1.5}
-    velocities = np.zeros((2, 6))
-    velocities[0] = [1, 2, 0, 0.1, 0.2, 0.3]
-    still = environment.drag.wrenches(0.0, velocities)
-    assert still == pytest.approx(np.array([[0, -2, 0, -0.03, -0.06, -0.09], [0] * 6]))
+    moving = vehicle.function("frame_velocities")(vehicle.neutral, np.arange(6.0))[0]
+    expected = [*(np.array([1, 0, 0]) - moving[:3]), *(-0.3 * moving[3:])]
+    found = wrenches(environment, vehicle.neutral, np.arange(6.0), np.zeros(6))
+    assert found == pytest.approx(np.array([expected, [0] * 6]))
 
 
 # Walls
@@ -358,11 +379,11 @@ def test_a_spinning_top_precesses_as_euler_says() -> None:
 
     def derivative(time: float, state: Array) -> Array:
         q, v = vehicle.kinematics.normalised(state[:7]), state[7:]
-        wrenches = environment.wrenches(time, q, v, inputs, False, False)
+        acting = wrenches(environment, q, v, inputs)
         return np.concatenate(
             [
                 vehicle.kinematics.rates(state[:7], v),
-                vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches),
+                vehicle.forward_dynamics_with_wrenches(q, v, inputs, acting),
             ]
         )
 
@@ -388,7 +409,7 @@ def test_a_rotor_on_a_link_resists_as_the_links_own_turning_says() -> None:
     q, v = rng.uniform(-0.9, 0.9, (2, len(vehicle.coordinates)))
     inputs = np.array([5.0, 4.0, 3.0, 0.0, 0.0])
     environment = Environment(vehicle, spins=np.array([0.02, 0.0, -0.01]))
-    wrenches = environment.wrenches(0.0, q, v, inputs, False, False)
+    acting = wrenches(environment, q, v, inputs)
     expected = np.zeros(len(v))
     jacobians, poses = module.frame_jacobians(q), module.frame_poses(q)
     for name, axis, momentum in (
@@ -402,8 +423,8 @@ def test_a_rotor_on_a_link_resists_as_the_links_own_turning_says() -> None:
         else:
             world = poses[frame, :3, :3] @ axis
         expected -= turning.T @ np.cross(turning @ v, momentum * world)
-    assert module.wrench_forces(q, wrenches) == pytest.approx(expected, abs=1e-12)
-    assert module.wrench_forces(q, wrenches) @ v == pytest.approx(0.0, abs=1e-12)
+    assert module.wrench_forces(q, acting) == pytest.approx(expected, abs=1e-12)
+    assert module.wrench_forces(q, acting) @ v == pytest.approx(0.0, abs=1e-12)
     assert np.abs(expected).max() > 1e-3
     with pytest.raises(UsageError, match=r"rotor 2 has a spin_inertia, but no frame moves with it"):
         RotorSpin(vehicle, np.array([0.0, 0.01, 0.0]))
@@ -448,12 +469,12 @@ def test_a_rotor_gives_its_torque_to_the_link_that_carries_it() -> None:
     q, v = rng.uniform(-0.9, 0.9, (2, len(vehicle.coordinates)))
     inputs = np.array([5.0, 0.0, 0.0, 0.0, 0.0])
     environment = Environment(vehicle, spins=np.array([0.02]))
-    wrenches = environment.wrenches(0.0, q, v, inputs, False, False)
+    acting = wrenches(environment, q, v, inputs)
     turning = vehicle.function("frame_jacobians")(q)[vehicle.frames.index("hand"), 3:]
     axis = vehicle.frame_poses(q)[vehicle.frames.index("hand"), :3, 2]
     expected = -turning.T @ np.cross(turning @ v, 0.02 * np.sqrt(5.0) * axis)
     assert np.abs(expected).max() > 1e-3
-    assert vehicle.wrench_forces(q, wrenches) == pytest.approx(expected, abs=1e-12)
+    assert vehicle.wrench_forces(q, acting) == pytest.approx(expected, abs=1e-12)
 
 
 def test_rotors_move_with_slides_whose_travels_cancel() -> None:
