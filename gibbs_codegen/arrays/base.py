@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Node,
+    Space,
     constant,
-    coordinates_of,
     cosine,
     cross,
     dot,
@@ -23,6 +24,7 @@ from gibbs_codegen.arrays.nodes import (
     sine,
     square_root,
 )
+from gibbs_codegen.robot.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,18 @@ class Motion:
     q: Node
     v: Node
     a: Node
+
+
+class Placed(Protocol):
+    """What has coordinates and velocities by the places of a layout."""
+
+    @property
+    def layout(self) -> Layout:
+        """Places of attitude, position and joints."""
+
+    @property
+    def space(self) -> Space:
+        """How many entries coordinates and displacements have."""
 
 
 class QuaternionBase:
@@ -246,7 +260,7 @@ def _turned(quaternion: Node, scalar: Node, x: Node) -> Node:
     return x + 2.0 * (scalar * once + cross(quaternion[:3], once))
 
 
-def unit_entries(robot: Functions, entries: Node) -> Node:
+def unit_entries(robot: Placed, entries: Node) -> Node:
     """Entries (nq) of coordinates, with a quaternion of unit length, if they have one."""
     if not robot.space.has_quaternion:
         return entries
@@ -255,14 +269,14 @@ def unit_entries(robot: Functions, entries: Node) -> Node:
     return join(entries[: place.start], unit, entries[place.stop :])
 
 
-def placed(robot: Functions, attitude: Node, position: Node, joints: Node) -> Node:
+def placed(robot: Placed, attitude: Node, position: Node, joints: Node) -> Node:
     """Entries (nv) of the attitude (3), the position (3) and the joints in their places."""
     places = robot.layout.v
     parts = (places.attitude, attitude), (places.position, position), (places.joints, joints)
     return join(*(x for _, x in sorted(parts, key=lambda part: part[0].start)))
 
 
-def quaternion_motion(robot: Functions, c: Node, rates: Node, growth: Node) -> tuple[Node, ...]:
+def quaternion_motion(robot: Placed, c: Node, rates: Node, growth: Node) -> tuple[Node, ...]:
     """Unit coordinates, v and a of entries (nq) with a quaternion of any length.
 
     `rates` and `growth` are the first and second derivatives of the entries. With c = r p, where p
@@ -273,12 +287,12 @@ def quaternion_motion(robot: Functions, c: Node, rates: Node, growth: Node) -> t
     square = dot(turned, turned)
     stretching = dot(turned, rates[own.attitude]) / square
     entries = unit_entries(robot, c)
-    base = QuaternionBase(robot, coordinates_of(entries, robot.space))
+    quaternion = entries[own.attitude]
     spin = 2.0 / square * _between(turned, rates[own.attitude])
     bend = 2.0 / square * _between(turned, growth[own.attitude])
-    linear = base.to_base(rates[own.position])
+    linear = _turned(quaternion, -quaternion[3], rates[own.position])
     v = placed(robot, spin, linear, rates[own.joints])
-    carried = base.to_base(growth[own.position]) - cross(spin, linear)
+    carried = _turned(quaternion, -quaternion[3], growth[own.position]) - cross(spin, linear)
     return entries, v, placed(robot, bend - 2.0 * stretching * spin, carried, growth[own.joints])
 
 

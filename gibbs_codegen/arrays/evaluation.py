@@ -10,7 +10,6 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,13 +24,24 @@ Modules = Mapping[str, Any]
 Externals = Mapping[str, Callable[..., Any]]
 
 
+class Given(NamedTuple):
+    """What differs from call to call beside inputs: constants by owner, and externals by name."""
+
+    constants: Mapping[str, Any]
+    externals: Externals
+
+
 class Step(NamedTuple):
-    """A function of nodes; what has one `key` is computed once, and one of its results `chosen`."""
+    """A function of nodes; what has one `key` is computed once, and one of its results `chosen`.
+
+    What is called `is_given` what differs from call to call first.
+    """
 
     function: Callable[..., Any]
     reads: tuple[Node, ...]
     key: Any = None
     chosen: int | str | None = None
+    is_given: bool = False
 
 
 class _Prepared(NamedTuple):
@@ -47,20 +57,16 @@ class Evaluation:
     What each node reads, and what is done with it, is looked up once for each program.
     """
 
-    def __init__(
-        self, modules: Modules, constants: Mapping[str, Any] | None, externals: Externals | None
-    ) -> None:
+    def __init__(self, modules: Modules) -> None:
         self.modules = modules
-        self.constants = constants or {}
-        self.externals = externals or {}
         self._prepared: dict[Program, _Prepared] = {}
 
-    def program(self, program: Program, arguments: Sequence[Any]) -> dict[str, Any]:
+    def program(self, program: Program, arguments: Sequence[Any], given: Given) -> dict[str, Any]:
         """The outputs for arrays in the order of the inputs."""
         prepared = self._prepared.get(program)
         if prepared is None:
             prepared = self._prepared[program] = self._prepare(program)
-        values = [*arguments]
+        values = [given, *arguments]
         for step in prepared.steps:
             values.append(step(values))
         return {name: values[place] for name, place in prepared.outputs.items()}
@@ -73,20 +79,21 @@ class Evaluation:
             if x in needed and x not in program.inputs:
                 made[x] = self.step(x)
                 needed.update(made[x].reads)
-        places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs)}
+        places: dict[Any, int] = {x: place for place, x in enumerate(program.inputs, start=1)}
         steps: list[Callable[[list[Any]], Any]] = []
 
-        def take(function: Callable[..., Any], reads: Sequence[Any]) -> int:
-            steps.append(_reading(function, [places[y] for y in reads]))
-            return len(program.inputs) + len(steps) - 1
+        def take(function: Callable[..., Any], read: Sequence[int]) -> int:
+            steps.append(_reading(function, read))
+            return len(program.inputs) + len(steps)
 
         for x in program.nodes:
             if x in made:
-                function, reads, key, chosen = made[x]
+                function, reads, key, chosen, is_given = made[x]
                 if key is None or key not in places:
-                    places[x if key is None else key] = take(function, reads)
+                    read = [*([0] if is_given else []), *(places[y] for y in reads)]
+                    places[x if key is None else key] = take(function, read)
                 if chosen is not None:
-                    places[x] = take(operator.itemgetter(chosen), [key])
+                    places[x] = take(operator.itemgetter(chosen), [places[key]])
                 elif key is not None:
                     places[x] = places[key]
         return _Prepared(steps, {name: places[x] for name, x in program.outputs.items()})
@@ -95,17 +102,14 @@ class Evaluation:
         """How the value of a node is computed."""
         match x.operation:
             case nodes.Call(functions, name, output):
-                function = self.function(_given(self.modules, functions.owner, "module"), name)
-                constants = self.constants.get(functions.owner)
-                if constants is not None:
-                    function = partial(function, constants=constants)
-                several = len(FUNCTIONS[name].outputs) > 1
-                chosen = output if several else None
-                return Step(function, x.arguments, (functions, name, x.arguments), chosen)
+                module = _given(self.modules, functions.owner, "module")
+                function = _with_constants(self.function(module, name, x), functions.owner)
+                chosen = output if len(FUNCTIONS[name].outputs) > 1 else None
+                return Step(function, x.arguments, (functions, name, x.arguments), chosen, True)
             case nodes.Invocation(program, name):
                 return self._invoked(program, name, x.arguments)
             case nodes.External(name):
-                return Step(_given(self.externals, name, "external function"), x.arguments)
+                return Step(_external(name), x.arguments, is_given=True)
             case nodes.Entries() | nodes.Coordinates():
                 return Step(lambda given: given, x.arguments, x.arguments[0])
             case _:
@@ -117,21 +121,39 @@ class Evaluation:
         inside = set(program.nodes)
         read = [x in inside for x in program.inputs]
 
-        def function(*given: Any) -> dict[str, Any]:
-            values = iter(given)
-            return self.program(program, [next(values) if is_read else None for is_read in read])
+        def function(given: Given, *found: Any) -> dict[str, Any]:
+            values = iter(found)
+            arguments = [next(values) if is_read else None for is_read in read]
+            return self.program(program, arguments, given)
 
         reads = tuple(itertools.compress(arguments, read))
-        return Step(function, reads, (program, arguments), name)
+        return Step(function, reads, (program, arguments), name, True)
 
-    def function(self, module: Any, name: str) -> Callable[..., Any]:
-        """A function of a module."""
+    def function(self, module: Any, name: str, x: Node) -> Callable[..., Any]:
+        """A function of a module, of which a node is an output."""
         function: Callable[..., Any] = getattr(module, name)
         return function
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         """What computes a node that is no call, of values of these shapes."""
         raise NotImplementedError
+
+
+def _with_constants(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
+    """A function of a module with the constants of an owner, or those of the robot file."""
+
+    def called(given: Given, *arguments: Any) -> Any:
+        constants = given.constants.get(owner)
+        if constants is None:
+            return function(*arguments)
+        return function(*arguments, constants=constants)
+
+    return called
+
+
+def _external(name: str) -> Callable[..., Any]:
+    """What is written by hand, as it is given."""
+    return lambda given, *arguments: _given(given.externals, name, "external function")(*arguments)
 
 
 def _reading(function: Callable[..., Any], places: Sequence[int]) -> Callable[[list[Any]], Any]:
@@ -154,8 +176,8 @@ def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
 class _Batches(Evaluation):
     """Arrays with any leading axes, of NumPy or a library that speaks as NumPy does."""
 
-    def __init__(self, xp: Any, *others: Any) -> None:
-        super().__init__(*others)
+    def __init__(self, xp: Any, modules: Modules) -> None:
+        super().__init__(modules)
         self.xp = xp
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
@@ -255,10 +277,14 @@ class _OneState(_Batches):
                 return Step(operator.itemgetter(place), (whole,))
             case nodes.Joining() if len(x.shape) == 1:
                 return Step(_joined, tuple(map(_number, x.arguments)))
-            case nodes.Call(functions, name, _):
-                axes = [len(shape) for shape in functions.signatures[name].shapes]
-                return found._replace(function=_of_one_state(found.function, axes))
         return found
+
+    def function(self, module: Any, name: str, x: Node) -> Callable[..., Any]:
+        match x.operation:
+            case nodes.Call(functions, _, _):
+                axes = [len(shape) for shape in functions.signatures[name].shapes]
+                return _of_one_state(super().function(module, name, x), axes)
+        raise UsageError(f"{x} is no call")
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         match x.operation:
@@ -275,6 +301,8 @@ class _OneState(_Batches):
                 return np.linalg.solve
             case nodes.Part(begin, end):
                 return operator.itemgetter(slice(begin, end))
+            case nodes.Joining():
+                return lambda *given: np.concatenate(given)
             case nodes.Reshaping():
                 return lambda given: given.reshape(x.shape)
         return super().array(x, shapes)
@@ -289,7 +317,7 @@ def _number(x: Node) -> Node:
 def _joined(*pieces: Any) -> Any:
     """Numbers and vectors, one after the other."""
     if any(map(np.ndim, pieces)):
-        return np.concatenate([np.reshape(x, -1) for x in pieces])
+        return np.concatenate([x.reshape(-1) for x in pieces])
     return np.array(pieces)
 
 
@@ -334,36 +362,34 @@ def evaluate(
         UsageError: If inputs, modules or externals are missing, or inputs are not of the shapes
             that the program has.
     """
-    return Evaluator(program, modules, constants, externals, xp)(inputs)
+    return Evaluator(program, modules, xp)(inputs, constants, externals)
 
 
 class Evaluator:
     """A program that is evaluated again and again; see `evaluate` for what it is given."""
 
-    def __init__(
+    def __init__(self, program: Program, modules: Modules, xp: Any = np) -> None:
+        self._program, self._xp = program, xp
+        self._batches = _Batches(xp, modules)
+        self._one = _OneState(xp, modules) if xp is np else None
+
+    def __call__(
         self,
-        program: Program,
-        modules: Modules,
+        inputs: Mapping[str, Any],
         constants: Mapping[str, Any] | None = None,
         externals: Externals | None = None,
-        xp: Any = np,
-    ) -> None:
-        self._program, self._xp = program, xp
-        self._batches = _Batches(xp, modules, constants, externals)
-        self._one = _OneState(xp, modules, constants, externals) if xp is np else None
-
-    def __call__(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
+    ) -> dict[str, Any]:
         """The outputs for arrays by the names of the inputs."""
         named = _inputs(self._program, inputs)
-        given = [_array(self._xp, inputs, name, x) for name, x in named]
-        if self._one is not None and all(
-            array.ndim == len(x.shape) for array, x in zip(given, self._program.inputs, strict=True)
-        ):
+        arrays = [_array(self._xp, inputs, name, x) for name, x in named]
+        given = Given(constants or {}, externals or {})
+        axes = [len(x.shape) for x in self._program.inputs]
+        if self._one is not None and all(x.ndim == n for x, n in zip(arrays, axes, strict=True)):
             try:
-                return self._one.program(self._program, [array[()] for array in given])
-            except _SeveralStatesError:  # Constants have leading axes.
-                self._one = None
-        return self._batches.program(self._program, given)
+                return self._one.program(self._program, [x[()] for x in arrays], given)
+            except _SeveralStatesError:
+                pass  # Constants have leading axes.
+        return self._batches.program(self._program, arrays, given)
 
 
 def _inputs(program: Program, inputs: Mapping[str, Any]) -> zip[tuple[str, Node]]:
@@ -490,4 +516,4 @@ def evaluate_casadi(
         UsageError: If inputs, modules or externals are missing.
     """
     values = [inputs[name] for name, _ in _inputs(program, inputs)]
-    return _Casadi(modules, constants, externals).program(program, values)
+    return _Casadi(modules).program(program, values, Given(constants or {}, externals or {}))

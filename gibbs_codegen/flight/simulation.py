@@ -3,7 +3,7 @@
     Vehicle            module, parameters  → functions and layout of a robot (plant/vehicle)
       kinematics       layout              → errors and rates of angles or quaternion
     actuators_of       scenario, robot file → limits and lag              (plant/actuators)
-    Environment        scenario            → wrenches on frames           (plant/environment)
+    Environment        scenario            → figures of what acts         (plant/environment)
     timed_motion       scenario            → Reference: q, v, a in time   (desired/trajectory)
       desired_base     path, attitude      → coordinates of the base, exact
       desired_with_tip path of the tip     → coordinates of the arm
@@ -13,6 +13,7 @@
     GeometricLaw       reference           → or the geometric law         (control/geometric)
       law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled_control)
     ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
+      loop_program     ClosedLoop          → its array program, values    (integration/loop_program)
     integrate          loop, start         → StateHistory: samples        (integration/integrators)
     flight_of          samples             → Flight: all time series      (record/recording)
       point_parents    module              → what hangs on what, for drawings (record/series)

@@ -31,8 +31,9 @@ RANK = 1e-9
 EXACT = 1e-9
 # Share of the wrench below which coordinates are left as they are, and SciPy's tolerances.
 _BALANCED, _CONVERGED = 1e-12, 1e-15
-# Of displacements beside what is missing; its square is what it leaves missing.
-_PULL = 1e-3
+# Of displacements beside what is missing; its square is what it leaves missing. The second still
+# holds what makes no difference, where rounding would lead anywhere.
+_PULLS = 1e-3, 1e-7
 Aim = Literal["least_thrust", "widest_margin"]
 AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
 # Share of the largest input, or of 1 N, by which limits may seem to be exceeded.
@@ -113,10 +114,10 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
         return np.append(motion.missing(moved(displacement)) / size, pull * displacement)
 
     displacement = np.zeros(len(free))
-    # Of all that balances, such as every heading, the nearest: the pull leads there, and its traces
-    # are taken away. Differences serve: derivatives of a module lack those of B u and of the
+    # Of all that balances, such as every heading, the nearest: the pull leads there, and a weaker
+    # one takes away its traces. Differences serve: derivatives of a module lack those of B u and of the
     # wrenches' forces, and what is missing is in the end computed exactly.
-    for pull in (_PULL, 0.0):
+    for pull in _PULLS:
         displacement = least_squares(
             residual,
             displacement,

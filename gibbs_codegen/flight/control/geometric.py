@@ -83,4 +83,6 @@ class GeometricLaw(Controller):
     def _force(self, q: Array, rates: Array) -> Array:
         """Force (…, 3) of all rotors, of velocities and accelerations (2, …, nv); world axes."""
         generalised = self.vehicle.inverse_dynamics(q, *rates)
-        return self.vehicle.kinematics.wrench(q, generalised)[0]
+        return times(
+            self.vehicle.base_rotation(q), self.vehicle.base_wrench(q, generalised)[..., :3]
+        )

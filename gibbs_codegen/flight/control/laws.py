@@ -27,13 +27,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
 
 from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
@@ -50,9 +51,9 @@ def required_inputs(
 
     Raises `AllocationError` if no thrusts at all produce the wrench.
     """
-    program = law_program(vehicle, allocation, "open_loop").required()
-    evaluator = Evaluator(program, *called(vehicle, vehicle), allocation.externals)
-    found = evaluator(_of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a})
+    evaluator = evaluator_of(law_program(vehicle, allocation, "open_loop"), "required")
+    given = _of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a}
+    found = evaluator(given, constants_of(vehicle, vehicle), allocation.externals)
     return _commanded(allocation, q, found)
 
 
@@ -92,11 +93,16 @@ def law_program(
     )
 
 
-def called(plant: Vehicle, model: Vehicle) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Modules and constants of a plant and of the model in a law, by owner."""
-    owners = {"plant": plant, "model": model}
-    constants = {name: vehicle.constants for name, vehicle in owners.items()}
-    return {name: vehicle.module for name, vehicle in owners.items()}, constants
+@lru_cache(maxsize=64)
+def evaluator_of(whole: closed_loop.ClosedLoop, name: str) -> Evaluator:
+    """What evaluates a program of a closed loop by its name; many flights share one."""
+    program: Program = getattr(whole, name)()
+    return Evaluator(program, dict.fromkeys(("plant", "model"), whole.module))
+
+
+def constants_of(plant: Vehicle, model: Vehicle) -> dict[str, Any]:
+    """Constants of a plant and of the model in a law, by owner."""
+    return {"plant": plant.constants, "model": model.constants}
 
 
 def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
@@ -217,15 +223,6 @@ class Controller:
         integral = self.memory > 0
         return law_program(self.vehicle, self.allocation, self.law, integral=integral, **others)
 
-    @cached_property
-    def _commands(self) -> dict[bool, Evaluator]:
-        """What tells inputs, and growth of the memory, by whether inputs have limits."""
-        owners = called(self.vehicle, self.vehicle)
-        return {
-            limited: Evaluator(self.program(limited=limited).command(), *owners, self.externals)
-            for limited in (False, True)
-        }
-
     def commanded(
         self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
     ) -> tuple[Array, Array]:
@@ -234,7 +231,9 @@ class Controller:
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """
         given = {"time": time, "q": q, "v": v, "memory": memory}
-        found = self._commands[bool(limits)]({**self.values, **limits, **given})
+        evaluator = evaluator_of(self.program(limited=bool(limits)), "command")
+        constants = constants_of(self.vehicle, self.vehicle)
+        found = evaluator({**self.values, **limits, **given}, constants, self.externals)
         at = self.reference(time)[0] if self.law == "open_loop" else q
         inputs = _commanded(self.allocation, at, found)
         shape = (*q.shape[:-1], inputs.shape[-1])

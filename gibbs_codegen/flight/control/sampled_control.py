@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
+from gibbs_codegen.flight.control.laws import ControlLaw, Gains
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -217,7 +217,7 @@ class LawController:
     While an input is at a limit of `actuators`, nothing that is remembered grows.
     """
 
-    def __init__(self, law: Controller, actuators: Actuators, rate: float) -> None:
+    def __init__(self, law: ControlLaw, actuators: Actuators, rate: float) -> None:
         self._law, self._limits, self._rate = law, actuators.values, rate
         self.reset()
 

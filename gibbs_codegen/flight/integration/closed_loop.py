@@ -17,10 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.flight.control.laws import ControlLaw, called
+from gibbs_codegen.flight.control.laws import ControlLaw, constants_of, evaluator_of
 from gibbs_codegen.flight.control.sampled_control import ZeroOrderHold
-from gibbs_codegen.flight.integration.loop_program import acting, loop_program, loop_values
+from gibbs_codegen.flight.integration.loop_program import (
+    acting,
+    law_values,
+    loop_program,
+    loop_values,
+)
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.environment import Environment
@@ -139,7 +143,7 @@ class ClosedLoop:
         """
         given = {"time": time, **parts._asdict()}
         if self.hold is not None and loads.inputs is None:
-            given["held"], _ = self.hold.commanded(time, *parts[:2], parts.memory, {})
+            given["held"], _ = self.hold.commanded(time, parts.q, parts.v, parts.memory, {})
         found = self._found("commands", loads, given)
         shape = (*parts.q.shape[:-1], len(self.vehicle.inputs))
         commanded, acting = (np.broadcast_to(found[x], shape) for x in ("commanded", "acting"))
@@ -175,14 +179,15 @@ class ClosedLoop:
         key = name, around, known is not None
         if key not in self._evaluators:
             whole = loop_program(self, replace(loads, inputs=known))
-            owners = called(self.vehicle, self.controller.vehicle)
-            program: Program = getattr(whole, name)()
-            self._evaluators[key] = Evaluator(program, *owners, self.controller.externals)
-        found = self._evaluators[key]({"held": known, **self._values, **figures, **given})
+            self._evaluators[key] = evaluator_of(whole, name)
+        values = self._values if name == "slope" else self._law_values
+        constants = constants_of(self.vehicle, self.controller.vehicle)
+        values = {"held": known, **values, **figures, **given}
+        found = self._evaluators[key](values, constants, self.controller.externals)
         if np.any(found.get("refused", 0.0) > 0.0):
             parts = given if "q" in given else self.parts(given["x"])._asdict()
-            seen = (parts[name] for name in ("q", "v", "memory"))
-            self.controller.commanded(given["time"], *seen, {})  # It says which wrench it is.
+            time, q, v = given["time"], parts["q"], parts["v"]
+            self.controller.commanded(time, q, v, parts["memory"], {})  # It says which wrench.
         return found
 
     @cached_property
@@ -190,8 +195,13 @@ class ClosedLoop:
         return {}
 
     @cached_property
+    def _law_values(self) -> dict[str, Any]:
+        """Values of the inputs that tell what is commanded."""
+        return law_values(self)
+
+    @cached_property
     def _values(self) -> dict[str, Any]:
-        """Values of the inputs of programs, but for what acts."""
+        """Values of all inputs, but for what acts."""
         return loop_values(self, np.inf, NOTHING)
 
     def loads(self, time: float | Array) -> Loads:

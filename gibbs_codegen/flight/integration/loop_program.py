@@ -30,15 +30,12 @@ def loop_values(
 
     `bounds` of errors, then of their rates, are (2 nv) or one number. `exact` is DOUBLE or SINGLE.
     """
-    plant, lag = closed.vehicle, closed.actuators.lag
+    plant = closed.vehicle
     values = {
-        **closed.controller.values,
-        **closed.actuators.values,
+        **law_values(closed),
         "centre": plant.centre_offset(plant.neutral),
         "wrenches": np.swapaxes(plant.thrust_wrenches(), -1, -2),
         "losses": plant.damping,
-        "lag": lag,
-        "pace": np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0),
         "bounds": np.broadcast_to(bounds, (*np.shape(bounds)[:-1], 2 * plant.layout.v.size)),
         "largest_lean": LARGEST_THETA_0,
         "exact": exact,
@@ -46,6 +43,13 @@ def loop_values(
     if loads.inputs is not None:
         values["held"] = np.array(loads.inputs)
     return values | acting(closed.environment, loads)[1]
+
+
+def law_values(closed: ClosedLoop) -> dict[str, Any]:
+    """Those of the inputs that tell what is commanded and what acts."""
+    lag = closed.actuators.lag
+    pace = np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0)
+    return {**closed.controller.values, **closed.actuators.values, "lag": lag, "pace": pace}
 
 
 def loop_tables(closed: ClosedLoop) -> list[Array]:

@@ -1,4 +1,4 @@
-"""What acts on the robot besides its inputs, as wrenches on its frames.
+"""Figures of what acts on the robot besides its inputs; `arrays.surroundings` has the wrenches.
 
 A push, drag in the wind, walls, spinning rotors and payloads.
 

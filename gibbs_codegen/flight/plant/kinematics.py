@@ -11,18 +11,21 @@ length means the same attitude.
 
 from __future__ import annotations
 
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gibbs_codegen.arrays import Program, variable
+from gibbs_codegen.arrays.base import quaternion_motion
+from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import Space
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import (
     Turning,
     attitude_angles,
-    bias_acceleration,
-    rate_matrix,
     rotation_matrix,
 )
 from gibbs_codegen.flight.vectors import (
@@ -65,6 +68,21 @@ class QuaternionKinematics:
         names[layout.v.position] = layout.q.names[layout.q.position]
         names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
         self.error_names = tuple(names)
+
+    @property
+    def space(self) -> Space:
+        """How many entries coordinates and displacements have."""
+        return Space(self.layout.q.size, self.layout.v.size)
+
+    @cached_property
+    def motion(self) -> Evaluator:
+        """What turns entries c (…, nq) with a quaternion of any length, `rates` and `growth`.
+
+        Into q, v and a.
+        """
+        given = tuple(variable(name, self.layout.q.size) for name in ("c", "rates", "growth"))
+        outputs = dict(zip("qva", quaternion_motion(self, *given), strict=True))
+        return Evaluator(Program("motion", given, outputs), {})
 
     def rotation(self, q: Array) -> Array:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
@@ -119,27 +137,6 @@ class QuaternionKinematics:
             after[part] = turn @ v[part]
         return after
 
-    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3) in the base's frame: entries of v and a."""
-        attitude = self.layout.v.attitude
-        return v[..., attitude], a[..., attitude]
-
-    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """Entries (…, 3) of the attitude in a: the angular acceleration (…, 3) itself."""
-        return turning
-
-    def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """Force, N, and torque, N m, (…, 3) on the base for a generalised force (…, nv).
-
-        They are about the point whose position is x, y, z, in world axes.
-        """
-        places, rotation = self.layout.v, self.rotation(q)
-        force, torque = (
-            times(rotation, generalised_force[..., part])
-            for part in (places.position, places.attitude)
-        )
-        return force, torque
-
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
         """Errors and their rates (…, nv), those of the position in world axes."""
         places = self.layout.q, self.layout.v
@@ -156,30 +153,6 @@ class QuaternionKinematics:
         off_rate[..., linear] = carried - times(rotation, v[..., linear])
         off_rate[..., spin] = self._carried(rotation, desired, v_desired[..., spin]) - v[..., spin]
         return off, off_rate
-
-    def corrected(
-        self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
-    ) -> Array:
-        """Accelerations (…, nv) with which errors e obey ë + d ė + k e = 0.
-
-        `desired` are q, v and a, `gains` k, 1/s², and d, 1/s, (nv).
-        """
-        q_desired, v_desired, a_desired = desired
-        off, off_rate = self.errors(q, v, q_desired, v_desired)
-        pull = gains[0] * off + gains[1] * off_rate
-        spin, linear = self.layout.v.attitude, self.layout.v.position
-        rotation, wanted = self.rotation(q), self.rotation(q_desired)
-        turn, turn_desired = v[..., spin], v_desired[..., spin]
-        a = a_desired + pull
-        carried = a_desired[..., linear] + np.cross(turn_desired, v_desired[..., linear])
-        world = times(wanted, carried) + pull[..., linear]
-        a[..., linear] = times(transposed(rotation), world) - np.cross(turn, v[..., linear])
-        a[..., spin] = (
-            self._carried(rotation, wanted, a_desired[..., spin])
-            - np.cross(turn, self._carried(rotation, wanted, turn_desired))
-            + pull[..., spin]
-        )
-        return a
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of position, quaternion and joints, as `PoseReference` has them."""
@@ -210,29 +183,9 @@ class PoseReference(Reference):
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
         """Evaluate q (…, nq), v and a (…, nv) at times (…), as those of `Reference` are."""
-        c, rates, growth = super().__call__(time)
-        layout = self.kinematics.layout
-        q = self.kinematics.normalised(c)
-        inverse = transposed(self.kinematics.rotation(q))
-        v = np.zeros((*c.shape[:-1], layout.v.size))
-        a = np.zeros_like(v)
-        v[..., layout.v.joints] = rates[..., layout.q.joints]
-        a[..., layout.v.joints] = growth[..., layout.q.joints]
-        quaternion, turning, bending = (each[..., layout.q.attitude] for each in (c, rates, growth))
-        # With c = r p, where p is of unit length, c̄ ċ = r ṙ + r² ω / 2.
-        square = np.sum(quaternion**2, axis=-1, keepdims=True)
-        stretching = np.sum(quaternion * turning, axis=-1, keepdims=True) / square
-        back = conjugate(quaternion) * (2.0 / square)
-        spin = quaternion_product(back, turning)[..., :3]
-        linear = times(inverse, rates[..., layout.q.position])
-        v[..., layout.v.attitude], v[..., layout.v.position] = spin, linear
-        a[..., layout.v.attitude] = (
-            quaternion_product(back, bending)[..., :3] - 2.0 * stretching * spin
-        )
-        a[..., layout.v.position] = times(inverse, growth[..., layout.q.position]) - np.cross(
-            spin, linear
-        )
-        return q, v, a
+        given = zip(("c", "rates", "growth"), super().__call__(time), strict=True)
+        found = self.kinematics.motion(dict(given))
+        return found["q"], found["v"], found["a"]
 
 
 class AngleKinematics:
@@ -276,42 +229,9 @@ class AngleKinematics:
         """The same rates (nq): those of angles go on, not the angular velocity."""
         return v
 
-    def angular(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Angular velocity and acceleration (…, 3) in the base's frame, by ω = E θ̇."""
-        back = transposed(self.rotation(q))
-        attitude = self.layout.q.attitude
-        angles, rates = q[..., attitude], v[..., attitude]
-        matrix = rate_matrix(self.sequence, angles)
-        growth = times(matrix, a[..., attitude]) + bias_acceleration(self.sequence, angles, rates)
-        return times(back, times(matrix, rates)), times(back, growth)
-
-    def attitude_entries(self, q: Array, v: Array, turning: Array) -> Array:
-        """Accelerations (…, 3) of the angles, away from their singularity."""
-        attitude = self.layout.q.attitude
-        angles, rates = q[..., attitude], v[..., attitude]
-        growth = times(self.rotation(q), turning)
-        growth = growth - bias_acceleration(self.sequence, angles, rates)
-        matrix = rate_matrix(self.sequence, angles)
-        return np.asarray(np.linalg.solve(matrix, growth[..., np.newaxis])[..., 0])
-
-    def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
-        """The wrench on the base, by the inverse of ψ = Jᵀw for attitude and position (eq. 13)."""
-        attitude = self.layout.q.attitude
-        turn = np.swapaxes(rate_matrix(self.sequence, q[..., attitude]), -1, -2)
-        torque = np.linalg.solve(turn, generalised_force[..., attitude, np.newaxis])[..., 0]
-        force: Array = generalised_force[..., self.layout.q.position]
-        return force, np.asarray(torque, dtype=np.float64)
-
     def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
         """Differences of coordinates, and of rates (…, nq)."""
         return q_desired - q, v_desired - v
-
-    def corrected(
-        self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
-    ) -> Array:
-        """Desired accelerations (…, nq), corrected by the errors."""
-        stiffness, damping = gains
-        return desired[2] + damping * (desired[1] - v) + stiffness * (desired[0] - q)
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of all coordinates."""

@@ -6,13 +6,16 @@ This is all that a flight knows of a robot.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gibbs_codegen.arrays import Functions, Program, variable
+from gibbs_codegen.arrays.base import base_of
+from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.vectors import Array as Array
@@ -144,11 +147,9 @@ class Vehicle:
 
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
-        world_force, torque = self.kinematics.wrench(q, generalised_force)
-        torque = torque - np.cross(self.centre_offset(q), world_force)
-        world = np.stack([world_force, torque], axis=-2)
-        wrench = world @ self.base_rotation(q)
-        return wrench.reshape(*wrench.shape[:-2], 6)
+        given = {"q": q, "force": generalised_force, "centre": self.centre_offset(self.neutral)}
+        found: Array = _wrench(self.module)(given)["wrench"]
+        return found
 
     @property
     def neutral(self) -> Array:
@@ -196,6 +197,15 @@ class Vehicle:
         """Whether joints move rotors."""
         centre = self.points.index(self.centre)
         return bool(np.any(self.carriers[centre + 1 : centre + 1 + self.rotors] != centre))
+
+
+@lru_cache(maxsize=64)
+def _wrench(module: ModuleType) -> Evaluator:
+    """What turns a generalised force into a wrench on the base."""
+    robot = Functions(module)
+    q, force, centre = robot.coordinates(), robot.velocities("force"), variable("centre", 3)
+    outputs = {"wrench": base_of(robot, q).wrench(centre, force)}
+    return Evaluator(Program("wrench", (q, force, centre), outputs), {})
 
 
 def _check(module: ModuleType) -> None:

@@ -222,7 +222,8 @@ def test_angles_and_a_quaternion_get_the_same_inputs(machines: Load) -> None:
     same_q, same_v = np.zeros((5, 7)), np.zeros((5, 6))
     same_q[:, one.layout.q.position] = q[:, places.position]
     same_q[:, one.layout.q.attitude] = Rotation.from_matrix(rotation).as_quat()
-    spin = other.kinematics.angular(q, v, v)[0]
+    turning = other.function("frame_velocities")(q, v)[:, 0, 3:]
+    spin = np.einsum("sji,sj->si", rotation, turning)
     same_v[:, one.layout.v.attitude] = spin
     same_v[:, one.layout.v.position] = np.einsum("sji,sj->si", rotation, velocity)
     size = 1e-6
