@@ -324,8 +324,8 @@ def _joined(*pieces: Any) -> Any:
 def _of_one_state(function: Callable[..., Any], axes: Sequence[int]) -> Callable[..., Any]:
     """A function whose results have so many axes, or it refuses."""
 
-    def checked(*given: Any) -> Any:
-        found = function(*given)
+    def checked(*given: Any, **named: Any) -> Any:
+        found = function(*given, **named)
         for array, count in zip(found if len(axes) > 1 else (found,), axes, strict=True):
             if array.ndim != count:
                 raise _SeveralStatesError

@@ -115,8 +115,8 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
 
     displacement = np.zeros(len(free))
     # Of all that balances, such as every heading, the nearest: the pull leads there, and a weaker
-    # one takes away its traces. Differences serve: derivatives of a module lack those of B u and of the
-    # wrenches' forces, and what is missing is in the end computed exactly.
+    # one takes away its traces. Differences serve: derivatives of a module lack those of B u and of
+    # the wrenches' forces, and what is missing is in the end computed exactly.
     for pull in _PULLS:
         displacement = least_squares(
             residual,

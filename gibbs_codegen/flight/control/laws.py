@@ -35,7 +35,7 @@ import numpy as np
 from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.flight.plant.allocation import Allocation
+from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Law
@@ -111,6 +111,7 @@ def _of_rotors(vehicle: Vehicle, allocation: Allocation) -> dict[str, Any]:
         "known_centre": vehicle.centre_offset(vehicle.neutral),
         "known_wrenches": np.swapaxes(vehicle.thrust_wrenches(), -1, -2),
         "distribution": allocation.inverse,
+        "exact": EXACT,
     }
     if allocation.limits is not None:
         limits = np.array(allocation.limits)
