@@ -39,10 +39,8 @@ DATA = """
     py.typed
     emitted/allocation.c emitted/blocks.c emitted/calls.c emitted/constants.c
     emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/lanes.c
-    emitted/numbers.c emitted/platform.c emitted/smallest_thrusts.c
-    emitted/rollout/begin.c emitted/rollout/block.c emitted/rollout/ends.c emitted/rollout/inputs.c
-    emitted/rollout/rollout.c emitted/rollout/rows.c emitted/rollout/run.c emitted/rollout/steps.c
-    emitted/rollout/transpose.c
+    emitted/numbers.c emitted/platform.c emitted/rollout.c emitted/rows.c
+    emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
     emitted/support.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m

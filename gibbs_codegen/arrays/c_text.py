@@ -880,12 +880,15 @@ def functions_of(program: Program) -> list[tuple[str, str]]:
     return list(dict.fromkeys((call.functions.name, call.name) for call in calls))
 
 
-def c_functions(program: Program, prefix: str = "", storage: str = "") -> list[str]:
-    """Lines of C of a program and those that it invokes, its own last, with names that begin so."""
+def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = "") -> list[str]:
+    """Lines of C of programs and those that they invoke, each once, with names that begin so."""
+    inner = dict.fromkeys(one for program in programs for one in inner_programs(program))
     lines: list[str] = []
-    for inner in inner_programs(program):
-        lines += [*CProgram(inner, prefix).function(), ""]
-    return [*lines, *CProgram(program, prefix).function(storage)]
+    for program in inner:
+        lines += [*CProgram(program, prefix).function(), ""]
+    for program in programs:
+        lines += [*CProgram(program, prefix).function(storage), ""]
+    return lines
 
 
 class Names:
@@ -966,9 +969,9 @@ def _inner(x: Node) -> int:
 def literal(value: float) -> str:
     """A real as C writes it."""
     if math.isnan(value):
-        return "NAN"
+        return "(real)NAN"
     if math.isinf(value):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
+        return "(real)INFINITY" if value > 0 else "(-(real)INFINITY)"
     return f"R({value!r})" if math.copysign(1.0, value) > 0 else f"(-R({-value!r}))"
 
 

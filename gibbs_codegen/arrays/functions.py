@@ -37,6 +37,7 @@ class Functions:
         self.signatures = {signature.name: signature for signature in module_signatures(module)}
         self.space = Space(len(module.COORDINATES), len(module.VELOCITIES))
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
+        self.frames = len(module.FRAMES)
         self.layout = Layout.listed(
             module.ATTITUDE,
             module.COORDINATES,

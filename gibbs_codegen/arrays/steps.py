@@ -2,41 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import named
 from gibbs_codegen.arrays.nodes import Node, Program, beside, join, variable
 
 State = tuple[Node, Node]
+# Coordinates after a displacement (nv).
+Move = Callable[[Node, Node], Node]
+# Accelerations (nv) at q and v, so many halves of a step after its start.
+Accelerate = Callable[[Node, Node, int], Node]
 
 
-def semi_implicit_euler(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State:
+def semi_implicit_euler(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node) -> State:
     """v_next = v + h a, and q_next is q after the displacement h v_next."""
-    a = named(robot.forward_dynamics(q, v, u), "acceleration", "accelerations at the beginning")
+    a = named(accelerate(q, v, 0), "acceleration", "accelerations at the beginning")
     v_next = named(v + h * a, "v_next", "velocities after the step")
-    return robot.integrate(q, named(h * v_next, "displacement", "displacement by these")), v_next
+    return move(q, named(h * v_next, "displacement", "displacement by these")), v_next
 
 
-def runge_kutta_4(robot: Functions, q: Node, v: Node, u: Node, h: Node) -> State:
+def runge_kutta_4(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node) -> State:
     """A Runge-Kutta method of fourth order (Celledoni, Marthinsen and Owren, 2003).
 
     A quaternion moves by exponentials alone, without commutators; for attitude angles it is the
     classical method.
     """
     half = named(0.5 * h, "half")
-    a1 = named(robot.forward_dynamics(q, v, u), "acceleration", "accelerations at the beginning")
-    q2 = named(robot.integrate(q, half * v), "q2", "second stage, after half of the step")
+    a1 = named(accelerate(q, v, 0), "acceleration", "accelerations at the beginning")
+    q2 = named(move(q, half * v), "q2", "second stage, after half of the step")
     v2 = named(v + half * a1, "v2")
-    a2 = named(robot.forward_dynamics(q2, v2, u), "a2")
-    q3 = named(robot.integrate(q, half * v2), "q3", "third stage, there again, with its rates")
+    a2 = named(accelerate(q2, v2, 1), "a2")
+    q3 = named(move(q, half * v2), "q3", "third stage, there again, with its rates")
     v3 = named(v + half * a2, "v3")
-    a3 = named(robot.forward_dynamics(q3, v3, u), "a3")
-    q4 = named(robot.integrate(q2, h * (v3 - 0.5 * v)), "q4", "fourth stage, at the end")
+    a3 = named(accelerate(q3, v3, 1), "a3")
+    q4 = named(move(q2, h * (v3 - 0.5 * v)), "q4", "fourth stage, at the end")
     v4 = named(v + h * a3, "v4")
-    a4 = named(robot.forward_dynamics(q4, v4, u), "a4")
+    a4 = named(accelerate(q4, v4, 2), "a4")
     sixth = named(h / 6.0, "sixth", "both halves of the step, by the stages together")
-    q_half = named(robot.integrate(q, half * (v + sixth * (a1 + a2 - a3))), "q_half")
-    q_next = robot.integrate(q_half, half * (v + sixth * (a1 + a2 + 3.0 * a3)))
+    q_half = named(move(q, half * (v + sixth * (a1 + a2 - a3))), "q_half")
+    q_next = move(q_half, half * (v + sixth * (a1 + a2 + 3.0 * a3)))
     return q_next, v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
@@ -50,7 +56,12 @@ def step_program(robot: Functions, method: str, *, one_length: bool = True) -> P
     """
     q, v = robot.state()
     u, h = variable("u", robot.inputs), variable("h", uniform=one_length)
-    q_next, v_next = METHODS[method](robot, q, v, u, h)
+
+    def accelerate(q: Node, v: Node, _: int) -> Node:
+        found: Node = robot.forward_dynamics(q, v, u)
+        return found
+
+    q_next, v_next = METHODS[method](robot.integrate, accelerate, q, v, h)
     return Program(f"step_{method}", (q, v, u, h), {"q_next": q_next, "v_next": v_next})
 
 

@@ -17,17 +17,14 @@ typedef struct {
  * Returns whether any goes on. */
 static INLINE int stand_in(const Progress *progress, const number *x, number *now)
 {
-    int one = 0, ended = 0;
+    int one = 0;
     while (one < LANES && !progress->going[one]) {
         ++one;
     }
-    memcpy(now, x, STATE * sizeof *now);
-    for (int lane = 0; lane < LANES; ++lane) {
-        ended |= !progress->going[lane];
-    }
-    for (int lane = 0; ended && one < LANES && lane < LANES; ++lane) {
-        for (int i = 0; i < STATE && !progress->going[lane]; ++i) {
-            ((real *)now)[i * LANES + lane] = ((const real *)x)[i * LANES + one];
+    for (int lane = 0; one < LANES && lane < LANES; ++lane) {
+        const int from = progress->going[lane] ? lane : one;
+        for (int i = 0; i < STATE; ++i) {
+            ((real *)now)[i * LANES + lane] = ((const real *)x)[i * LANES + from];
         }
     }
     return one < LANES;
@@ -43,6 +40,18 @@ static INLINE void widen(const number *inputs, real *range)
     }
 }
 
+/* Whether a step is not refused, and none of the states ends after it; no number is not so. */
+static INLINE int all_go_on(const number *refused, const number *ended)
+{
+    bits ends = 0;
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        ends |= (bits)!(((const real *)refused)[lane] <= R(0.0));
+        ends |= (bits)!(((const real *)ended)[lane] <= R(0.0));
+    }
+    return ends == 0;
+}
+
 /* End states of which a value is not 0 or less; no number is not. */
 static INLINE void end(Progress *progress, const number *value, const int refuses)
 {
@@ -56,16 +65,8 @@ static INLINE void end(Progress *progress, const number *value, const int refuse
 /* Take over the next states of those that go on. */
 static INLINE void go_on(Progress *progress, const number *next, number *x)
 {
-    int going = 1;
     for (int lane = 0; lane < LANES; ++lane) {
-        going &= progress->going[lane];
         progress->taken[lane] += progress->going[lane];
-    }
-    if (going) {
-        memcpy(x, next, STATE * sizeof *x);
-        return;
-    }
-    for (int lane = 0; lane < LANES; ++lane) {
         for (int i = 0; i < STATE && progress->going[lane]; ++i) {
             ((real *)x)[i * LANES + lane] = ((const real *)next)[i * LANES + lane];
         }
@@ -78,6 +79,9 @@ static INLINE void go_on(Progress *progress, const number *next, number *x)
  * `ranges`, if it is not NULL, has room for one more ranges of the inputs of the first lane,
  * [2][RANGED]: the least, then the greatest at the starts of steps from one sample to the next.
  */
+#ifdef LOCAL
+static
+#else
 void program_run(
     const void *const *given,
     const double time,
@@ -90,6 +94,7 @@ void program_run(
     real *ranges,
     Progress *progress);
 
+#endif
 WIDE void program_run(
     const void *const *given,
     const double time,
@@ -102,21 +107,42 @@ WIDE void program_run(
     real *ranges,
     Progress *progress)
 {
-    number now[STATE], next[STATE], inputs[RANGED], refused, ended;
-    int left = every - before % every;
-    for (int done = 0; done < count && stand_in(progress, x, now); ++done) {
-        take_step(given, (real)(time + h * done), (real)h, now, next, &ended, inputs, &refused);
-        end(progress, &refused, 1);
+    number now[STATE], room[STATE], inputs[RANGED + 1], refused, ended;
+    number *from = x, *to = room;
+    int left = every - before % every, whole = 1, taken = 0;
+    for (int lane = 0; lane < LANES; ++lane) {
+        whole &= progress->going[lane];
+    }
+    for (int done = 0; done < count && (whole || stand_in(progress, from, now)); ++done) {
+        const real at = (real)(time + h * done);
+        take_step(given, at, (real)h, whole ? from : now, to, &ended, inputs, &refused);
+        whole = whole && all_go_on(&refused, &ended);
+        if (!whole) {
+            end(progress, &refused, 1);
+        }
         if (progress->going[0]) {
             widen(inputs, ranges);
         }
-        go_on(progress, next, x);
-        end(progress, &ended, 0);
+        if (whole) {
+            number *const next = to;
+            to = from;
+            from = next;
+            ++taken;
+        } else {
+            go_on(progress, to, from);
+            end(progress, &ended, 0);
+        }
         if (--left == 0) {
-            memcpy(samples, x, STATE * sizeof *x);
+            memcpy(samples, from, STATE * sizeof *samples);
             samples += STATE;
             ranges = ranges ? ranges + 2 * RANGED : ranges;
             left = every;
         }
+    }
+    for (int lane = 0; lane < LANES; ++lane) {
+        progress->taken[lane] += taken;
+    }
+    if (from != x) {
+        memcpy(x, from, STATE * sizeof *x);
     }
 }

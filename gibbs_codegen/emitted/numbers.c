@@ -6,6 +6,7 @@
 #if LANES == 1
 typedef real number;
 typedef int flags;
+typedef bits number_bits;
 #define same(value) (value)
 #define EACH(function) function
 #else
@@ -17,8 +18,14 @@ typedef int32_t flags __attribute__((vector_size(LANES * sizeof(int32_t)), may_a
 #else
 typedef int64_t flags __attribute__((vector_size(LANES * sizeof(int64_t)), may_alias));
 #endif
-#define same(value) ((value) - (number){R(0.0)})
+typedef bits number_bits __attribute__((vector_size(LANES * sizeof(real)), may_alias));
 #define EACH(function) function##_block
+
+static INLINE number same(const real value)
+{
+    const number zero = {R(0.0)};
+    return value - zero;
+}
 #endif
 
 /* Whether a flag of any state is set. */

@@ -18,7 +18,6 @@ static INLINE void sine_and_cosine_real(const real angle, real *sine, real *cosi
 #define sines_and_cosines sines_and_cosines_real
 #define sine_and_cosine sine_and_cosine_real
 #else
-typedef bits number_bits __attribute__((vector_size(LANES * sizeof(real)), may_alias));
 #define KERNEL sine_cosine_number
 #define NUMBER number
 #define BITS number_bits

@@ -32,7 +32,7 @@ from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, ope
 
 Array = NDArray[np.float64]
 # Names of the functions, which the module has not.
-_PREFIX = "program_"
+PREFIX = "program_"
 
 
 def c_text(
@@ -49,74 +49,95 @@ def c_text(
     `program_run`, which takes many steps of the program: its inputs are time, h and x, then what is
     given, and its outputs those of `arrays.closed_loop`.
     """
-    name = robot.name
-    constants = "real" if each else f"{name}_constants"
+    constants = "real" if each else f"{robot.name}_constants"
     lines = [
-        f'#include "{name}.h"',
+        f'#include "{robot.name}.h"',
         "",
-        f"typedef {name}_real real;",
-        f"#ifdef {name.upper()}_FLOAT",
-        "#define SINGLE",
-        "#endif",
-        f"typedef {constants} Constants;",
         *([f"#define LANES {lanes}"] if lanes > 1 else []),
-        f"#define SOLVE_ROOM {_solve_room(program)}",
-        f"#define COORDINATES {robot.space.coordinates}",
-        f"#define ROTORS {robot.rotors}",
-        "",
+        f"typedef {robot.name}_real real;",
+        f"typedef {constants} Constants;",
+        *support([program], robot),
+        *(blocks_of([program], each=each) if lanes > 1 else []),
+        *c_functions([program], PREFIX, "static " if steps else ""),
     ]
-    by_hand = externals_of(program)
+    if steps:
+        lines += [*take_step([program], program.names[3:]), c_source("engine.c")]
+    return "\n".join(lines) + "\n"
+
+
+def support(programs: Sequence[Program], robot: Functions) -> list[str]:
+    """What programs need that is the same for every robot; before it are `real` and `Constants`."""
+    by_hand = set().union(*map(externals_of, programs))
     files = ["platform.c", "numbers.c"]
-    if elementaries_of(program) & {"sin", "cos"}:
+    if set().union(*map(elementaries_of, programs)) & {"sin", "cos"}:
         files += ["exactness.c", "sine_cosine.c", "sine_cosine_numbers.c"]
     files += ["curves.c"] if by_hand & {"desired", "centre"} else []
     files += ["lanes.c", "allocation.c"] if by_hand - {"desired", "centre"} else []
     files += ["smallest_thrusts.c"] if by_hand & {"smallest_thrusts", "force_axis"} else []
-    ending = "batch_each" if each else "batch"
-    calls = functions_of(program) if lanes > 1 else []
-    blocks = [line for call in calls for line in _block(*call, ending)]
-    parts = [
-        *map(c_source, files),
-        *blocks,
-        *c_functions(program, _PREFIX, "static " if steps else ""),
-    ]
-    if steps:
-        parts += [*_take_step(program), c_source("engine.c")]
-    return "\n".join([*lines, *parts]) + "\n"
-
-
-def _take_step(program: Program) -> list[str]:
-    """A step of the program of what is given by addresses: constants, context, other inputs."""
-    text = CProgram(program, _PREFIX)
-    given = [f"(const Constants *)given[{k}]" for k in range(len(text.owners))]
-    context = [f"(const void *const *)given[{len(given)}]"] if text.has_context else []
-    values = []
-    first = len(text.owners) + 1
-    for place, (name, x) in enumerate(zip(program.names, program.inputs, strict=True)):
-        kind = "real" if x.is_uniform else "number"
-        at = f"(const {kind} *)given[{first + place - 3}]"
-        values.append(name if place < 3 else f"*{at}" if x.shape == () else at)
-    # What is the same for all states is told of each.
-    uniform = {name: x for name, x in program.outputs.items() if text.uniform(x)}
-    found = [f"uniform_{name}" if name in uniform else name for name in program.outputs]
-    told = [
-        f"for (int i = 0; i < {x.size}; ++i) {{ {name}[i] = same(uniform_{name}[i]); }}"
-        for name, x in uniform.items()
-    ]
     return [
-        f"#define STATE {program.inputs[2].size}",
-        f"#define RANGED {program.outputs['inputs'].size}",
+        f"#ifdef {robot.name.upper()}_FLOAT",
+        "#define SINGLE",
+        "#endif",
+        f"#define SOLVE_ROOM {max(map(_solve_room, programs))}",
+        f"#define COORDINATES {robot.space.coordinates}",
+        f"#define ROTORS {robot.rotors}",
+        "",
+        *map(c_source, files),
+    ]
+
+
+def blocks_of(programs: Sequence[Program], *, each: bool) -> list[str]:
+    """The module's functions that programs call, for the states of a block."""
+    ending = "batch_each" if each else "batch"
+    calls = dict.fromkeys(call for program in programs for call in functions_of(program))
+    return [line for call in calls for line in _block(*call, ending)]
+
+
+def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
+    """A step of one of programs, of what is given by addresses.
+
+    These are of constants, of the context of what is written by hand, and of inputs with such
+    names; where there are several programs, that of the number of one comes last. A program without
+    the output `refused` refuses what is not finite.
+    """
+    size, outputs = programs[0].inputs[2].size, programs[0].outputs
+    lines = [
+        f"#define STATE {size}",
+        f"#define RANGED {outputs['inputs'].size}",
         "",
         "static INLINE void take_step(",
         "    const void *const *given, const real time, const real h, const number *x,",
-        f"    {', '.join(f'number *{name}' for name in program.outputs)})",
+        "    number *x_next, number *ended, number *inputs, number *refused)",
         "{",
-        *(f"    real uniform_{name}[{x.size}];" for name, x in uniform.items()),
-        f"    {text.name}({', '.join([*context, *given, *values, *found])});",
-        *(f"    {line}" for line in told),
-        "}",
-        "",
     ]
+    for number, program in enumerate(programs):
+        text = CProgram(program, PREFIX)
+        owners = len(text.owners)
+        values = [f"(const void *const *)given[{owners}]"] if text.has_context else []
+        values += [f"(const Constants *)given[{k}]" for k in range(owners)]
+        values += program.names[:3]
+        for name, x in zip(program.names[3:], program.inputs[3:], strict=True):
+            kind = "real" if x.is_uniform else "number"
+            at = f"(const {kind} *)given[{owners + 1 + names.index(name)}]"
+            values.append(f"*{at}" if x.shape == () else at)
+        # What is the same for all states is told of each.
+        uniform = {name: x for name, x in program.outputs.items() if text.uniform(x)}
+        found = [f"uniform_{name}" if name in uniform else name for name in program.outputs]
+        chosen = f"if (*(const int *)given[{owners + 1 + len(names)}] == {number}) "
+        lines += [
+            f"    {chosen if len(programs) > 1 else ''}{{",
+            *(f"        real uniform_{name}[{x.size}];" for name, x in uniform.items()),
+            f"        {text.name}({', '.join([*values, *found])});",
+            *(
+                f"        for (int i = 0; i < {x.size}; ++i) "
+                f"{{ {name}[i] = same(uniform_{name}[i]); }}"
+                for name, x in uniform.items()
+            ),
+            "    }",
+        ]
+    if "refused" not in outputs:
+        lines.append(f"    refuse_infinite({size}, x_next, refused);")
+    return [*lines, "}", ""]
 
 
 def _solve_room(program: Program) -> int:
@@ -159,7 +180,7 @@ def compiled(module: ModuleType, program: Program, lanes: int = 1, *, single: bo
 
     Raises `CompilerError`, or `CacheError` where the cache cannot be used.
     """
-    return _library(module, program, lanes, single=single)[_PREFIX + program.name]
+    return _library(module, program, lanes, single=single)[PREFIX + program.name]
 
 
 def compiled_steps(

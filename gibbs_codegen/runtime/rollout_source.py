@@ -1,63 +1,129 @@
-"""The C source of a module's rollouts, which is made of what the module says of itself.
+"""The C source of rollouts: the programs of their steps, and the engine that takes them.
 
-It is the same for a module that was generated without it, whose rollouts are compiled when one is
-first called, and for those who have it generated to compile it themselves.
+It is the same for rollouts from Python, of which each is made of one program with what it needs,
+and for those who have it generated to compile it themselves, in which a call chooses.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType
+import math
+from collections.abc import Sequence
+from typing import Any
 
+from gibbs_codegen.arrays.c_text import c_functions, functions_of, literal
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
+from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.runtime.programs import PREFIX, blocks_of, support, take_step
 
 TEMPLATES = {
     "c_rollout.h.jinja": "{name}_rollout.h",
     "c_rollout.c.jinja": "{name}_rollout.c",
 }
+# Of those that a call chooses among, each has what the ones before it have.
+_PARTS = {
+    "inputs": Parts(),
+    "commands": Parts(feedback=True, limits=True, lag=True, bounds=True),
+    "wrenches": ALL,
+}
+# What stands for every entry of an input that is not given, if not 0.
+_WITHOUT = {
+    **{"desired_q": 1.0, "least": -math.inf, "most": math.inf},
+    **{"lowest": -math.inf, "highest": math.inf},
+}
 
 
-@dataclass(frozen=True)
-class RolloutText:
-    """What depends on the robot, and the source that does not.
-
-    `header` are the lines that open every file. `block` comes before the functions that the
-    template makes of the robot's, `run` after them.
-    """
-
-    header: list[str]
-    name: str
-    rotors: int
-    is_quaternion: bool
-    block: str = c_source("rollout/begin.c")
-    run: str = c_source("rollout/rollout.c").rstrip()
-
-    @property
-    def functions(self) -> tuple[str, ...]:
-        """The functions of the module that the source calls."""
-        moved = ("integrate", "difference") if self.is_quaternion else ()
-        return ("forward_dynamics", "forward_dynamics_with_wrenches", *moved)
+def rollout_programs(robot: Functions) -> list[Program]:
+    """Programs for all that a rollout may have, those of a method one after the other."""
+    return [
+        rollout_step(robot, method, parts, f"{method}_{word}", has_thrusts=True)
+        for method in METHODS
+        for word, parts in _PARTS.items()
+    ]
 
 
-def rollout_text(module: ModuleType) -> RolloutText:
-    """What the templates are given of a module that is there."""
-    opening = (Path(module.__path__[0]) / f"{module.NAME}.h").read_text(encoding="utf-8")
-    header = opening.partition("\n\n")[0].splitlines()
-    velocities = len(module.VELOCITIES)
-    return RolloutText(
-        [line.removeprefix("/* ").removesuffix(" */") for line in header],
-        module.NAME,
-        # A joint that moves has an input, and the base has six velocities.
-        len(module.INPUTS) - (velocities - 6),
-        len(module.COORDINATES) != velocities,
-    )
+def called(programs: Sequence[Program]) -> list[str]:
+    """The functions of the module that programs call."""
+    return list(dict.fromkeys(name for program in programs for _, name in functions_of(program)))
 
 
-def rollout_files(text: RolloutText) -> dict[str, str]:
-    """Texts of the header and the source by their names."""
+def rollout_files(
+    robot: Functions, programs: Sequence[Program], header: Sequence[str]
+) -> dict[str, str]:
+    """Texts of the header and the source by their names; `header` are lines that open both."""
+    context = rollout_context(robot, programs, header)
     return {
-        file.format(name=text.name): render(template, vars(text))
+        file.format(name=robot.name): render(template, context)
         for template, file in TEMPLATES.items()
     }
+
+
+def rollout_context(
+    robot: Functions, programs: Sequence[Program], header: Sequence[str]
+) -> dict[str, Any]:
+    """What the templates are given."""
+    return {"header": header, "name": robot.name, "source": _source(robot, programs)}
+
+
+def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
+    """Lines of the source that follow the header's."""
+    name, capitals = robot.name, robot.name.upper()
+    macros = {
+        "NQ": f"{capitals}_COORDINATES",
+        "NV": f"{capitals}_VELOCITIES",
+        "CONSTANTS": f"{capitals}_CONSTANTS",
+        "THRUSTS": "(STATE - NQ - NV)",
+        **{word: f"{capitals}_ROLLOUT_{word}" for word in ("RUNNING", "DIVERGED", "OUT_OF_BOUNDS")},
+    }
+    return [
+        f"#ifdef {capitals}_DISPATCH",
+        "#define DISPATCH",
+        "#endif",
+        f"#if defined(__GNUC__) && !defined({capitals}_SINGLY)",
+        f"#define LANES {capitals}_LANES",
+        "typedef real Constants;",
+        "#else",
+        f"typedef {name}_constants Constants;",
+        "#endif",
+        f"#define MODULE(name) {name}_##name",
+        *(f"#define {macro} {text}" for macro, text in macros.items()),
+        *support(programs, robot),
+        "#if LANES > 1",
+        *blocks_of(programs, each=True),
+        "#endif",
+        "",
+        *c_functions(programs, PREFIX, "static "),
+        c_source("rows.c"),
+        *take_step(programs, [*given(robot, ALL)]),
+        c_source("engine.c"),
+        *_tables(robot, programs),
+        c_source("rollout.c").rstrip(),
+    ]
+
+
+def _tables(robot: Functions, programs: Sequence[Program]) -> list[str]:
+    """What programs are given, in the order of the header, and which have what."""
+    inputs, lines, room = given(robot, ALL), [], 0
+    for name, x in inputs.items():
+        size = x.size if any(name in program.names for program in programs) else 0
+        without = literal(_WITHOUT.get(name, 0.0))
+        lines.append(f"    {{{size}, {int(x.is_uniform)}, {without}}}, /* {name} */")
+        room += size
+    masks = [
+        sum(1 << place for place, name in enumerate(inputs) if name in program.names)
+        for program in programs
+    ]
+    return [
+        f"#define GIVEN {len(inputs)}",
+        f"#define PROGRAMS {len(programs)}",
+        f"#define ROOM (CONSTANTS + {room})",
+        "static const Input INPUTS[GIVEN] = {",
+        *lines,
+        "};",
+        "/* Bits for the inputs that a program has. */",
+        f"static const unsigned HAS[PROGRAMS] = {{{', '.join(f'{mask}u' for mask in masks)}}};",
+        "",
+    ]

@@ -1,10 +1,8 @@
-"""Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or by the module's C.
+"""Rollouts on plain arrays: what one computes, and how, by NumPy, by JAX or in C.
 
-`Steps` says once more, as short as it can be said, what the compiled rollout computes, on arrays of
-NumPy or of JAX: all states at once.
-
-The C source of the rollout is compiled together with the robot's functions, once for each
-precision, and kept in the cache of libraries. It takes blocks of states that stay in the
+A step is the array program of `arrays.rollout_steps`. `Steps` evaluates it on arrays of NumPy or of
+JAX, all states at once. In C it is compiled together with the robot's functions that it calls, once
+for each precision, and kept in the cache of libraries; it takes blocks of states that stay in the
 processor's cache.
 """
 
@@ -25,9 +23,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays.evaluation import evaluate
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
+from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler, compiled_files, opened
-from gibbs_codegen.runtime.rollout_source import rollout_files, rollout_text
+from gibbs_codegen.runtime.rollout_source import called, rollout_files, rollout_programs
 
 Array = NDArray[np.float64]
 Method = Literal["euler", "rk4"]
@@ -101,6 +104,18 @@ class Problem:
     wrenches: Array | None = None
     bounds: Array | None = None
     precision: Precision = "double"
+
+    @functools.cached_property
+    def parts(self) -> Parts:
+        """What it has besides inputs."""
+        motors = self.motors
+        return Parts(
+            self.feedback is not None,
+            motors is not None and bool(np.isfinite([motors.least, motors.most]).any()),
+            motors is not None and _may_lag(motors.time_constants),
+            self.wrenches is not None,
+            self.bounds is not None,
+        )
 
 
 @dataclass(frozen=True)
@@ -227,105 +242,107 @@ class _Pieces:
 _pool = functools.cache(Pool)
 
 
-State = tuple[Array, ...]
+@functools.lru_cache(maxsize=64)
+def functions_of(module: ModuleType) -> Functions:
+    """The functions of a module, for array programs."""
+    return Functions(module)
+
+
+@functools.lru_cache(maxsize=64)
+def program_of(module: ModuleType, method: Method, parts: Parts) -> Program:
+    """The program of a step. Raises `MissingFunctionError` if the module lacks what it calls."""
+    return rollout_step(functions_of(module), method, parts)
+
+
+def _may_lag(time_constants: Any) -> bool:
+    """Whether any is not 0; those that JAX traces may be."""
+    try:
+        return bool(np.any(np.asarray(time_constants)))
+    except TypeError:
+        return True
+
+
+def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
+    """What programs of such parts are given, by the names of their inputs.
+
+    What differs from state to state has axes (1 or n, 1 or steps) in front.
+    """
+    found = {"u": problem.inputs, "wrenches": problem.wrenches}
+    if problem.bounds is not None:
+        found |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
+    if (feedback := problem.feedback) is not None:
+        found |= {"gain": feedback.gain, "desired_q": feedback.q, "desired_v": feedback.v}
+    if (motors := problem.motors) is not None:
+        found |= {"least": motors.least, "most": motors.most}
+        lag = motors.time_constants[:, None, None]
+        times = -problem.dt * xp.asarray([[0.0], [0.5], [1.0]])
+        decay = xp.exp(times / xp.where(lag > 0.0, lag, 1.0))
+        found["lag"] = xp.where(lag > 0.0, decay, 0.0)
+    return {name: found[name] for name in _inputs(problem.module, parts)}
+
+
+@functools.lru_cache(maxsize=64)
+def _inputs(module: ModuleType, parts: Parts) -> dict[str, bool]:
+    """Whether inputs of programs are the same for all states, by their names."""
+    return {name: x.is_uniform for name, x in given(functions_of(module), parts).items()}
+
+
+# States (n, nq + nv) or (n, nq + nv + rotors), steps that each has taken, and why each has ended.
+Carried = tuple[Array, NDArray[np.int64], NDArray[np.int8]]
 
 
 class Steps:
-    """The steps of one problem, on states of coordinates, velocities and, with motors, thrusts."""
+    """The steps of one problem, in arrays of NumPy or JAX: q, v and, where motors lag, thrusts."""
 
-    def __init__(self, problem: Problem, xp: Any) -> None:
-        """Take a problem, and the library of its arrays: NumPy, or JAX's."""
+    def __init__(self, problem: Problem, xp: Any, parts: Parts | None = None) -> None:
+        """Take a problem, the library of its arrays, and what it has if that cannot be seen."""
         self._problem, self._xp = problem, xp
+        self.parts = problem.parts if parts is None else parts
+        self._program = program_of(problem.module, problem.method, self.parts)
+        self._values = _given(problem, self.parts, xp)
 
-    def begin(self) -> State:
-        """Coordinates (n, nq), velocities (n, nv) and thrusts (n, rotors), N, at the start."""
-        problem, motors = self._problem, self._problem.motors
-        if motors is None:
-            return problem.q, problem.v
-        shape = len(problem.q), motors.thrusts.shape[-1]
-        return problem.q, problem.v, self._xp.broadcast_to(motors.thrusts, shape)
+    def begin(self) -> Carried:
+        """States at the start."""
+        xp, problem = self._xp, self._problem
+        count, parts = len(problem.q), [problem.q, problem.v]
+        if self.parts.lag and problem.motors is not None:
+            thrusts = problem.motors.thrusts
+            parts.append(xp.broadcast_to(thrusts, (count, thrusts.shape[-1])))
+        return xp.concatenate(parts, axis=1), xp.zeros(count, int), xp.zeros(count, xp.int8)
 
-    def beyond(self, q: Array, v: Array) -> Any:
-        """Which states (n, nq), (n, nv) are out of bounds (n)."""
-        if self._problem.bounds is None:
-            return self._xp.zeros(len(q), dtype=bool)
-        least, most = self._problem.bounds
-        state = self._xp.concatenate([q, v], axis=1)
-        return ((state < least) | (state > most)).any(axis=1)
+    def after(self, number: Any, carried: Carried) -> Carried:
+        """States after a step that the running ones have taken."""
+        xp, (x, taken, ended) = self._xp, carried
+        found = self._evaluated(self._program, number, x)
+        runs, finite = ended == RUNNING, xp.isfinite(found["x_next"]).all(axis=1)
+        going = runs & finite
+        x = xp.where(going[:, None], found["x_next"], x)
+        ended = xp.where(runs & ~finite, xp.int8(DIVERGED), ended)
+        ended = xp.where(going & (found["ended"] > 0.0), xp.int8(OUT_OF_BOUNDS), ended)
+        return x, taken + going, ended
 
-    def commanded(self, number: Any, q: Array, v: Array) -> Array:
-        """Inputs (n, nu) that are commanded in a step, within their limits."""
-        problem, xp = self._problem, self._xp
-        u = xp.broadcast_to(_of_step(problem.inputs, number), (len(q), problem.inputs.shape[-1]))
-        if (feedback := problem.feedback) is not None:
-            away = problem.module.difference(q, _of_step(feedback.q, number), problem.constants)
-            slower = _of_step(feedback.v, number) - v
-            u = u + xp.concatenate([away, slower], axis=1) @ feedback.gain.T
-        motors = problem.motors
-        return u if motors is None else xp.clip(u, motors.least, motors.most)
-
-    def after(self, number: Any, q: Array, v: Array, *thrusts: Array) -> State:
-        """Coordinates, velocities, and thrusts if motors lag (n, rotors), N, after a step.
-
-        They may not be finite.
-        """
-        dt, commanded = self._problem.dt, self.commanded(number, q, v)
-        method = self._euler if self._problem.method == "euler" else self._rk4
-        moved = method(number, q, v, lambda time: self._acting(commanded, time, *thrusts))
-        acting = self._acting(commanded, dt, *thrusts)
-        return *moved, *(acting[:, : each.shape[1]] for each in thrusts)
-
-    def _acting(self, commanded: Array, time: Any, *thrusts: Array) -> Array:
-        """Inputs (n, nu) that act some time after the start of a step, at which thrusts are given.
-
-        `commanded` (n, nu) is within limits.
-        """
-        if self._problem.motors is None:
-            return commanded
-        xp, lag, (before,) = self._xp, self._problem.motors.time_constants, thrusts
-        decay = xp.where(lag > 0.0, xp.exp(-time / xp.where(lag > 0.0, lag, 1.0)), 0.0)
-        settled, efforts = xp.split(commanded, [before.shape[1]], axis=1)
-        return xp.concatenate([settled + (before - settled) * decay, efforts], axis=1)
-
-    def _acceleration(self, number: Any, q: Array, v: Array, u: Array) -> Array:
-        """Accelerations (n, nv) in a step, of inputs `u` (n, nu) that act."""
-        module, constants = self._problem.module, self._problem.constants
-        found: Array
-        if self._problem.wrenches is None:
-            found = module.forward_dynamics(q, v, u, constants)
-        else:
-            wrenches = _of_step(self._problem.wrenches, number)
-            found = module.forward_dynamics_with_wrenches(q, v, u, wrenches, constants)
+    def commanded(self) -> Array:
+        """Inputs (1 or n, nu) that are commanded at the start, within their limits."""
+        program = self._program
+        commands = Program("commands", program.inputs, {"inputs": program.outputs["inputs"]})
+        found: Array = self._evaluated(commands, 0, self.begin()[0])["inputs"]
         return found
 
-    def _moved(self, q: Array, displacement: Array) -> Array:
-        """Coordinates (n, nq) after a displacement (n, nv)."""
-        return self._problem.module.integrate(q, displacement, self._problem.constants)
+    def rollout(self, x: Any, taken: Any, ended: Any) -> Rollout:
+        """The rollout of samples (n, samples, …)."""
+        problem, nq = self._problem, self._problem.q.shape[1]
+        nv = problem.v.shape[1]
+        time = problem.dt * problem.every * self._xp.arange(x.shape[1])
+        thrusts = x[..., nq + nv :] if self.parts.lag else None
+        return Rollout(time, x[..., :nq], x[..., nq : nq + nv], thrusts, taken, ended)
 
-    def _euler(self, number: Any, q: Array, v: Array, acting: Any) -> tuple[Array, Array]:
-        """Coordinates and velocities after a semi-implicit Euler step.
-
-        `acting` gives inputs (n, nu) by the time since its begin.
-        """
-        dt = self._problem.dt
-        v_next = v + dt * self._acceleration(number, q, v, acting(0.0))
-        return self._moved(q, dt * v_next), v_next
-
-    def _rk4(self, number: Any, q: Array, v: Array, acting: Any) -> tuple[Array, Array]:
-        """Coordinates and velocities after a step as the module's step_rk4 takes it."""
-        dt, middle = self._problem.dt, acting(self._problem.dt / 2.0)
-        a1 = self._acceleration(number, q, v, acting(0.0))
-        half = self._moved(q, dt / 2.0 * v)
-        rate = v + dt / 2.0 * a1
-        a2 = self._acceleration(number, half, rate, middle)
-        place = self._moved(q, dt / 2.0 * rate)
-        rate = v + dt / 2.0 * a2
-        a3 = self._acceleration(number, place, rate, middle)
-        place = self._moved(half, dt * (rate - v / 2.0))
-        a4 = self._acceleration(number, place, v + dt * a3, acting(dt))
-        place = self._moved(q, dt / 2.0 * (v + dt / 6.0 * (a1 + a2 - a3)))
-        q_next = self._moved(place, dt / 2.0 * (v + dt / 6.0 * (a1 + a2 + 3.0 * a3)))
-        return q_next, v + dt / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    def _evaluated(self, program: Program, number: Any, x: Array) -> dict[str, Any]:
+        problem, values = self._problem, {"time": 0.0, "h": self._problem.dt, "x": x}
+        for name, is_shared in _inputs(problem.module, self.parts).items():
+            value = self._values[name]
+            values[name] = value if is_shared else _of_step(value, number)
+        owners = {"robot": problem.module}, {"robot": problem.constants}
+        return evaluate(program, values, *owners, xp=self._xp)
 
 
 def _of_step(values: Array, number: Any) -> Array:
@@ -340,83 +357,19 @@ def numpy_rollout(
 
     The module's back end is "numpy" or "c"; `progress` is told after every step the share done.
     """
-    steps, count = Steps(problem, np), len(problem.q)
-    state = steps.begin()
-    samples = [state]
-    taken, ended = np.zeros(count, dtype=np.int64), np.full(count, RUNNING, dtype=np.int8)
+    steps, real = Steps(problem, np), REALS[problem.precision]
+    carried = steps.begin()
+    samples = [carried[0].astype(real, copy=False)]
     for number in range(problem.steps):
         with np.errstate(all="ignore"):
-            after = steps.after(number, *state)
-        finite = np.isfinite(np.concatenate(after, axis=1)).all(axis=1)
-        ended[(ended == RUNNING) & ~finite] = DIVERGED
-        going = ended == RUNNING
-        state = tuple(np.where(going[:, None], a, b) for a, b in zip(after, state, strict=True))
-        taken += going
-        ended[going & steps.beyond(*state[:2])] = OUT_OF_BOUNDS
+            carried = steps.after(number, carried)
         if (number + 1) % problem.every == 0:
-            samples.append(state)
+            samples.append(carried[0].astype(real, copy=False))
         progress((number + 1) / problem.steps)
-    real = REALS[problem.precision]
-    q, v, *thrusts = (
-        np.stack(each, axis=1).astype(real, copy=False) for each in zip(*samples, strict=True)
-    )
-    time = np.arange(len(samples), dtype=np.float64) * (problem.dt * problem.every)
-    lags = problem.motors is not None and np.any(problem.motors.time_constants)
-    return Rollout(time, q, v, thrusts[0] if lags else None, taken, ended)
+    return steps.rollout(np.stack(samples, axis=1), *carried[1:])
 
 
 Reals = NDArray[Any]
-_METHODS = ("rk4", "euler")
-
-
-class _Rows(ctypes.Structure):
-    """An array with a row for each state and step."""
-
-    _fields_ = (
-        ("entries", ctypes.c_void_p),
-        ("by_state", ctypes.c_size_t),
-        ("by_step", ctypes.c_size_t),
-    )
-
-
-class _States(ctypes.Structure):
-    """Where states are read and written."""
-
-    _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("q", "v", "thrusts", "steps", "ended")),
-        ("samples", ctypes.c_size_t),
-        *((name, ctypes.c_void_p) for name in ("q_samples", "v_samples", "thrust_samples")),
-    )
-
-
-def _settings_type(real: type[ctypes.c_float] | type[ctypes.c_double]) -> type[ctypes.Structure]:
-    """What is computed, as a structure of numbers of a type."""
-
-    class Settings(ctypes.Structure):
-        _fields_ = (
-            ("constants", ctypes.c_void_p),
-            ("constants_by_state", ctypes.c_size_t),
-            ("dt", real),
-            ("method", ctypes.c_int),
-            ("every", ctypes.c_size_t),
-            ("inputs", _Rows),
-            ("gain", ctypes.c_void_p),
-            ("desired_q", _Rows),
-            ("desired_v", _Rows),
-            ("least", ctypes.c_void_p),
-            ("most", ctypes.c_void_p),
-            ("time_constants", _Rows),
-            ("wrenches", _Rows),
-            ("bounds", ctypes.c_void_p),
-        )
-
-    return Settings
-
-
-_SETTINGS = {
-    "double": _settings_type(ctypes.c_double),
-    "single": _settings_type(ctypes.c_float),
-}
 
 
 def compiled_rollout(
@@ -424,102 +377,87 @@ def compiled_rollout(
     threads: int = 1,
     progress: Callable[[float], None] = lambda share: None,
     flags: tuple[str, ...] = (),
+    *,
+    generated: bool = False,
 ) -> Rollout:
     """Roll states out in C, in the precision of the problem, to which its numbers are rounded.
 
     `progress` is told the share done between calls, which take some tenths of a second at most;
-    what it raises ends the rollout. `flags` follow the compiler's own. Raises `UsageError` without
-    C source of a rollout, `CompilerError`, and `CacheError` if the library cannot be kept.
+    what it raises ends the rollout. `flags` follow the compiler's own. It is the source that was
+    `generated` with the module, or else made for the problem. Raises `UsageError` without C source
+    of the module, `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     run = _Run(problem)
-    function = rollout_function(problem.module, problem.precision, flags)
-    by_reference = ctypes.byref(run.settings), ctypes.byref(run.states)
+    asked = problem.module, problem.method, problem.parts, problem.precision
+    function = rollout_function(*asked, flags, generated=generated)
+    read, written = (x.ctypes.data for x in (run.given, run.states))
 
     def call(piece: Piece) -> None:
-        function(*by_reference, piece.first, piece.count, piece.begin, piece.end)
+        places = piece.first, piece.count, piece.begin, piece.end
+        function(read, problem.dt, written, *places)
 
     take_pieces(call, len(problem.q), problem.steps, threads, progress)
     return run.rollout()
 
 
 class _Run:
-    """A rollout's structures, and the arrays that they point to."""
+    """The arrays of a rollout; `given` and `states` are the structures of the header."""
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+        self._problem, parts = problem, problem.parts
         self._real = REALS[problem.precision]
         self._owned: list[Any] = []
         count, samples = len(problem.q), 1 + problem.steps // problem.every
         self._steps, self._ended = np.zeros(count, np.uintp), np.zeros(count, np.uint8)
-        self._q = np.empty((count, samples, problem.q.shape[1]), self._real)
-        self._v = np.empty((count, samples, problem.v.shape[1]), self._real)
-        self._thrusts: Reals | None = None
-        self.settings = self._settings()
-        self.states = _States(
-            q=self._written(problem.q),
-            v=self._written(problem.v),
-            steps=self._steps.ctypes.data,
-            ended=self._ended.ctypes.data,
-            samples=samples,
-            q_samples=self._q.ctypes.data,
-            v_samples=self._v.ctypes.data,
+        begin: list[Reals] = [problem.q, problem.v]
+        if parts.lag and problem.motors is not None:
+            thrusts = problem.motors.thrusts
+            begin.append(np.broadcast_to(thrusts, (count, thrusts.shape[1])))
+        self._samples = [np.empty((count, samples, x.shape[1]), self._real) for x in begin]
+        absent = [0] * (3 - len(begin))
+        self.states = np.array(
+            [
+                *(self._address(np.array(x, self._real, order="C")) for x in begin),
+                *absent,
+                *(self._steps.ctypes.data, self._ended.ctypes.data, problem.every, samples),
+                *(x.ctypes.data for x in self._samples),
+                *absent,
+            ],
+            np.uintp,
         )
-        motors = problem.motors
-        if motors is not None and np.any(motors.time_constants):
-            rotors = motors.thrusts.shape[1]
-            self._thrusts = np.empty((count, samples, rotors), self._real)
-            self.settings.time_constants = self._rows(motors.time_constants[:, None])
-            self.states.thrusts = self._written(np.broadcast_to(motors.thrusts, (count, rotors)))
-            self.states.thrust_samples = self._thrusts.ctypes.data
-
-    def _settings(self) -> ctypes.Structure:
-        """What is computed, but for the lag of thrusts."""
-        problem, motors, feedback = self._problem, self._problem.motors, self._problem.feedback
-        constants = _constants(problem)
-        settings = _SETTINGS[problem.precision](
-            constants=self._read(constants),
-            constants_by_state=len(constants) > 1,
-            dt=problem.dt,
-            method=_METHODS.index(problem.method),
-            every=problem.every,
-            inputs=self._rows(problem.inputs),
-            bounds=self._read(problem.bounds),
-        )
-        if problem.wrenches is not None:
-            settings.wrenches = self._rows(problem.wrenches)
-        if feedback is not None:
-            settings.gain = self._read(feedback.gain)
-            settings.desired_q = self._rows(feedback.q)
-            settings.desired_v = self._rows(feedback.v)
-        if motors is not None:
-            settings.least = self._read(motors.least)
-            settings.most = self._read(motors.most)
-        return settings
+        constants = np.ascontiguousarray(_constants(problem), self._real)
+        words = [self._address(constants), int(len(constants) > 1)]
+        words.append([*METHODS].index(problem.method))
+        values = _given(problem, parts, np)
+        for name, is_shared in _inputs(problem.module, ALL).items():
+            words += self._rows(values[name], is_shared) if name in values else [0, 0, 0]
+        self.given = np.array(words, np.uintp)
 
     def rollout(self) -> Rollout:
         """What the calls have left in the arrays."""
-        time = np.arange(self._q.shape[1]) * (self._problem.dt * self._problem.every)
+        q, v, *thrusts = self._samples
+        time = np.arange(q.shape[1]) * (self._problem.dt * self._problem.every)
         steps, ended = self._steps.astype(np.int64), self._ended.view(np.int8)
-        return Rollout(time, self._q, self._v, self._thrusts, steps, ended)
+        return Rollout(time, q, v, thrusts[0] if thrusts else None, steps, ended)
 
-    def _read(self, array: Reals | None) -> int | None:
-        """Address of an array that is read, in the precision of the problem."""
-        if array is None:
-            return None
-        self._owned.append(np.ascontiguousarray(array, self._real))
-        return int(self._owned[-1].ctypes.data)
+    def _address(self, array: Reals) -> int:
+        """Address of an array, which lives as long as this."""
+        self._owned.append(array)
+        return int(array.ctypes.data)
 
-    def _written(self, array: Reals) -> int:
-        """Address of a copy of an array, to which is written."""
-        self._owned.append(np.array(array, self._real, order="C"))
-        return int(self._owned[-1].ctypes.data)
+    def _rows(self, values: Reals, is_shared: bool) -> list[int]:
+        """Where rows (1 or n, 1 or steps, …) are, and how far those of states and steps are apart.
 
-    def _rows(self, array: Reals) -> _Rows:
-        """An array (1 or n, 1 or steps, …) as rows of states and steps."""
-        states, steps, *shape = array.shape
+        What is shared has one row.
+        """
+        array = np.ascontiguousarray(values, self._real)
+        states, steps, *shape = (1, 1, array.size) if is_shared else array.shape
         width = math.prod(shape)
-        by_state, by_step = width * steps if states > 1 else 0, width if steps > 1 else 0
-        return _Rows(self._read(array), by_state, by_step)
+        return [
+            self._address(array),
+            width * steps if states > 1 else 0,
+            width if steps > 1 else 0,
+        ]
 
 
 def _constants(problem: Problem) -> Reals:
@@ -542,44 +480,55 @@ def _default_constants(module: ModuleType) -> Reals:
 
 
 def rollout_function(
-    module: ModuleType, precision: Precision, flags: tuple[str, ...] = ()
+    module: ModuleType,
+    method: Method,
+    parts: Parts,
+    precision: Precision,
+    flags: tuple[str, ...] = (),
+    *,
+    generated: bool = False,
 ) -> Callable[..., None]:
-    """The compiled function of a module of any back end, as of `_loaded`.
+    """The compiled function of problems with such parts; it is called as the header says.
 
     Raises what `compiled_rollout` does.
     """
-    return _loaded(module, precision == "single", chosen_compiler(), flags)
+    programs = () if generated else (program_of(module, method, parts),)
+    return _loaded(module, programs, precision == "single", chosen_compiler(), flags)
 
 
 @functools.lru_cache(maxsize=64)
 def _loaded(
-    module: ModuleType, single: bool, compiler: Compiler, flags: tuple[str, ...]
+    module: ModuleType,
+    programs: tuple[Program, ...],
+    single: bool,
+    compiler: Compiler,
+    flags: tuple[str, ...],
 ) -> Callable[..., None]:
-    """The compiled function of a module of any back end.
-
-    It takes settings, states, first state, number of states, first step and the step before which
-    it ends.
-    """
-    name = module.NAME
-    text = rollout_text(module)
-    for called in text.functions:
-        getattr(module, called)  # It says how the module is to be generated, if it lacks one.
-    folder = Path(module.__path__[0])
-    made = {file: source.encode() for file, source in rollout_files(text).items()}
-    own = [file for file in made if (folder / file).is_file()]
-    files = [*(f"{name}{ending}" for ending in (".h", ".c", "_each.c")), *own]
-    extra = [*flags, f"-D{name.upper()}_FLOAT"] if single else flags
+    """The compiled function of programs, or of the source that was generated with a module."""
+    name, robot, folder = module.NAME, functions_of(module), Path(module.__path__[0])
+    files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c")]
+    made: dict[str, bytes] = {}
+    if programs:
+        text = (folder / f"{name}.h").read_text(encoding="utf-8").partition("\n\n")[0]
+        header = [line[3:-3] for line in text.splitlines()]
+        made = {
+            file: source.encode() for file, source in rollout_files(robot, programs, header).items()
+        }
+    else:
+        files += [f"{name}_rollout.h", f"{name}_rollout.c"]
     path = compiled_files(
         folder,
         name,
         files,
         compiler,
-        extra,
-        {file: source for file, source in made.items() if file not in own},
+        # Nobody asks what square roots leave in errno; with it they are not taken side by side.
+        ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
+        made,
         included=[f"{name}.c"],
-        functions=text.functions,
+        functions=called(programs or rollout_programs(robot)),
     )
     function = opened(path)[f"{name}_rollout{'_float' if single else ''}"]
-    function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_size_t] * 4]
+    address, size = ctypes.c_void_p, ctypes.c_size_t
+    function.argtypes = [address, ctypes.c_double, address, *[size] * 4]
     function.restype = None
     return function

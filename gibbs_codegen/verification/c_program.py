@@ -10,6 +10,7 @@ import ctypes
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
 
@@ -233,12 +234,12 @@ def compare_rollouts(
 ) -> tuple[list[Comparison], dict[str, str]]:
     """Compare short rollouts in C with the same in NumPy: the worst of all, or a failure.
 
-    The other result says what is not compared, and why.
-
-    `flags` are the compiler's, after its own.
+    The other result says what is not compared, and why. The C is what was generated with the
+    module, or else what rollouts are made of. `flags` are the compiler's, after its own.
     """
     against = f"NumPy, in {precision} precision"
     rows = []
+    generated = (Path(numpy.__path__[0]) / f"{numpy.NAME}_rollout.c").is_file()
     try:
         states = States.random(tree, _DRAWN * _STATES, (seed, 7))
         sizes = Sizes(tree, states)
@@ -251,7 +252,8 @@ def compare_rollouts(
             return [], {f"{ROLLOUTS} in {precision} precision": "rounding leaves too few digits"}
         states, dt = _suited(numpy, States(*(x[fittest] for x in vars(states).values())))
         for problem in _problems(numpy, tree, states, dt):
-            ours = rollouts.compiled_rollout(replace(problem, precision=precision), flags=flags)
+            own = replace(problem, precision=precision)
+            ours = rollouts.compiled_rollout(own, flags=flags, generated=generated)
             for name, theirs in vars(rollouts.numpy_rollout(problem)).items():
                 if theirs is not None:
                     size = np.abs(theirs).max(axis=tuple(range(theirs.ndim))[:2])
@@ -294,7 +296,9 @@ def _problems(
     sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
     gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
     q, v = states.q[::-1, None], states.v[::-1, None]
-    lags = (np.arange(rotors) + 1) % 2 * dt * rng.uniform(0.5, 5.0, (_STATES, rotors))
+    # Of a rotor, motors lag in every second state.
+    lags = np.add.outer(np.arange(_STATES), np.arange(rotors)) % 2 * dt
+    lags = lags * rng.uniform(0.5, 5.0, lags.shape)
     motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
     some = replace(inputs_alone, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])
     some = replace(some, feedback=rollouts.Feedback(gain, q, v[:1]))
@@ -303,8 +307,10 @@ def _problems(
     whole = replace(some, inputs=inputs, wrenches=wrenches, motors=lagging, every=2)
     desired = rollouts.Feedback(gain, np.repeat(q, _STEPS, axis=1), v * by_step)
     whole = replace(whole, constants=numpy.prepare(varied), feedback=desired)
-    for method in get_args(rollouts.Method):
-        for problem in inputs_alone, some, replace(whole, bounds=_bounds(whole)):
+    calm = replace(whole, wrenches=None)
+    bounded = (replace(problem, bounds=_bounds(problem)) for problem in (calm, whole))
+    for problem in inputs_alone, some, *bounded:
+        for method in get_args(rollouts.Method):
             yield replace(problem, method=method)
 
 

@@ -48,4 +48,4 @@ def _sites(lines: list[str], statement: re.Pattern[str]) -> Iterator[tuple[int, 
             if neighbour in names:
                 start, end = (offset + place for place in match.span(2))
                 yield number, start, end, neighbour[1:]
-        names.add(target.split()[-1])
+        names.update(target.split()[-1:])

@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from gibbs_codegen.arrays.rollout_steps import Parts
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.rollouts.arguments import Controller, RolloutArguments, seconds, whole
 from gibbs_codegen.flight.rollouts.scenario_rollout import scenario_rollout
@@ -195,7 +196,7 @@ def rollout(
         precision=precision,
     )
     if motors is not None and thrusts is None:
-        first = rollouts.Steps(problem, arguments.xp).commanded(0, q, v)[:, : arguments.rotors]
+        first = rollouts.Steps(problem, arguments.xp).commanded()[:, : arguments.rotors]
         problem = replace(problem, motors=replace(motors, thrusts=first))
     if backend == "jax":
         return jax_rollout.jax_rollout(problem, control if callable(control) else None)
@@ -211,19 +212,26 @@ def array_rollout(
     """A rollout whose inputs are known, in C where that can be had."""
     module = problem.module
     in_c = getattr(module, "backend", "numpy") == "c"
-    if in_c and _compiles(module, problem.precision, os.environ.get("CC")):
+    asked = module, problem.method, problem.parts, problem.precision
+    if in_c and _compiles(*asked, os.environ.get("CC")):
         return rollouts.compiled_rollout(problem, threads, tell)
     return rollouts.numpy_rollout(problem, tell)
 
 
 @functools.lru_cache(maxsize=64)
-def _compiles(module: ModuleType, precision: rollouts.Precision, chosen: str | None) -> bool:
+def _compiles(
+    module: ModuleType,
+    method: rollouts.Method,
+    parts: Parts,
+    precision: rollouts.Precision,
+    chosen: str | None,
+) -> bool:
     """Whether a module's rollout compiles, which is tried once; a warning tells that it does not.
 
-    `chosen` is the value of CC. Raises `UsageError` without C source of a rollout.
+    `chosen` is the value of CC. Raises `UsageError` without C source of the module.
     """
     try:
-        rollouts.rollout_function(module, precision)
+        rollouts.rollout_function(module, method, parts, precision)
     except (CompilerError, CacheError) as error:
         _log.warning("%s: NumPy rolls out instead of C: %s", module.NAME, printable(error, 400))
         return False

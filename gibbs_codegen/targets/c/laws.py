@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import SimpleNamespace
 
 import numpy as np
 
 from gibbs_codegen.arrays.c_file import c_files
-from gibbs_codegen.arrays.c_text import functions_of
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.law_functions import LAWS, law_functions
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.interface import default_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.placement import Array
 from gibbs_codegen.robot.wrenches import directions
+from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
@@ -34,21 +31,14 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     """
     if not model.laws:
         return {}
-    robot, description = model.robot, model.description
+    robot, points = model.robot, model.description.points
     for law in model.laws:
         _check(robot, law)
-    every = dict.fromkeys((*model.functions, *default_functions()))
-    lists = {**model.lists, **description.constants, "FUNCTIONS": tuple(every)}
-    module = SimpleNamespace(NAME=robot.name, ATTITUDE=robot.base.attitude, **lists)
-    functions = Functions(module)
-    centre = description.points.index("O2" if "O2" in description.points else "base")
+    functions = model_functions(model)
+    centre = points.index("O2" if "O2" in points else "base")
     made = law_functions(functions, model.laws, centre, bool(carried_rotors(robot)))
-    called = {name for each in made for _, name in functions_of(each.program)}
-    if missing := [name for name in every if name in called and name not in model.functions]:
-        raise UsageError(
-            f"--laws: {' and '.join(model.laws)} needs {', '.join(missing)}: add "
-            f"{'them' if missing[1:] else 'it'} to --functions"
-        )
+    programs = (each.program for each in made)
+    check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
     words = f"Laws of control of {robot.name}, which call its functions; compile them together."
     return c_files(functions, f"{robot.name}_laws", words, made, header)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LANES, LISTS, derivatives_among
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
-from gibbs_codegen.runtime.rollout_source import RolloutText
+from gibbs_codegen.runtime.rollout_source import rollout_context, rollout_programs
 from gibbs_codegen.targets import documentation
+from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
@@ -79,14 +79,10 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
 
 def rollout_text(model: Model, _: InfixPrinter, header: Lines) -> Context:
     """Context of the templates of rollouts."""
-    robot, layout = model.robot, model.description.layout
-    text = RolloutText(header, robot.name, robot.rotors, layout.is_quaternion)
-    if missing := [name for name in text.functions if name not in model.functions]:
-        raise UsageError(
-            f"--target rollout: its source calls {', '.join(missing)}: add "
-            f"{'them' if missing[1:] else 'it'} to --functions"
-        )
-    return vars(text)
+    robot = model_functions(model)
+    programs = rollout_programs(robot)
+    check_calls(model, programs, "--target rollout: its source calls")
+    return rollout_context(robot, programs, header)
 
 
 def _in_braces(texts: Iterable[str]) -> Lines:

@@ -29,6 +29,7 @@ enum {
     NQ = ROBOT_COORDINATES, NV = ROBOT_VELOCITIES, NU = ROBOT_INPUTS
 };
 typedef ROBOT_real real;
+static const double STEP = 0.01;
 
 static void *room(const size_t count, const size_t size)
 {
@@ -56,7 +57,7 @@ static ROBOT_rollout_rows rows(real *entries, const size_t width, const int by_s
     return made;
 }
 
-static ROBOT_rollout_states beginning(void)
+static ROBOT_rollout_states beginning(const size_t every)
 {
     ROBOT_rollout_states states;
     states.q = filled(COUNT * NQ, (real)0.1);
@@ -64,6 +65,7 @@ static ROBOT_rollout_states beginning(void)
     states.thrusts = filled(COUNT * ROTORS, 1);
     states.steps = (size_t *)room(COUNT, sizeof(size_t));
     states.ended = (unsigned char *)room(COUNT, 1);
+    states.every = every;
     states.samples = SAMPLES;
     states.q_samples = filled(COUNT * SAMPLES * NQ, 0);
     states.v_samples = filled(COUNT * SAMPLES * NV, 0);
@@ -97,18 +99,18 @@ static void discard(const ROBOT_rollout_states *states)
 }
 
 /* Rolls out in one call, and again in many; returns how many states went out of bounds. */
-static int roll(const ROBOT_rollout_settings *s, ROBOT_rollout_states *whole)
+static int roll(const ROBOT_rollout_given *s, const size_t every, ROBOT_rollout_states *whole)
 {
-    ROBOT_rollout_states cut = beginning();
+    ROBOT_rollout_states cut = beginning(every);
     int ended = 0;
-    *whole = beginning();
-    ROBOT_rollout(s, whole, 0, COUNT, 0, STEPS);
+    *whole = beginning(every);
+    ROBOT_rollout(s, STEP, whole, 0, COUNT, 0, STEPS);
     for (size_t first = 0; first < COUNT; first += 5) {
         const size_t count = COUNT - first < 5 ? COUNT - first : 5;
-        ROBOT_rollout(s, &cut, first, count, 0, 3);
-        ROBOT_rollout(s, &cut, first, count, 3, 3);
-        ROBOT_rollout(s, &cut, first, 0, 3, STEPS);
-        ROBOT_rollout(s, &cut, first, count, 3, STEPS);
+        ROBOT_rollout(s, STEP, &cut, first, count, 0, 3);
+        ROBOT_rollout(s, STEP, &cut, first, count, 3, 3);
+        ROBOT_rollout(s, STEP, &cut, first, 0, 3, STEPS);
+        ROBOT_rollout(s, STEP, &cut, first, count, 3, STEPS);
     }
     if (differ(whole, &cut)) exit(3);
     discard(&cut);
@@ -118,15 +120,16 @@ static int roll(const ROBOT_rollout_settings *s, ROBOT_rollout_states *whole)
 
 int main(void)
 {
-    ROBOT_rollout_settings s, little;
+    ROBOT_rollout_given s, little;
     ROBOT_constants *constants = (ROBOT_constants *)room(COUNT, sizeof *constants);
     real *inputs = filled((size_t)COUNT * STEPS * NU, 9), *gain = filled(NU * 2 * NV, 1);
     real *desired_q = filled(COUNT * NQ, 1), *desired_v = filled(COUNT * NV, 1);
     real *least = filled(NU, 0), *most = filled(NU, 0), *huge = filled(NU, 0);
-    real *lags = filled(COUNT * ROTORS, 0);
-    real *wrenches = filled(COUNT * ROBOT_FRAMES * 6, 2), *bounds = filled(2 * (NQ + NV), 0);
+    real *lags = filled(COUNT * 3 * ROTORS, 0);
+    real *wrenches = filled(COUNT * ROBOT_FRAMES * 6, 2), *lowest = filled(NQ + NV, 0);
+    real *highest = filled(NQ + NV, 0);
     real *zeros = filled(COUNT * NQ, 0);
-    ROBOT_rollout_states whole, same, begun = beginning();
+    ROBOT_rollout_states whole, same;
     int ended = 0;
     memset(&s, 0, sizeof s);
     for (int i = 0; i < COUNT; ++i) {
@@ -134,61 +137,59 @@ int main(void)
         memcpy(parameters, ROBOT_default_parameters, sizeof parameters);
         parameters[ROBOT_GRAVITY] += (real)i;
         if (ROBOT_init_constants(parameters, &constants[i]) != 0) return 2;
-        for (int k = 0; k < ROTORS; ++k) lags[i * ROTORS + k] = (real)(k % 3) / 100;
+        for (int k = 0; k < 3 * ROTORS; ++k) {
+            /* What is left at the start, after half of the step, and at its end. */
+            lags[i * 3 * ROTORS + k] = k % 3 ? (real)(4 >> k / ROTORS) / 4 : 0;
+        }
     }
     for (int i = 0; i < NU; ++i) {
         most[i] = 7;
         huge[i] = (real)1e30;
     }
     for (int i = 0; i < NQ + NV; ++i) {
-        bounds[i] = (real)-2;
-        bounds[NQ + NV + i] = 2;
+        lowest[i] = -2;
+        highest[i] = 2;
     }
     s.constants = constants;
     s.constants_by_state = 1;
-    s.dt = (real)0.01;
-    s.every = EVERY;
-    s.inputs = rows(inputs, NU, 1);
-    s.gain = gain;
+    s.u = rows(inputs, NU, 1);
+    s.gain.entries = gain;
     s.desired_q = rows(desired_q, NQ, 0);
     s.desired_v = rows(desired_v, NV, 0);
-    s.least = least;
-    s.most = most;
-    s.time_constants = rows(lags, ROTORS, 0);
+    s.least.entries = least;
+    s.most.entries = most;
+    s.lag = rows(lags, 3 * ROTORS, 0);
     s.wrenches = rows(wrenches, ROBOT_FRAMES * 6, 0);
-    s.bounds = bounds;
-    for (s.method = ROBOT_ROLLOUT_RK4; s.method <= ROBOT_ROLLOUT_EULER; ++s.method) {
-        ended += roll(&s, &whole);
+    s.lowest.entries = lowest;
+    s.highest.entries = highest;
+    for (s.method = ROBOT_ROLLOUT_EULER; s.method <= ROBOT_ROLLOUT_RK4; ++s.method) {
+        ended += roll(&s, EVERY, &whole);
         discard(&whole);
         memset(&little, 0, sizeof little);
         little.constants = constants;
-        little.dt = s.dt;
         little.method = s.method;
-        little.gain = gain;
+        little.gain.entries = gain;
         little.desired_q = s.desired_q;
-        little.least = least;
-        roll(&little, &whole);
-        if (memcmp(whole.thrusts, begun.thrusts, COUNT * ROTORS * sizeof(real)) != 0) return 4;
-        little.every = STEPS + 1;
-        little.inputs = rows(zeros, 0, 0);
+        little.least.entries = least;
+        roll(&little, 0, &whole);
+        little.u = rows(zeros, 0, 0);
         little.desired_v = rows(zeros, 0, 0);
-        little.most = huge;
-        roll(&little, &same);
+        little.most.entries = huge;
+        roll(&little, STEPS + 1, &same);
         if (differ(&whole, &same)) return 5;
         discard(&whole);
         discard(&same);
-        little.most = least;
-        little.least = NULL;
-        roll(&little, &whole);
+        little.most.entries = least;
+        little.least.entries = NULL;
+        roll(&little, 0, &whole);
         for (int i = 0; i < NU; ++i) huge[i] = -huge[i];
-        little.least = huge;
-        roll(&little, &same);
+        little.least.entries = huge;
+        roll(&little, 0, &same);
         for (int i = 0; i < NU; ++i) huge[i] = -huge[i];
         if (differ(&whole, &same)) return 6;
         discard(&whole);
         discard(&same);
     }
-    discard(&begun);
     free(zeros);
     free(huge);
     free(constants);
@@ -200,7 +201,8 @@ int main(void)
     free(most);
     free(lags);
     free(wrenches);
-    free(bounds);
+    free(lowest);
+    free(highest);
     printf("%d\\n", ended);
     return 0;
 }
@@ -245,6 +247,7 @@ def test_no_warning_and_no_byte_out_of_place(
     rotors = sum(name.startswith("F_") for name in small.module.INPUTS)
     options = [f"-I{small.folder}", f"-DROTORS={rotors}", "-O1", *SANITIZERS]
     options += [small.single] if real == "float" else []
+    options += [f"-D{small.name.upper()}_SINGLY"] if compiler.startswith("clang") else []
     sources = [str(tmp_path / "program.c"), str(small.file("_rollout.c"))]
     objects = ["-x", "none", *robot_objects(real)]
     program = build(compiler, options, [*sources, *objects], tmp_path / "program")

@@ -1,0 +1,128 @@
+"""Steps of rollouts: inputs or linear feedback, limits, lag of motors, wrenches and bounds.
+
+A program has what is asked for and nothing else. Inputs are commanded at the start of a step and
+held through it; what becomes of them is known in closed form at its start, middle and end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.labels import named
+from gibbs_codegen.arrays.nodes import (
+    Input,
+    Node,
+    Program,
+    clip,
+    constant,
+    coordinates_of,
+    entries_of,
+    join,
+    maximum,
+    total,
+    variable,
+)
+from gibbs_codegen.arrays.steps import METHODS
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a rollout has besides inputs."""
+
+    feedback: bool = False
+    limits: bool = False
+    lag: bool = False
+    wrenches: bool = False
+    bounds: bool = False
+
+
+ALL = Parts(feedback=True, limits=True, lag=True, wrenches=True, bounds=True)
+
+
+def given(robot: Functions, parts: Parts) -> dict[str, Node]:
+    """What a program with such parts is given of each state or all, by names, in their order.
+
+    - `u` (nu): inputs
+    - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them
+    - `least` and `most` (nu): limits, within which they are then brought
+    - `lag` (3, rotors): what is left of the way from thrusts to what is commanded at the start of a
+      step, after half of it, and at its end
+    - `wrenches` (frames, 6): on the frames, as of `forward_dynamics_with_wrenches`
+    - `lowest` and `highest` (nq + nv): the least and the greatest q and v
+    """
+    n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
+    found = [variable("u", inputs)]
+    if parts.feedback:
+        found += [variable("gain", inputs, 2 * m, uniform=True)]
+        found += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
+    if parts.limits:
+        found += [variable(name, inputs, uniform=True) for name in ("least", "most")]
+    if parts.lag:
+        found += [variable("lag", 3, robot.rotors)]
+    if parts.wrenches:
+        found += [variable("wrenches", robot.frames, 6)]
+    if parts.bounds:
+        found += [variable(name, n + m, uniform=True) for name in ("lowest", "highest")]
+    return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
+
+
+def rollout_step(
+    robot: Functions, method: str, parts: Parts, name: str = "step", *, has_thrusts: bool = False
+) -> Program:
+    """A step of h from x: coordinates, velocities and, where motors may lag, thrusts.
+
+    `inputs` (nu) are those that are commanded, within limits. Where `ended` is above 0, the step
+    has taken a state out of bounds. With `has_thrusts` it has thrusts without lag too, which are
+    those commanded.
+    """
+    n, m = robot.space.coordinates, robot.space.velocities
+    rotors = robot.rotors if parts.lag or has_thrusts else 0
+    time, h = (variable(each, uniform=True) for each in ("time", "h"))
+    x = variable("x", n + m + rotors)
+    q, v, thrusts = coordinates_of(x[:n], robot.space), x[n : n + m], x[n + m :]
+    own = given(robot, parts)
+    u = own["u"]
+    if parts.feedback:
+        away = _displacement(robot, q, own["desired_q"])
+        error = named(join(away, own["desired_v"] - v), "error", "way to the desired state")
+        u = named(u + own["gain"] @ error, "wanted", "inputs with linear feedback")
+    if parts.limits:
+        u = named(clip(u, own["least"], own["most"]), "commanded", "inputs within their limits")
+    acting = [u] * 3
+    if parts.lag:
+        settled, efforts = u[: robot.rotors], u[robot.rotors :]
+        way = thrusts - settled
+        acting = [join(settled + own["lag"][k] * way, efforts) for k in range(3)]
+
+    def accelerate(q: Node, v: Node, halves: int) -> Node:
+        if parts.wrenches:
+            return robot.forward_dynamics_with_wrenches(q, v, acting[halves], own["wrenches"])
+        return robot.forward_dynamics(q, v, acting[halves])
+
+    q_next, v_next = METHODS[method](partial(_moved, robot), accelerate, q, v, h)
+    x_next = join(q_next, v_next, acting[2][:rotors])
+    ended = constant(0.0)
+    if parts.bounds:
+        moved = x_next[: n + m]
+        beyond = maximum(own["lowest"] - moved, 0.0) + maximum(moved - own["highest"], 0.0)
+        ended = named(total(beyond), "beyond", "how far q and v are out of bounds")
+    outputs = {"x_next": x_next, "ended": ended, "inputs": u}
+    return Program(name, (time, h, x, *own.values()), outputs)
+
+
+def _moved(robot: Functions, q: Node, displacement: Node) -> Node:
+    """Coordinates after a displacement (nv): a sum, unless there is a quaternion."""
+    if robot.space.has_quaternion:
+        found: Node = robot.integrate(q, displacement)
+        return found
+    return coordinates_of(entries_of(q) + displacement, robot.space)
+
+
+def _displacement(robot: Functions, q: Node, other: Node) -> Node:
+    """The displacement (nv) from coordinates to others."""
+    if robot.space.has_quaternion:
+        found: Node = robot.difference(q, other)
+        return found
+    return entries_of(other) - entries_of(q)

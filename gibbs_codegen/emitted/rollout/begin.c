@@ -1,3 +1,0 @@
-#include "platform.c"
-
-#include "rollout/block.c"
