@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ _NAMES = (
     *("robot", "scenario", "law", "control_rate", "attitude", "coordinates", "coordinate_units"),
     *("input_names", "points", "constraint_names", "frames", "tangent_arm", "stopped"),
 )
+_FIELDS = frozenset(each.name for each in fields(Flight))
 _BASE = ("base_arm_angles", "base_arm_angles_desired", "base_rotation", "heading_error")
 
 
@@ -281,17 +282,16 @@ class DeferredFlight(Flight):
         # A flight is frozen; its fields stand where an ordinary one has them.
         self.__dict__.update(known, _recording=recording)
 
-    def __getattr__(self, name: str) -> Any:
-        """A field that has not been computed yet."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        for names, compute in self.__dict__["_recording"].groups:
-            if name in names:
-                # What is known already stays as it is.
-                self.__dict__.update({**compute(), **self.__dict__})
-                return self.__dict__[name]
-        raise AttributeError(f"a flight has no {name}")
+    def __getattribute__(self, name: str) -> Any:
+        """A field, which is computed where it is not known yet, whatever it is by default."""
+        known = super().__getattribute__("__dict__")
+        if name not in known and name in _FIELDS:
+            for names, compute in known["_recording"].groups:
+                if name in names:
+                    # What is known already stays as it is.
+                    known.update({**compute(), **known})
+        return super().__getattribute__(name)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copies and what is sent to other processes have all series.
-        return Flight, tuple(getattr(self, each.name) for each in fields(Flight))
+        return partial(Flight, **{name: getattr(self, name) for name in _FIELDS}), ()
