@@ -15,7 +15,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.c_text import CProgram, externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.c_text import (
+    CProgram,
+    check_distinct,
+    externals_of,
+    inner_programs,
+    owners_of,
+)
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError
@@ -24,6 +30,8 @@ from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.version import __version__
 
 _WIDTH = 100
+# Endings of the names of files that modules have.
+_OF_MODULES = ("each", "laws", "rollout")
 # What is written by hand, with the paragraphs that others need before them.
 _BY_HAND = ("numbers.c", "allocation.c", "smallest_thrusts.c")
 _EXTERNALS = frozenset({"nearest_thrusts", "smallest_thrusts", "force_axis"})
@@ -91,14 +99,15 @@ def write_c(
     Args:
         program: The program.
         robot: The robot whose functions it calls.
-        folder: Where the two files are written, such as the folder of the robot's module.
+        folder: Where the two files are written; the compiler's -I names that of the module.
         words: What it does, in a sentence for the header.
 
     Returns:
         Paths of the header and the source.
 
     Raises:
-        UsageError: If the program has external functions of which there is no C.
+        UsageError: If the program has external functions of which there is no C, or a name that
+            it cannot have there.
         OutputError: If the files cannot be written.
     """
     explained = {
@@ -107,6 +116,10 @@ def write_c(
         else (f"{x.size} numbers" if x.shape else "a number")
         for name, x in _values(program).items()
     }
+    if program.name in _OF_MODULES:
+        raise UsageError(
+            f"{program.name}: a module has a file of that name; give the program another one"
+        )
     stem = f"{robot.name}_{program.name}"
     opening = [
         f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
@@ -205,6 +218,7 @@ def _owners(program: Program) -> list[str]:
 
 def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
     programs = [*dict.fromkeys(x for f in functions for x in inner_programs(f.program))]
+    check_distinct([*programs, *(f.program for f in functions)])
     texts = [CProgram(x, is_plain=True).function() for x in programs]
     for function in functions:
         texts += [CProgram(function.program, is_plain=True).function(), _calling(robot, function)]

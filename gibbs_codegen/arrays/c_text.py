@@ -25,6 +25,7 @@ from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.labels import LABELS
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
 # Vectors of as many entries are computed entry by entry, without a loop.
@@ -48,7 +49,8 @@ _FUNCTIONS = {
 }
 # Functions of angles, which one call computes.
 _ANGLES = ("sin", "cos")
-_INDICES = "ijkl"
+# Letters for the places of an entry, and for what is added up, of which a program may have some.
+_INDICES, _SUMMED = "ijlmnoprstefg", "kwyz"
 Index = Sequence[str | int]
 
 
@@ -124,12 +126,16 @@ class CProgram:
         is_plain: bool = False,
     ) -> None:
         self.program = program
+        _check_names(program)
         self.name = f"{prefix}{program.name}"
         self.prefix = prefix
         self.owners = owners_of(program) if owners is None else list(owners)
         self.is_plain = is_plain
         self.has_context = bool(externals_of(program)) and not is_plain
-        self._names = Names(program, _RESERVED)
+        own = {*program.names, *program.outputs}
+        self._letters = [letter for letter in _INDICES if letter not in own]
+        self._summed_letter = next((x for x in _SUMMED if x not in own), "summed")
+        self._names = Names(program, {*_RESERVED, *_INDICES, *_SUMMED})
         self._indices: dict[str, int] = {}
         self._uniform: dict[Node, bool] = {}
         self._tables: dict[Node, None] = {}
@@ -496,7 +502,9 @@ class CProgram:
         if math.prod(shape) <= FEW:
             entries = itertools.product(*map(range, shape))
             return self._in_states([line for x in entries for line in body(x)], is_uniform)
-        index = [i if n > 1 else 0 for i, n in zip(_INDICES, shape, strict=False)]
+        index = [i if n > 1 else 0 for i, n in zip(self._letters, shape, strict=False)]
+        if len(index) < len(shape):
+            raise UsageError(f"{self.program.name}: no array in C may have {len(shape)} axes")
         lines = self._in_states(body(index), is_uniform)
         before = () if is_uniform else self.before_loops
         for i, n in reversed(list(zip(index, shape, strict=True))):
@@ -624,8 +632,9 @@ class CProgram:
             start = self._same(start)
         lines = [f"{kind} {name} = {start};"]
         for inner, group in itertools.groupby(products, _inner):
-            sums = [f"    {name} += {self._term(y, index, 'k')};" for y in group]
-            lines += [f"for (int k = 0; k < {inner}; ++k) {{", *sums, "}"]
+            k = self._summed_letter
+            sums = [f"    {name} += {self._term(y, index, k)};" for y in group]
+            lines += [f"for (int {k} = 0; {k} < {inner}; ++{k}) {{", *sums, "}"]
         if not is_kept:
             return lines
         lines.append(f"{self.view(x).entry(index)} = {name};")
@@ -883,6 +892,7 @@ def functions_of(program: Program) -> list[tuple[str, str]]:
 def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = "") -> list[str]:
     """Lines of C of programs and those that they invoke, each once, with names that begin so."""
     inner = dict.fromkeys(one for program in programs for one in inner_programs(program))
+    check_distinct([*inner, *programs])
     lines: list[str] = []
     for program in inner:
         lines += [*CProgram(program, prefix).function(), ""]
@@ -938,19 +948,38 @@ class Names:
         return "value"
 
 
-_RESERVED = (
-    "i",
-    "j",
-    "k",
-    "l",
-    "sum",
-    "room",
-    "context",
-    "solve",
-    "same",
-    "real",
-    "number",
-)
+# What text of a program has for itself, but for functions that are written by hand.
+_RESERVED = frozenset((*_FUNCTIONS.values(), "sum", "room", "context", "solve", "same"))
+_RESERVED |= {"real", "number", "constants", "Constants"}
+_KEYWORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline
+    int long register restrict return short signed sizeof static struct switch typedef union
+    unsigned void volatile while main NAN INFINITY R LIBRARY EACH LANES
+"""
+_TAKEN = _RESERVED | set(_KEYWORDS.split())
+
+
+def _check_names(program: Program) -> None:
+    """Raise `UsageError` for names that C has for itself, or that are none."""
+    names = dict.fromkeys((program.name, *program.names, *program.outputs))
+    wrong = [
+        name for name in names if not (name.isascii() and name.isidentifier()) or name in _TAKEN
+    ]
+    if wrong:
+        raise UsageError(
+            f"{program.name}: in C nothing can be called {', '.join(map(repr, wrong))}; give the "
+            "program, its inputs and outputs names of letters, digits and underscores that C and "
+            "the text around it do not use"
+        )
+
+
+def check_distinct(programs: Iterable[Program]) -> None:
+    """Raise `UsageError` for different programs of one name, which C has no two functions of."""
+    names = [program.name for program in dict.fromkeys(programs)]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise UsageError(
+            f"two programs are called {' and '.join(twice)}; in C each needs a name of its own"
+        )
 
 
 def _diagonal(index: Index, shift: int, value: float) -> str:

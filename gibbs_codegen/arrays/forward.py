@@ -51,12 +51,12 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
         for output, x in program.outputs.items():
             shape = (*x.tangent, math.prod(inputs[name].tangent))
             outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
-        for x, derivative in derivatives.items():
-            if x in LABELS:
-                named(derivative, f"{LABELS[x].name}_by_{name}")
         for output, x in program.outputs.items():
             if x in derivatives:
                 named(derivatives[x], f"{output}_by_{name}")
+        for x, derivative in derivatives.items():
+            if x in LABELS:
+                named(derivative, f"{LABELS[x].name}_by_{name}")
     return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, _from_derivatives(outputs))
 
 

@@ -19,8 +19,11 @@ LABELS: WeakKeyDictionary[Node, Label] = WeakKeyDictionary()
 
 
 def named(x: Node, name: str, words: str = "") -> Node:
-    """A node, with the name of its variable elsewhere and a sentence that stands before it."""
-    LABELS.setdefault(x, Label(name, words))
+    """A node, with the name of its variable elsewhere and a sentence that stands before it.
+
+    Programs share nodes: the last name counts, so that text does not depend on older programs.
+    """
+    LABELS[x] = Label(name, words)
     if isinstance(x.operation, Coordinates):  # Their entries are what is computed.
         named(x.arguments[0], name, words)
     return x

@@ -15,7 +15,7 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.files.module_writer import kept_options
 from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.balance import balance_lines, lopsided
-from gibbs_codegen.targets.registry import DEFAULT_TARGETS
+from gibbs_codegen.targets.registry import DEFAULT_TARGETS, TARGETS
 
 
 def run(options: argparse.Namespace) -> int:
@@ -82,6 +82,14 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
         found, unknown = parser.parse_known_args(kept.split())
     except argparse.ArgumentError:
         return
+    if gone := [name for name in found.target or () if name not in TARGETS]:
+        print(
+            f"The module was generated with --target {' --target '.join(map(printable, gone))}, "
+            "which this version does not have; it goes on without.",
+            file=sys.stderr,
+        )
+        found.target = [name for name in found.target if name in TARGETS]
+        kept = re.sub(rf"--target[= ](?:{'|'.join(map(re.escape, gone))})(?!\S)", "", kept)
     for name, value in vars(found).items():
         if not unknown and value is not None and getattr(options, name) is None:
             setattr(options, name, value)

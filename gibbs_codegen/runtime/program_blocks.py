@@ -45,12 +45,15 @@ class BlockProgram:
         """Arrays by the names of the outputs, with the leading axes of the inputs together.
 
         `inputs` by name have the states in leading axes, which broadcast; what all states share has
-        none. `constants` by owner are what `prepare` of the module returned, or those of the robot
-        file. Raises `UsageError` for an input that is missing, or has not the program's shape.
+        none. `constants` by owner are what `prepare` of the module returned for all states, or
+        those of the robot file. Raises `UsageError` for an input that is missing or unknown, or has
+        not the program's shape, and for constants that are not the module's.
         """
         program = self.program
         if absent := [name for name in program.names if name not in inputs]:
             raise UsageError(f"{program.name}: no value for {', '.join(absent)}")
+        if unknown := [name for name in inputs if name not in program.names]:
+            raise UsageError(f"{program.name} has no inputs {', '.join(map(str, unknown))}")
         pairs = list(zip(program.names, program.inputs, strict=True))
         arrays = {name: self._checked(name, x, inputs[name]) for name, x in pairs}
         leads = [arrays[n].shape[: arrays[n].ndim - len(x.shape)] for n, x in pairs]
@@ -60,17 +63,14 @@ class BlockProgram:
             counts = " and ".join(map(str, dict.fromkeys(leads)))
             raise UsageError(f"{program.name}: {counts} states do not go together") from None
         count = math.prod(batch)
-        blocks = -(-count // self._lanes)
+        # One block at least, for what all states share.
+        blocks = max(-(-count // self._lanes), 1)
         given = [self._laid(arrays[name], x, batch, blocks) for name, x in pairs]
         found = [
             self._aligned((1 if self._text.uniform(x) else blocks * self._lanes) * x.size)
             for x in program.outputs.values()
         ]
-        default = self._module.prepare({})
-        owned = [
-            np.frombuffer((constants or {}).get(owner, default)).astype(self._real)
-            for owner in self._text.owners
-        ]
+        owned = self._owned(constants or {})
         pointers = (ctypes.c_void_p * (len(given) + len(found)))(
             *(x.ctypes.data for x in (*given, *found))
         )
@@ -82,9 +82,29 @@ class BlockProgram:
                 results[name] = values.reshape(x.shape)
                 continue
             shape = (blocks, x.size, self._lanes)
-            rows = values.reshape(shape).swapaxes(1, 2).reshape(-1, x.size)[:count]
+            rows = (
+                values.reshape(shape).swapaxes(1, 2).reshape(blocks * self._lanes, x.size)[:count]
+            )
             results[name] = rows.reshape((*batch, *x.shape))
         return results
+
+    def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
+        """Constants of each owner, those of the robot file where none are given."""
+        default = self._module.prepare({})
+        if unknown := [owner for owner in constants if owner not in self._text.owners]:
+            raise UsageError(
+                f"{self.program.name}: constants are of {' and '.join(self._text.owners) or 'none'}"
+                f", not of {', '.join(map(str, unknown))}"
+            )
+        for owner, values in constants.items():
+            if not isinstance(values, bytes) or len(values) != len(default):
+                raise UsageError(
+                    f"{self.program.name}: constants of {owner} must be what prepare of "
+                    f"{self._module.NAME}, loaded for C, returns for numbers, the same for all "
+                    "states"
+                )
+        given = (constants.get(owner, default) for owner in self._text.owners)
+        return [np.frombuffer(values).astype(self._real) for values in given]
 
     def _checked(self, name: str, x: Node, value: Any) -> Array:
         array = np.asarray(value, dtype=self._real)
@@ -99,6 +119,7 @@ class BlockProgram:
         if x.is_uniform:
             return np.ascontiguousarray(array.ravel())
         rows = np.broadcast_to(array, (*batch, *x.shape)).reshape(math.prod(batch), x.size)
+        rows = rows if len(rows) else np.zeros((1, x.size), dtype=self._real)
         rows = np.pad(rows, ((0, blocks * self._lanes - len(rows)), (0, 0)), mode="edge")
         laid = self._aligned(rows.size)
         laid[:] = rows.reshape(blocks, self._lanes, x.size).swapaxes(1, 2).ravel()
@@ -117,6 +138,10 @@ class BlockProgram:
             raise UsageError(
                 f"{program.name}: {', '.join(by_hand)} is external, which is not compiled here; "
                 "evaluate the program with NumPy"
+            )
+        if others := {robot for robot, _ in functions_of(program)} - {name}:
+            raise UsageError(
+                f"{program.name} calls functions of {', '.join(sorted(others))}, not of {name}"
             )
         functions = list(dict.fromkeys(function for _, function in functions_of(program)))
         for function in functions:

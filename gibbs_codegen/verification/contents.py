@@ -93,7 +93,8 @@ def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None
     )
     seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
     changes = ((np.abs(there[what][0] - here[what][0]), there[what][1]) for what in seen)
-    return any((change > _CONSTANTS_LIMIT * size).any() for change, size in changes)
+    # What is no number any more has changed too.
+    return not all((change <= _CONSTANTS_LIMIT * size).all() for change, size in changes)
 
 
 def _parameter_faults(

@@ -50,7 +50,7 @@ def failing(comparisons: list) -> list[str]:
 
 @pytest.fixture
 def copied(whole_module: Path, tmp_path: Path) -> Path:
-    """A copy of a module, with an adapter and rollouts in C."""
+    """A copy of a module, with rollouts in C."""
     folder = tmp_path / "quadrotor_2link"
     shutil.copytree(whole_module, folder, ignore=shutil.ignore_patterns("__pycache__"))
     return folder

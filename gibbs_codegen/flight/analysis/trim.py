@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.analysis.arguments import coordinates, numbers, real, vector, vehicle_of
@@ -396,8 +395,10 @@ def trim(
     own = layout.q.attitude
     attitude = dict(zip(layout.q.names[own], found[own].tolist(), strict=True))
     if layout.is_quaternion:
-        angles = Rotation.from_matrix(rotation).as_euler("ZYX")[::-1]
-        attitude = dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
+        r = rotation
+        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
+        attitude = {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
     idle = null_space(vehicle.thrust_wrenches(found).T)
     return Trim(
         robot=vehicle.name,

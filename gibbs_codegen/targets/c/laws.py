@@ -43,8 +43,11 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     return c_files(functions, f"{robot.name}_laws", words, made, header)
 
 
-def check_laws(laws: Sequence[str], targets: Sequence[str]) -> tuple[str, ...]:
-    """Names of laws, each once. Raises `UsageError` for one that is unknown, or without C."""
+def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, ...]:
+    """Names of laws, each once, of one or several. Raises `UsageError` for one that is unknown, or
+    without C.
+    """
+    laws = (laws,) if isinstance(laws, str) else laws
     for law in laws:
         if law not in LAWS:
             known = ", ".join(LAWS)
