@@ -27,6 +27,18 @@ class NumpyText(ArrayText):
             found.append(f"{', '.join(targets)} = {value}")
         return [*found, f"return {', '.join(self.results())}"]
 
+    def results(self) -> list[str]:
+        """Expressions of the outputs; what is zero has the leading axes of another one."""
+        outputs = self.program.outputs.values()
+        other = next(x for x in outputs if not isinstance(x.operation, nodes.Constant))
+        lead = f"*{self.expression(other).within(WHOLE)}.shape[:-{len(other.shape)}]"
+        return [
+            f"np.zeros(({lead}, {', '.join(map(str, x.shape))}))"
+            if nodes.is_all(x, 0.0)
+            else self.expression(x).text
+            for x in outputs
+        ]
+
     def operand(self, y: Node, x: Node) -> Text:
         """An argument of an elementary function; a number has as many axes as its result."""
         return self._with_axes(y, len(x.shape))

@@ -17,6 +17,8 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.runtime.load import load
 
 # Limits that the terminal shows of those that a timing reaches.
+# How far joints may be beyond their limits, rad or m, by errors of integration.
+_INTEGRATION = 1e-5
 _MOST_LIMITS = 12
 # Of inputs that are named; and the share of a limit that is too little to have left it.
 _MOST_NAMES = 12
@@ -134,7 +136,7 @@ def joints_beyond(flight: Flight) -> str:
         over = np.where(np.isfinite(over), over, -np.inf)  # As above.
         side, sample = np.unravel_index(int(over.argmax()), over.shape)
         value, limit = (f"{number:.3g} {unit}" for number in (q[sample], (low, high)[side]))
-        if over[side, sample] > 0.0 and value != limit:
+        if over[side, sample] > _INTEGRATION and value != limit:
             at = f"at t = {flight.time[sample]:.3g} s"
             clauses.append(f"{name} came to {value}, beyond {limit}, {at}")
     return "; ".join(clauses)

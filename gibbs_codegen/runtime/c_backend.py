@@ -281,6 +281,8 @@ class CompiledFunction:
             pointers,
             ctypes.c_void_p(aligned),
         )
+        if lost < 0:
+            raise RuntimeError(f"{self._signature.name} has more arrays than rows.c takes")
         return bool(lost)
 
 

@@ -198,6 +198,8 @@ class _Array(_Function):
         self.w = getattr(point.states, weights) if weights else np.zeros(0)
         self.rows = rows(point, scales, inputs)
         size = np.abs(self.value / self.rows).reshape(len(self.value), -1).max(axis=-1, initial=0.0)
+        if name == "difference":  # A short one is the difference of coordinates, and as exact.
+            size = np.maximum(size, 1.0)
         axes = (1,) * (self.value.ndim - 1)
         self.values = [(self.value, size.reshape(-1, *axes) * self.rows)]
 

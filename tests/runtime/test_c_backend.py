@@ -385,6 +385,23 @@ def test_without_extension_calls_are_as_cheap(states: dict[str, np.ndarray]) -> 
     np.testing.assert_array_equal(one, compiled.mass_matrix.__wrapped__(states["q"][0]))
 
 
+def test_functions_of_nine_arrays_take_batches(tmp_path: Path) -> None:
+    names = [f"forward_dynamics_with_wrenches_{kind}" for kind in ("derivatives", "jvp", "vjp")]
+    folder = generate("quadrotor_2link", tmp_path, derivatives=names)
+    numpy = load(folder)
+    compiled = compiled_of(numpy)
+    shapes = {s.name: s.argument_shapes for s in module_signatures(numpy)}
+    rng = np.random.default_rng(7)
+    for name in names:
+        given = [rng.normal(size=(11, *shape)) for shape in shapes[name]]
+        found, right = (getattr(m, name)(*given) for m in (compiled, numpy))
+        pairs = (
+            [(found, right)] if isinstance(right, np.ndarray) else zip(found, right, strict=True)
+        )
+        for one, other in pairs:
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_every_function_has_the_short_way(name: str) -> None:
     made = caller.caller_type(chosen_compiler())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -150,7 +151,7 @@ def test_products_of_any_axes_and_letters_have_the_numbers_of_numpy(module: Modu
     a, b = variable("a", 5, 6, 7), variable("b", 7, 8)
     squares = [variable(letter, 6, 6) for letter in "ijklmn"]
     y: Node = squares[0]
-    for one, other in zip(squares, squares[1:], strict=False):
+    for one, other in pairwise(squares):
         y = y + one @ other
     outputs = {"product": a @ b, "sums": total(y, 0), "y": y}
     program = Program("letters", (a, b, *squares), outputs)

@@ -6,8 +6,11 @@ import random
 import re
 from collections.abc import Iterator
 
-# Statements of the functions' bodies, in Python or in C, that compute one number; and all in C.
-ANY_IN_C = re.compile(r"^ {4,}(?!for |return )[^\"]* [+*]?= [^\"]*;$|^ {4,}[a-z_]+\([^\"]*;$")
+# Statements of the functions' bodies, in Python or in C, that compute one number; and all in C but
+# those that say where an array is.
+ANY_IN_C = re.compile(
+    r"^ {4,}(?!for |return |\w+ \*const )[^\"]* [+*]?= [^\"]*;$|^ {4,}[a-z_]+\([^\"]*;$"
+)
 _STATEMENT = re.compile(r"^ {4}(?:const \w+ )?[tk]?\w+ = [^\"{]*$|^ {4}\w+\[\d+\] = [^\"{]*$")
 _SIGN = re.compile(r" ([+-]) ")
 _INDEX = re.compile(r"\[(\d+)\]")

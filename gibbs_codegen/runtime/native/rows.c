@@ -16,7 +16,7 @@
 
 #define LANES 8
 /* Inputs and outputs; constants of each state come on top. */
-#define MAX_ARRAYS 8
+#define MAX_ARRAYS 9
 
 #ifdef __cplusplus
 extern "C" {
@@ -52,6 +52,7 @@ typedef void Five(const void *, size_t, R, R, R, R, R);
 typedef void Six(const void *, size_t, R, R, R, R, R, R);
 typedef void Seven(const void *, size_t, R, R, R, R, R, R, R);
 typedef void Eight(const void *, size_t, R, R, R, R, R, R, R, R);
+typedef void Nine(const void *, size_t, R, R, R, R, R, R, R, R, R);
 #undef R
 
 /*
@@ -93,8 +94,11 @@ static void call_block(void (*batch)(void), const void *constants, int number, d
     case 7:
         ((Seven *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5], b[6]);
         break;
-    default:
+    case 8:
         ((Eight *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]);
+        break;
+    default:
+        ((Nine *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8]);
         break;
     }
 }

@@ -87,7 +87,8 @@ def test_a_clock_keeps_the_geometry_and_is_smooth(
     assert_allclose(q, path(scenario_time[:, 0])[:, 0], atol=1e-8)
     for order, series in ((0, v), (1, a)):
         slope = rate(lambda t, k=order: clock.motion(t)[k], time, step=1e-4)
-        assert_allclose(slope, series, atol=2e-2 if order else 1e-6)
+        # At a rest the time along the path is known to some 1e-6 s, and q to 1e-9 over these steps.
+        assert_allclose(slope, series, atol=2e-2 if order else 1e-5)
     moving = np.linalg.norm(v, axis=1) > 0.1
     slope = rate(lambda t: clock.scenario_time(t)[:, 0], time[moving], step=1e-4)
     assert_allclose(slope, scenario_time[moving, 1], rtol=1e-5)
