@@ -17,12 +17,12 @@ from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.runtime.load import load
 
 # Limits that the terminal shows of those that a timing reaches.
-# How far joints may be beyond their limits, rad or m, by errors of integration.
-_INTEGRATION = 1e-5
 _MOST_LIMITS = 12
 # Of inputs that are named; and the share of a limit that is too little to have left it.
 _MOST_NAMES = 12
 _ROUND_OFF = 1e-9
+# How far joints may be beyond their limits, rad or m, by errors of integration.
+_INTEGRATION = 1e-5
 
 
 @terminal.ended_by_signals()
