@@ -301,7 +301,8 @@ def _problems(
     lags = lags * rng.uniform(0.5, 5.0, lags.shape)
     motors = rollouts.Motors(-0.4 * most, 0.6 * most, 0.0 * lags, states.u[::-1, :rotors])
     some = replace(inputs_alone, inputs=inputs[:, :1], motors=motors, wrenches=wrenches[:, :1])
-    some = replace(some, feedback=rollouts.Feedback(gain, q, v[:1]))
+    # It ends between two samples.
+    some = replace(some, feedback=rollouts.Feedback(gain, q, v[:1]), every=4)
     varied = {n: x * rng.uniform(0.99, 1.01, _STATES) for n, x in numpy.PARAMETERS.items()}
     lagging = replace(motors, time_constants=lags)
     whole = replace(some, inputs=inputs, wrenches=wrenches, motors=lagging, every=2)
