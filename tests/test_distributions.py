@@ -43,8 +43,8 @@ DATA = """
     emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
     emitted/support.c
-    emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
-    emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
+    emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
+    emitted/matlab/product.m emitted/matlab/states.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml

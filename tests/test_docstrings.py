@@ -31,6 +31,7 @@ BY_PATH = {
     (PACKAGE / "arrays" / "evaluation.py", "evaluate_casadi"),
     (PACKAGE / "arrays" / "forward.py", "jacobian"),
     (PACKAGE / "arrays" / "functions.py", "Functions"),
+    (PACKAGE / "arrays" / "matlab_text.py", "write_matlab"),
     (PACKAGE / "arrays" / "nodes.py", "Program"),
     (PACKAGE / "arrays" / "nodes.py", "variable"),
 }

@@ -20,6 +20,7 @@ from gibbs_codegen.arrays.c_file import write_c
 from gibbs_codegen.arrays.evaluation import evaluate, evaluate_casadi
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.matlab_text import write_matlab
 from gibbs_codegen.arrays.nodes import (
     Node,
     Program,
@@ -68,4 +69,5 @@ __all__ = [
     "total",
     "variable",
     "write_c",
+    "write_matlab",
 ]

@@ -58,7 +58,8 @@ class ArrayText(ABC):
         groups: dict[object, list[Node]] = {}
         for x in self.program.nodes:
             if self._is_named(x):
-                groups.setdefault(call_of(x) or x, []).append(x)
+                is_call = isinstance(x.operation, _CALLS)
+                groups.setdefault((is_call and call_of(x)) or x, []).append(x)
         for group in groups.values():
             words = next((LABELS[y].words for y in group if y in LABELS), "")
             yield words, self._targets(group), self._value(group[0]).text

@@ -267,13 +267,3 @@ def parameter_texts(model: Model, printer: InfixPrinter) -> list[Context]:
         {"name": printer.name(name), "value": printer.number(value), "unit": model.units[name]}
         for name, value in model.defaults.items()
     ]
-
-
-def step_text(name: str) -> Context:
-    """A time step: its name, its method, and whether it has derivatives."""
-    method = name.removesuffix("_derivatives")
-    return {
-        "name": name,
-        "method": method.removeprefix("step_"),
-        "derivatives": method != name,
-    }

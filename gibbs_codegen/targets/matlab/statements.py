@@ -6,21 +6,18 @@ How statements are written and broken is decided here alone.
 from __future__ import annotations
 
 import re
-import textwrap
 from collections.abc import Sequence
 
 import numpy as np
 
+from gibbs_codegen.arrays.matlab_text import WIDTH, broken
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Node, Number, Output
 from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
-WIDTH = 100
-# Of every line in the body of a function, and of every line that continues another.
 _INDENT = 4
-_CONTINUED = " ..."
 
 
 class MatlabPrinter(InfixPrinter):
@@ -47,17 +44,7 @@ class MatlabStatements(StatementPrinter):
 
     def assign(self, name: str, value: Node) -> list[str]:
         """A variable, or entries of one."""
-        text = f"{name} = {self._expressions.expression(value)};"
-        if len(text) <= WIDTH - _INDENT:
-            return [text]
-        lines = textwrap.wrap(
-            text,
-            WIDTH - _INDENT - len(_CONTINUED),
-            subsequent_indent=" " * _INDENT,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        return [*(f"{line}{_CONTINUED}" for line in lines[:-1]), lines[-1]]
+        return broken(f"{name} = {self._expressions.expression(value)};")
 
     def fill(self, name: str, output: Output) -> list[str]:
         """An output, whose zeros are there before its other entries."""

@@ -6,6 +6,9 @@ import re
 from collections.abc import Collection
 from dataclasses import replace
 
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.matlab_text import MatlabPages
+from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import matlab_source
 from gibbs_codegen.interface import FUNCTIONS, Row, Signature
 from gibbs_codegen.program.model import Model
@@ -23,7 +26,6 @@ from gibbs_codegen.targets.documentation import (
     operations,
     output_text,
     parameter_texts,
-    step_text,
     unknown_table,
     wrapped,
 )
@@ -76,14 +78,12 @@ def package_text(
     check_names(model)
     statements = MatlabStatements(printer)
     once = _model_text(model, printer, statements, header)
-    steps = [step_text(signature.name) for signature in model.composed]
-    own = ["states", "changed_parameters", "check_constants"]
-    own += list(dict.fromkeys(step["method"] for step in steps))
-    own += ["with_derivatives"] if any(step["derivatives"] for step in steps) else []
     functions = {
         signature.name: _function_text(model, signature, statements, header)
         for signature in model.signatures
     }
+    own = ["states", "changed_parameters", "check_constants"]
+    own += ["product"] if any(map(_has_derivatives, model.composed)) else []
     return {
         "matlab_function.m.jinja": functions,
         "matlab_list.m.jinja": list_texts(model.description, model.functions, header),
@@ -103,17 +103,13 @@ def _function_text(
     """The text of one function.
 
     `fewest` and `most` count arguments. `checked` is what the check of these returns, `names` and
-    `sizes` are what it takes. A function that is composed of others has a `step`; another has
-    `body`.
+    `sizes` are what it takes.
     """
     program = model.program
     constants = len(program.constants)
-    step = None
-    body: Lines = []
     if FUNCTIONS[signature.name].composed:
-        step, work = step_text(signature.name), calls(model.description, signature.name)
-        # Else moves are sums.
-        step["is_quaternion"] = model.description.layout.is_quaternion
+        work = calls(model.description, signature.name)
+        body = _step_lines(model, signature)
     else:
         function = program.function(signature.name)
         work = operations(function)
@@ -145,8 +141,19 @@ def _function_text(
         "names": f"{{{names}}}",
         "sizes": f"{{{', '.join(size if ' ' not in size else f'[{size}]' for size in sizes)}}}",
         "body": body,
-        "step": step,
     }
+
+
+def _has_derivatives(step: Signature) -> bool:
+    return step.name.endswith("_derivatives")
+
+
+def _step_lines(model: Model, signature: Signature) -> Lines:
+    """The body of a time step."""
+    step = emitted_step(Functions(model.listing), signature.name)
+    lines = MatlabPages(step, f"{model.robot.name}.internal.product").lines()
+    # Pages of constants stand beside those of all states, also where these share q.
+    return ["q = q .* ones(1, count);", *lines] if _has_derivatives(signature) else lines
 
 
 def _model_text(
