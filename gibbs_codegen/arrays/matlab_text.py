@@ -7,6 +7,7 @@ numbers are rows, vectors have a column and matrices a page for each state.
 from __future__ import annotations
 
 import os
+import re
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
@@ -26,6 +27,7 @@ WIDTH = 100
 # Of every line in the body of a function, and of every line that continues another.
 _INDENT = 4
 _CONTINUED = " ..."
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 # Functions that have another name than in NumPy.
 _FUNCTIONS = {"minimum": "min", "maximum": "max", "absolute": "abs", "arctan2": "atan2"}
 # What no variable is called: words, and functions that the text calls.
@@ -57,6 +59,8 @@ def broken(text: str) -> list[str]:
     """A statement of the body of a function, in several lines where it is long."""
     if len(text) <= WIDTH - _INDENT:
         return [text]
+    # An index stays whole.
+    text = re.sub(r"\([^()]{,30}\)", lambda index: index[0].replace(" ", _NO_BREAK), text)
     lines = textwrap.wrap(
         text,
         WIDTH - _INDENT - len(_CONTINUED),
@@ -64,6 +68,7 @@ def broken(text: str) -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     )
+    lines = [line.replace(_NO_BREAK, " ") for line in lines]
     return [*(f"{line}{_CONTINUED}" for line in lines[:-1]), lines[-1]]
 
 
@@ -146,7 +151,7 @@ class MatlabText(ArrayText):
         listed = ", ".join(text.text for text in given)
         match x.operation:
             case nodes.Constant():
-                return Text(_literal(x))
+                return _literal(x)
             case nodes.Elementary(name):
                 return Text(f"{_FUNCTIONS.get(name, name)}({listed})")
             case nodes.Product():
@@ -229,10 +234,12 @@ class MatlabPages(MatlabText):
 
     def operand(self, y: Node, x: Node) -> Text:
         """An argument of an elementary function; a number has pages where its result has."""
+        if isinstance(y.operation, nodes.Constant) and y.size == 1:
+            return _literal(y)
         return self._in_pages(y) if len(x.shape) == 2 else self.expression(y)
 
     def _in_pages(self, y: Node) -> Text:
-        if y.shape or isinstance(y.operation, nodes.Constant):
+        if y.shape:
             return self.expression(y)
         return Text(f"reshape({self.expression(y).text}, 1, 1, [])")
 
@@ -240,7 +247,7 @@ class MatlabPages(MatlabText):
         """An operation as MATLAB has it, of matrices, vectors and numbers that have one entry."""
         match x.operation:
             case nodes.Constant() if len(x.shape) == 2:
-                text = _literal(x)
+                text = _literal(x).text
                 if text.startswith("zeros("):
                     return Text(f"{text.removesuffix(')')}, count)")
                 return Text(f"repmat({text}, 1, 1, count)")
@@ -282,27 +289,29 @@ def _by_rows(given: Text, shape: Shape, wanted: Shape) -> Text:
     return Text(f"permute({text}, [{' '.join(map(str, range(len(wanted), 0, -1)))}])")
 
 
-def _literal(x: Node) -> str:
+def _literal(x: Node) -> Text:
     """Numbers: those of zeros and of diagonals in short."""
     numbers = numbers_of(x)
     assert numbers is not None  # noqa: S101 - it is a constant
     if x.size == 1:
         value = repr(float(numbers.flat[0]))
-        return f"({value})" if value.startswith("-") else value
+        return Text(f"({value})" if value.startswith("-") else value)
     if not numbers.any():
-        return f"zeros({_sizes(x.shape)})"
+        return Text(f"zeros({_sizes(x.shape)})")
     if len(x.shape) > 2:
         entries = "; ".join(repr(float(value)) for value in numbers.ravel(order="F"))
-        return f"reshape([{entries}], {_sizes(x.shape)})"
+        return Text(f"reshape([{entries}], {_sizes(x.shape)})")
     rows, columns = (*x.shape, 1)[:2]
     matrix = numbers.reshape(rows, columns)
     shift = int(abs(matrix[0]).argmax())
-    if columns > 1 and np.array_equal(matrix, np.eye(rows, columns, shift)):
+    value = float(matrix[0, shift])
+    if columns > 1 and np.array_equal(matrix, value * np.eye(rows, columns, shift)):
         blocks = [f"zeros({rows}, {shift})"] if shift else []
         blocks.append(f"eye({rows}, {columns - shift})")
-        return f"[{', '.join(blocks)}]" if shift else blocks[0]
+        unit = f"[{', '.join(blocks)}]" if shift else blocks[0]
+        return Text(unit) if value == 1.0 else Text(f"{value!r} .* {unit}", PRODUCT)
     lines = (", ".join(repr(float(value)) for value in row) for row in matrix)
-    return f"[{'; '.join(lines)}]"
+    return Text(f"[{'; '.join(lines)}]")
 
 
 def write_matlab(

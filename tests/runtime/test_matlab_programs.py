@@ -155,6 +155,7 @@ def test_operations_of_arrays(small: ModuleType, tmp_path: Path) -> None:
         "summed": total(b, 0, 2),
         "table": constant(np.arange(24.0).reshape(3, 4, 2) - 5.5) * s,
         "shifted": constant(np.eye(3, 4, 1)) + a,
+        "diagonal": constant(-0.5 * np.eye(3, 4)) * s,
         "columns": (a + 1.0).transposed[1:3].transposed,
         "rows_of_columns": a.transposed[1:3],
         "of_a_sum": (a - s)[1:],

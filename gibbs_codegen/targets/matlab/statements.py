@@ -96,7 +96,7 @@ _KEYWORDS = """
 # In Octave a package hides the function of its name, in MATLAB the function hides the package.
 # These are what the emitted source calls, and what is in every script.
 _FUNCTIONS = """
-    all any atan circshift cos double error eye fieldnames full isequal isfield isfinite islogical
+    all any atan cos double error eye fieldnames full isequal isfield isfinite islogical
     isnumeric isreal isscalar isstruct narginchk nargin numel ones prod repmat reshape sin size
     sprintf sqrt strcmp struct zeros ans disp e eps false help i inf j load nan norm ode45 pi plot
     save test true
