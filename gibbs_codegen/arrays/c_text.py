@@ -978,7 +978,7 @@ def check_distinct(programs: Iterable[Program]) -> None:
     names = [program.name for program in dict.fromkeys(programs)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise UsageError(
-            f"two programs are called {' and '.join(twice)}; in C each needs a name of its own"
+            f"two programs are called {' and '.join(twice)}; each needs a name of its own"
         )
 
 

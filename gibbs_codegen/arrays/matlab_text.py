@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.c_text import externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.c_text import check_distinct, externals_of, inner_programs, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, WHOLE, ArrayText, Text
@@ -294,8 +294,8 @@ def _literal(x: Node) -> Text:
     numbers = numbers_of(x)
     assert numbers is not None  # noqa: S101 - it is a constant
     if x.size == 1:
-        value = repr(float(numbers.flat[0]))
-        return Text(f"({value})" if value.startswith("-") else value)
+        text = repr(float(numbers.flat[0]))
+        return Text(f"({text})" if text.startswith("-") else text)
     if not numbers.any():
         return Text(f"zeros({_sizes(x.shape)})")
     if len(x.shape) > 2:
@@ -326,14 +326,15 @@ def write_matlab(
     Args:
         program: The program.
         robot: The robot whose functions it calls.
-        folder: Where the file is written, such as the folder of the robot's module.
+        folder: Where the file is written, outside the module's folder.
         words: What it does, in a sentence for its help.
 
     Returns:
         Path of the file.
 
     Raises:
-        UsageError: If the program has external functions, or names that MATLAB does not take.
+        UsageError: If the program has external functions, or names that MATLAB does not take or
+            that two different programs within it have.
         OutputError: If the file cannot be written.
     """
     if unknown := sorted(externals_of(program)):
@@ -344,6 +345,7 @@ def write_matlab(
     path = Path(folder) / f"{robot.name}_{program.name}.m"
     called = Program(path.stem, program.inputs, program.outputs)
     text = MatlabText(called)
+    check_distinct(text.programs)
     for name in (*called.names, *called.outputs):
         if name in text.reserved or name.startswith("_"):
             raise UsageError(f"{program.name}: {name} is no name of a variable in MATLAB")
