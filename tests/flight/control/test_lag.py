@@ -84,7 +84,7 @@ def loop_of(module: ModuleType, law: Law = "computed_torque", lag: float = 0.05)
     motion = 0.3 * np.array([np.sin(angles), rates * np.cos(angles), -(rates**2) * np.sin(angles)])
     reference = Reference(Motion(time, *motion))
     controller = Controller(
-        vehicle, reference, allocation_of(vehicle), Gains.of(5.0, 0.8, count), law
+        vehicle, reference, allocation_of(vehicle).in_flight(), Gains.of(5.0, 0.8, count), law
     )
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[1:] = lag * np.arange(1, vehicle.rotors)
