@@ -170,7 +170,11 @@ class Cost:
 # The paper's rods, which hardly resist being turned about themselves, magnify rounding.
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "rounding"), [("hexarotor_3link", 1e-8), ("hextilt_flying_arm_5", 1e-10)]
+    ("name", "rounding"),
+    [
+        ("hexarotor_3link", 1e-8),
+        pytest.param("hextilt_flying_arm_5", 1e-10, marks=pytest.mark.exhaustive),
+    ],
 )
 def test_costs_of_closed_loops_have_the_gradients_of_complex_steps(
     name: str, rounding: float
