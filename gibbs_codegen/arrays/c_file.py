@@ -14,13 +14,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import (
     CProgram,
     check_distinct,
     externals_of,
     inner_programs,
     owners_of,
+    solve_room,
 )
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
@@ -225,7 +225,7 @@ def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
     body = "\n\n".join("\n".join(map(_folded, lines)) for lines in texts)
     sizes = {
         "ROTORS": robot.rotors,
-        "SOLVE_ROOM": max((_solved(f.program) for f in functions), default=1),
+        "SOLVE_ROOM": max((solve_room(f.program) for f in functions), default=1),
     }
     helpers = _needed(body)
     text = f"{helpers}{body}"
@@ -276,13 +276,6 @@ def _calling(robot: Functions, function: Function) -> list[str]:
         f"    {program.name}({', '.join(given)});",
         "}",
     ]
-
-
-def _solved(program: Program) -> int:
-    """Entries of the largest matrix that a program solves with, 1 at least."""
-    parts = (*inner_programs(program), program)
-    found = (x for part in parts for x in part.nodes if isinstance(x.operation, nodes.Solution))
-    return max((x.arguments[0].size for x in found), default=1)
 
 
 def _needed(text: str) -> str:

@@ -873,6 +873,13 @@ def externals_of(program: Program) -> set[str]:
     return {each.name for each in operations if isinstance(each, nodes.External)}
 
 
+def solve_room(program: Program) -> int:
+    """Entries of the largest matrix that a program solves with, 1 at least."""
+    parts = (*inner_programs(program), program)
+    found = (x for part in parts for x in part.nodes if isinstance(x.operation, nodes.Solution))
+    return max((x.arguments[0].size for x in found), default=1)
+
+
 def elementaries_of(program: Program) -> set[str]:
     """Names of the elementary functions that a program has."""
     return {_name_of(x) for part in (*inner_programs(program), program) for x in part.nodes}

@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import (
     CProgram,
     c_functions,
     elementaries_of,
     externals_of,
     functions_of,
-    inner_programs,
+    solve_room,
 )
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
@@ -78,7 +77,7 @@ def support(programs: Sequence[Program], robot: Functions) -> list[str]:
         f"#ifdef {robot.name.upper()}_FLOAT",
         "#define SINGLE",
         "#endif",
-        f"#define SOLVE_ROOM {max(map(_solve_room, programs))}",
+        f"#define SOLVE_ROOM {max(map(solve_room, programs))}",
         f"#define COORDINATES {robot.space.coordinates}",
         f"#define ROTORS {robot.rotors}",
         "",
@@ -138,17 +137,6 @@ def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
     if "refused" not in outputs:
         lines.append(f"    refuse_infinite({size}, x_next, refused);")
     return [*lines, "}", ""]
-
-
-def _solve_room(program: Program) -> int:
-    parts = (*inner_programs(program), program)
-    solved = [
-        x.arguments[0].size
-        for part in parts
-        for x in part.nodes
-        if isinstance(x.operation, nodes.Solution)
-    ]
-    return max(solved, default=1)
 
 
 def _block(module: str, function: str, ending: str) -> list[str]:
