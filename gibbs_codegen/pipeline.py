@@ -67,8 +67,8 @@ def generate(
             one name, or several; "all" stands for the long ones too.
         functions: Which other functions are there: names, or groups as "dynamics" and "hybrid";
             those by default if None, which "default" stands for too.
-        laws: Which laws of control are written in C beside the functions: "computed_torque",
-            "geometric".
+        laws: Which laws of control are written in C beside the functions, such as
+            "computed_torque".
 
     Returns:
         The module's folder.

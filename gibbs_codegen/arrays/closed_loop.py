@@ -15,15 +15,14 @@ from gibbs_codegen.arrays import surroundings
 from gibbs_codegen.arrays.base import Motion, base_of, placed, quaternion_motion, unit_entries
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.laws import (
+    LAWS,
+    Aim,
     CentrePath,
     Gains,
     Limits,
     Rotors,
-    Weight,
-    computed_torque,
-    geometric,
     inputs_of,
-    moved_wrenches,
+    weight_of,
     within_limits,
 )
 from gibbs_codegen.arrays.nodes import (
@@ -51,7 +50,7 @@ AHEAD = 1e-7
 
 @dataclass(frozen=True)
 class Instant:
-    """A time, and the desired motion there; the centre of mass with the geometric law."""
+    """A time, and the desired motion there; that of the centre of mass where the base leans."""
 
     time: Node
     motion: Motion
@@ -83,7 +82,7 @@ class Surroundings:
 class ClosedLoop:
     """What a closed loop consists of, as far as its program depends on it.
 
-    `law` is "computed_torque", "geometric", "open_loop", "off" or "held"; `integral` tells that it
+    `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it
     remembers errors, `limited` that inputs have limits, `shared` that thrusts have in the
     allocation, `lags` and `compensates` whether motors lag, and commands make up for it, `moves`
     that joints move rotors, `refuses` that wrenches that rotors do not produce end a flight. `each`
@@ -294,11 +293,11 @@ class ClosedLoop:
         q = coordinates_of(curves[: ends[0]], self.plant.space)
         motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]])
         path = curves[ends[2] :]
-        centre = CentrePath(path[:3], path[3:6], path[6:]) if self.law == "geometric" else None
+        centre = CentrePath(path[:3], path[3:6], path[6:]) if self.leans else None
         return Instant(time, motion, centre, curves)
 
     def _curves_at(self, time: Node) -> Node:
-        """Desired q, v and a, and with the geometric law the centre of mass, at a time."""
+        """Desired q, v and a, and where the base leans the centre of mass, at a time."""
         return self.curves(time)[0]
 
     @cached_property
@@ -309,10 +308,15 @@ class ClosedLoop:
         parts: tuple[Node, ...] = (curve[:n], curve[n : 2 * n], curve[2 * n :])
         if self.plant.space.has_quaternion:
             parts = quaternion_motion(self.plant, *parts)
-        centre = [external("centre", (9,), time)] if self.law == "geometric" else []
+        centre = [external("centre", (9,), time)] if self.leans else []
         return Program("wanted", (time,), {"curves": join(*parts, *centre)})
 
     # The law.
+
+    @property
+    def leans(self) -> bool:
+        """Whether the base leans under the law."""
+        return self.law in LAWS and LAWS[self.law].leans
 
     @cached_property
     def gains(self) -> Gains:
@@ -374,16 +378,13 @@ class ClosedLoop:
     def _force(self, at: Instant, q: Node, v: Node, memory: Node) -> tuple[Node, Node]:
         """Coordinates (nq) and the generalised force (nv) that the law wants there."""
         model, desired = self.model, at.motion
-        learnt = memory if self.integral else None
         if self.law == "open_loop":
             return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
-        if at.centre is None:
-            return q, computed_torque(model, q, v, desired, self.gains, learnt)
-        axis = self.given("axis", 3)
-        if self.moves:
-            axis = external("force_axis", (3,), moved_wrenches(model, q, self.rotors))
-        robot = Weight(self.given("mass"), self.given("weight", 3), axis)
-        return q, geometric(model, q, v, desired, self.gains, at.centre, robot, learnt)
+        learnt, weight = memory if self.integral else None, None
+        if self.leans:
+            weight = weight_of(model, q, self.given, self.rotors)
+        aim = Aim(desired, self.gains, learnt, at.centre, weight)
+        return q, LAWS[self.law].force(model, q, v, aim)
 
     def _lead(
         self, at: Instant, parts: Sequence[Node], thrusts: Node, wanted: Node

@@ -7,6 +7,7 @@ result of a program too, of the constants alone, so that it is computed once.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,15 +16,15 @@ from gibbs_codegen.arrays.base import Motion, base_of
 from gibbs_codegen.arrays.c_file import Function, Member, Structure
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.laws import (
+    LAWS,
+    Aim,
     CentrePath,
     Gains,
     Limits,
     Rotors,
-    Weight,
-    computed_torque,
-    geometric,
     inputs_of,
     moved_wrenches,
+    weight_of,
     within_limits,
 )
 from gibbs_codegen.arrays.nodes import (
@@ -40,13 +41,6 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
-LAWS = ("computed_torque", "geometric")
-_WORDS = {
-    "computed_torque": "Computed torque: inputs by which every error e obeys "
-    "e'' + d e' + k e = 0, within their limits.",
-    "geometric": "The geometric law, for rotors that push along one axis: inputs by which the "
-    "centre of mass, the thrust axis and the joints follow a motion, within their limits.",
-}
 _OF_ROTORS = {
     "centre": "the base centre from where x, y and z are, base's frame, m",
     "wrenches": "force and torque about the base centre of each unit thrust, base's frame",
@@ -92,7 +86,7 @@ def law_functions(
         "the reference is"
     }
     for law, program in programs.items():
-        found.append(Function(program, _WORDS[law], (rotors, *others), explained))
+        found.append(Function(program, LAWS[law].words, (rotors, *others), explained))
     return found
 
 
@@ -155,17 +149,13 @@ def _law(robot: Functions, law: str, moves: bool) -> Program:
         limits.most[:count],
         move=moves,
     )
-    if law == "geometric":
-        axis = given("axis", 3)
-        if moves:
-            axis = external("force_axis", (3,), moved_wrenches(robot, q, rotors))
+    aim = Aim(motion, gains)
+    if LAWS[law].leans:
         path = CentrePath(
             *(variable(f"centre_{x}", 3) for x in ("position", "velocity", "acceleration"))
         )
-        weight = Weight(given("mass"), given("weight", 3), axis)
-        force = geometric(robot, q, v, motion, gains, path, weight)
-    else:
-        force = computed_torque(robot, q, v, motion, gains)
+        aim = replace(aim, path=path, weight=weight_of(robot, q, given, rotors))
+    force = LAWS[law].force(robot, q, v, aim)
     u = within_limits(inputs_of(robot, q, force, rotors)[0], limits)
     read = {x.operation.name: x for x in ordered([u]) if isinstance(x.operation, Input)}
     names = (*_OF_ROTORS, "stiffness", "damping", "least", "most", "q", "v", *_OF_REFERENCE)

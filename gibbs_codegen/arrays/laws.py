@@ -3,12 +3,13 @@
 Computed torque is the inverse dynamics of the desired acceleration, corrected by the errors: each
 error e then obeys ë + d ė + k e = 0. The geometric law is for rotors that push along one axis (Lee,
 Leok and McClamroch, 2010): it tracks the centre of mass, and turns the base so that its thrust axis
-is where the force must be. `flight.control` says more on both.
+is where the force must be. `flight.control` says more on both. To add a law, add a row to `LAWS`:
+flights, scenario files and `generate --laws` read it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from gibbs_codegen.arrays.nodes import (
     constant,
     cross,
     dot,
+    external,
     join,
     mark,
     maximum,
@@ -103,50 +105,51 @@ class CentrePath:
     acceleration: Node
 
 
-def computed_torque(
-    robot: Functions,
-    q: Node,
-    v: Node,
-    desired: Motion,
-    gains: Gains,
-    memory: Node | None = None,
-) -> Node:
-    """Generalised force (nv) of the desired acceleration, corrected by the errors.
+@dataclass(frozen=True)
+class Aim:
+    """What a law follows, and its gains.
 
-    `memory` (nv) are the integrals of the errors, if the law remembers them.
+    `memory` (nv) are the integrals of the errors, if the law remembers them: where the base leans,
+    of joints and of the centre of mass, in the places of the position. `path` and `weight` are
+    there where the base leans.
     """
-    base = base_of(robot, q)
+
+    desired: Motion
+    gains: Gains
+    memory: Node | None = None
+    path: CentrePath | None = None
+    weight: Weight | None = None
+
+    @property
+    def learnt(self) -> Node:
+        """What integral action adds to the errors (nv)."""
+        if self.memory is None:
+            return zeros(self.gains.damping.size)
+        return self.memory if self.gains.integral is None else self.gains.integral * self.memory
+
+
+def computed_torque(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Generalised force (nv) of the desired acceleration, corrected by the errors."""
+    base, gains, desired = base_of(robot, q), aim.gains, aim.desired
     error, rate = base.errors(v, desired)
     error = named(error, "error", "Errors of the base and of the joints, desired less actual.")
     rate = named(rate, "error_rate", "How fast the errors change.")
-    if memory is not None:
-        error = error + _learnt(gains, memory)
+    error = error + aim.learnt
     pull = gains.stiffness * error + gains.damping * rate
     a = base.corrected(v, desired, named(pull, "pull", "What the gains make of the errors."))
     return robot.inverse_dynamics(q, v, named(a, "a", "Accelerations by which errors decay."))
 
 
-def geometric(
-    robot: Functions,
-    q: Node,
-    v: Node,
-    desired: Motion,
-    gains: Gains,
-    path: CentrePath,
-    weight: Weight,
-    memory: Node | None = None,
-) -> Node:
-    """Generalised force (nv) by which centre of mass, thrust axis and joints follow a motion.
-
-    `memory` (nv) are the integrals of the errors, if the law remembers them: of joints and of the
-    centre of mass, in the places of the position.
-    """
+def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
+    """Generalised force (nv) by which centre of mass, thrust axis and joints follow a motion."""
+    desired, gains, learnt = aim.desired, aim.gains, aim.learnt
+    path, weight = aim.path, aim.weight
+    assert path is not None and weight is not None  # noqa: S101, PT018 - the base leans
     axis = weight.axis
     base, places = base_of(robot, q), robot.layout.v
     along = named(base.to_world(axis), "along", "The thrust axis in world axes.")
     jacobian = robot.centre_of_mass_jacobian(q)
     moving = robot.centre_of_mass(q), jacobian @ v
-    learnt = zeros(gains.damping.size) if memory is None else _learnt(gains, memory)
     needed = _needed(moving, path, along, places.position, gains, weight, learnt)
     turning = _turning(robot, q, v, desired, axis, needed, gains)
     turning = named(turning, "turning", "Angular acceleration by which the base leans.")
@@ -162,9 +165,36 @@ def geometric(
     return generalised + jacobian.transposed @ lacking
 
 
-def _learnt(gains: Gains, memory: Node) -> Node:
-    """What integral action adds to the errors (nv)."""
-    return memory if gains.integral is None else gains.integral * memory
+@dataclass(frozen=True)
+class Law:
+    """A law: the generalised force (nv) at a state, its name in messages, and what it does.
+
+    By its gains small errors e obey ë + d ė + k e = 0. A law under which the base leans is for
+    rotors that push along one axis and command three moments, the others are for rotors that
+    command all directions.
+    """
+
+    force: Callable[[Functions, Node, Node, Aim], Node]
+    title: str
+    words: str
+    leans: bool = False
+
+
+LAWS = {
+    "computed_torque": Law(
+        computed_torque,
+        "computed torque",
+        "Computed torque: inputs by which every error e obeys e'' + d e' + k e = 0, within their "
+        "limits.",
+    ),
+    "geometric": Law(
+        geometric,
+        "the geometric law",
+        "The geometric law, for rotors that push along one axis: inputs by which the centre of "
+        "mass, the thrust axis and the joints follow a motion, within their limits.",
+        leans=True,
+    ),
+}
 
 
 def _entries(q: Node) -> Node:
@@ -302,6 +332,14 @@ def moved_wrenches(robot: Functions, q: Node, rotors: Rotors) -> Node:
     base, loads = base_of(robot, q), robot.input_matrix(q).transposed
     moved = (base.wrench(rotors.centre, loads[k]) for k in range(robot.rotors))
     return join(*(reshaped(column, (1, 6)) for column in moved))
+
+
+def weight_of(robot: Functions, q: Node, given: Callable[..., Node], rotors: Rotors) -> Weight:
+    """What a law under which the base leans knows of a robot; inputs are `given` by name."""
+    axis = given("axis", 3)
+    if rotors.move:
+        axis = external("force_axis", (3,), moved_wrenches(robot, q, rotors))
+    return Weight(given("mass"), given("weight", 3), axis)
 
 
 def within_limits(inputs: Node, limits: Limits) -> Node:

@@ -11,9 +11,8 @@
 #define RESTRICT restrict
 #endif
 
-/* Not every source calls all of these functions. */
 #ifdef __GNUC__
-#define INLINE inline __attribute__((always_inline, unused))
+#define INLINE inline __attribute__((always_inline))
 #else
 #define INLINE inline
 #endif

@@ -360,6 +360,24 @@ class Bounds:
         raise fault(f"must be {right}{self.unit}, not {shown(value)}{self.remedy}")
 
 
+@dataclass(frozen=True)
+class OneOf:
+    """Metadata of a string: what it may be, where that is known at run time only."""
+
+    choices: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: JsonHandler) -> Any:
+        return handler(schema) | {"enum": list(self.choices)}
+
+    def _checked(self, value: object) -> object:
+        if value not in self.choices:
+            raise fault(not_one_of(value, self.choices))
+        return value
+
+
 def to_python(value: Any) -> Any:
     """A number, or a list, of what may be one of NumPy's, or a tuple."""
     if isinstance(value, tuple):

@@ -10,7 +10,7 @@
         arm_motion     knots               → joints, knot by knot
     law_of             rotors              → which law a robot is flown by (control/choice)
     Controller         reference           → inputs of a state: computed torque (control/laws)
-    GeometricLaw       reference           → or the geometric law         (control/geometric)
+    LeaningController  reference           → or by a law that leans       (control/geometric)
       law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled_control)
     ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
       loop_program     ClosedLoop          → its array program, values    (integration/loop_program)

@@ -35,7 +35,7 @@ from gibbs_codegen.arrays import (
     write_matlab,
 )
 from gibbs_codegen.arrays.base import Motion
-from gibbs_codegen.arrays.laws import Gains, computed_torque
+from gibbs_codegen.arrays.laws import Aim, Gains, computed_torque
 from gibbs_codegen.arrays.nodes import copysign, exponential, reshaped, transposed
 from gibbs_codegen.flight.integration.loop_program import loop_program, loop_values
 from gibbs_codegen.flight.reference import Reference
@@ -98,7 +98,7 @@ def test_computed_torque(module: ModuleType, tmp_path: Path) -> None:
         robot.coordinates("q_desired"), robot.velocities("v_desired"), robot.velocities("a_desired")
     )
     gains = Gains(robot.velocities("stiffness"), robot.velocities("damping"))
-    force = computed_torque(robot, q, v, desired, gains)
+    force = computed_torque(robot, q, v, Aim(desired, gains))
     inputs = (q, v, desired.q, desired.v, desired.a, gains.stiffness, gains.damping)
     law = Program("law", inputs, {"force": force})
     rng = np.random.default_rng(8)

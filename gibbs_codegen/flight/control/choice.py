@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import check_integral
-from gibbs_codegen.flight.control.geometric import GeometricLaw
-from gibbs_codegen.flight.control.laws import CORRECTING, ControlLaw, Controller, Gains
+from gibbs_codegen.flight.control.geometric import LeaningController
+from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -27,24 +28,27 @@ _WHERE = "(in the base's frame, about the base centre)"
 
 
 def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
-    """The law that a scenario's asks for: "tracking" is one or another, all others are themselves.
+    """The law that a scenario's asks for: "tracking" is the first of `LAWS` that suits the rotors.
 
+    All others are themselves.
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
-    if law in ("open_loop", "off"):
+    if law not in ("tracking", *LAWS):
         return law
     full = bool(np.all(ranks(vehicle.thrust_wrenches(q)) == _ALL))
     one_axis = thrust_axis(vehicle, q) is not None
-    if law in ("tracking", "computed_torque") and full:
-        return "computed_torque"
-    if law in ("tracking", "geometric") and one_axis:
-        return "geometric"
+    suiting = [name for name, each in LAWS.items() if (one_axis if each.leans else full)]
+    if law == "tracking" and suiting:
+        return suiting[0]
+    if law in suiting:
+        return law
     purpose = f"{vehicle.name}: to fly {scenario!r} under "
+    others = " or ".join(f'"{name}"' for name in ("tracking", *suiting))
     if full:
         raise AllocationError(
-            f"{purpose}the geometric law, the rotors must push along one axis, but they command "
-            'all directions; set control.law to "tracking" or "computed_torque"',
+            f"{purpose}{LAWS[law].title}, the rotors must push along one axis, but they command "
+            f"all directions; set control.law to {others}",
             (),
         )
     wrenches = vehicle.thrust_wrenches(np.atleast_2d(q))
@@ -52,8 +56,8 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(
-            f"{purpose}computed torque, the base must be fully actuated, {lacks}; set control.law "
-            'to "tracking" or "geometric", by which a base flies that pushes along one axis and '
+            f"{purpose}{LAWS[law].title}, the base must be fully actuated, {lacks}; set "
+            f"control.law to {others}, by which a base flies that pushes along one axis and "
             "commands three moments",
             missing,
         )
@@ -83,22 +87,20 @@ def control_law(
     `vehicle` is the robot as the law knows it. Raises `UsageError` if integral action makes errors
     grow, or the geometric law is to fly a motion without thrust.
     """
-    geometric, allocation = law == "geometric", allocation.in_flight()
+    leans, allocation = law in LAWS and LAWS[law].leans, allocation.in_flight()
     attitude = control.attitude_frequency
     if attitude is None:
-        attitude = control.frequency * (_FASTER if geometric else 1.0)
+        attitude = control.frequency * (_FASTER if leans else 1.0)
     places = vehicle.layout.v
     frequencies = np.full(places.size, control.frequency)
     frequencies[places.attitude] = attitude
     gains = Gains.of(frequencies, control.damping_ratio, places.size)
     memory = 0
-    if control.integral and law in CORRECTING:
+    if control.integral and law in LAWS:
         gains, memory = replace(gains, integral=control.integral), places.size
-    found: Controller | GeometricLaw
-    if geometric:
-        found = GeometricLaw(vehicle, reference, allocation, gains, memory=memory)
+    kind = LeaningController if leans else Controller
+    found = kind(vehicle, reference, allocation, gains, law, memory)
+    if isinstance(found, LeaningController):
         found.check_thrust()
-    else:
-        found = Controller(vehicle, reference, allocation, gains, law, memory)
     check_integral(found)
     return found

@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.geometric import GeometricLaw
-from gibbs_codegen.flight.control.laws import CORRECTING, ControlLaw, Controller, Gains
+from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
 from gibbs_codegen.flight.plant.vehicle import Array
 
 # Real parts count as 0 below this share of the greatest root.
@@ -31,11 +31,11 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
 
     None if the law does not correct errors. `lags` are time constants of motors, s.
     """
-    if controller.law not in CORRECTING:
+    if controller.law not in LAWS:
         return []
     gains, places = controller.gains, controller.vehicle.layout.v
     every = np.stack([gains.damping, gains.stiffness], axis=-1)
-    if controller.law != "geometric":
+    if not LAWS[controller.law].leans:
         return _decoupled(every, gains.integral, lags)
     found = _decoupled(np.delete(every, places.attitude, axis=0), gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
@@ -75,7 +75,7 @@ def _sideways(gains: Gains, position: Array, attitude: Array, lags: Sequence[flo
     return found
 
 
-def check_integral(law: Controller | GeometricLaw) -> None:
+def check_integral(law: Controller) -> None:
     """Raise `UsageError`, with the bound, where integral action is so fast that errors grow."""
     least, most = 0.0, law.gains.integral
     if not most or _decays(law, most):
@@ -89,7 +89,7 @@ def check_integral(law: Controller | GeometricLaw) -> None:
     )
 
 
-def _decays(law: Controller | GeometricLaw, integral: float) -> bool:
+def _decays(law: Controller, integral: float) -> bool:
     """Whether errors decay under a law with integral action of a rate, 1/s."""
     polynomials = error_polynomials(replace(law, gains=replace(law.gains, integral=integral)), ())
     roots = np.array(list(itertools.chain.from_iterable(map(np.roots, polynomials))))

@@ -21,7 +21,6 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.parts import Law
 from gibbs_codegen.flight.vectors import Array, times
 
 # Share of the greatest thrust of a motion that is none.
@@ -29,14 +28,12 @@ _NO_THRUST = 1e-9
 
 
 @dataclass(frozen=True)
-class GeometricLaw(Controller):
-    """Inputs by which centre of mass, attitude and joints follow a reference.
+class LeaningController(Controller):
+    """Inputs by which centre of mass, attitude and joints follow a reference: the base leans.
 
     The gains of position are those of the centre of mass, and of the heading, by which the base is
     turned about its thrust axis; those of attitude are of the thrust axis.
     """
-
-    law: Law = "geometric"
 
     def check_thrust(self) -> None:
         """Raise `UsageError` with the first time at which the motion needs no thrust."""

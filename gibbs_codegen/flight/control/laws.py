@@ -38,10 +38,6 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.plant.allocation import EXACT, Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.parts import Law
-
-# Laws that correct errors by gains.
-CORRECTING: tuple[Law, ...] = ("computed_torque", "geometric")
 
 
 def required_inputs(
@@ -192,15 +188,15 @@ class ControlLaw(Protocol):
 class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
 
-    "computed_torque" corrects by the gains; "open_loop" commands the inputs of the desired motion,
-    whatever the state; "off" commands zeros. With integral action `memory` is nv.
+    The laws of `arrays.laws` correct by the gains; "open_loop" commands the inputs of the desired
+    motion, whatever the state; "off" commands zeros. With integral action `memory` is nv.
     """
 
     vehicle: Vehicle
     reference: Reference
     allocation: Allocation
     gains: Gains
-    law: Law = "computed_torque"
+    law: str = "computed_torque"
     memory: int = 0
 
     @cached_property

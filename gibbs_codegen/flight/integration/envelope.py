@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
-from gibbs_codegen.flight.control.laws import CORRECTING, Gains
+from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 from gibbs_codegen.flight.scenario.orientation import LARGEST_THETA_0
@@ -49,7 +50,7 @@ class Envelope:
         self.bounds: Array = np.full(2 * count, np.inf)
         if controller.law != "off":
             self.bounds[:count] = divergence
-        if controller.law in CORRECTING:
+        if controller.law in LAWS:
             self.bounds[count:] = divergence / np.minimum(
                 _peak_response(controller.gains), duration
             )
@@ -133,7 +134,7 @@ class Envelope:
         remedies = [
             *(["wider motors.limits"] if True in at_limits else []),
             *(["a greater arm.effort"] if False in at_limits else []),
-            *(gains if sampled and lagging and law in CORRECTING else []),
+            *(gains if sampled and lagging and law in LAWS else []),
             *(["motors.compensation"] if lagging and not sampled and not loop.compensated else []),
             *(["a shorter motors.time_constant"] if lagging else []),
             *(loop.environment.remedies if loop.environment else []),

@@ -9,7 +9,7 @@ import numpy as np
 
 from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.flight.control.geometric import GeometricLaw
+from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.control.laws import law_program
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.environment import Environment
@@ -58,7 +58,7 @@ def loop_tables(closed: ClosedLoop) -> list[Array]:
     The latter is there with the geometric law alone.
     """
     law, reference = closed.controller, closed.controller.reference
-    curves = reference, law.centre if isinstance(law, GeometricLaw) else reference
+    curves = reference, law.centre if isinstance(law, LeaningController) else reference
     pieces = reference.begin, reference.step, len(reference.coefficients)
     return [np.concatenate([pieces, each.coefficients.ravel()]) for each in curves]
 

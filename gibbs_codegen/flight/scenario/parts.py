@@ -11,9 +11,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Annotated, Any, ClassVar, Literal
 
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.files.table import (
     Bounds,
     Flag,
+    OneOf,
     Place,
     Table,
     Tables,
@@ -37,7 +39,7 @@ from gibbs_codegen.flight.scenario.numbers import (
 )
 
 MAX_DURATION = 3600.0  # s
-Law = Literal["tracking", "computed_torque", "geometric", "open_loop", "off"]
+Law = Annotated[str, OneOf(("tracking", *LAWS, "open_loop", "off"))]
 Method = Literal["adaptive", "rk4"]
 TimingLaw = Literal["uniform", "fastest"]
 Thrusts = Annotated[
@@ -70,7 +72,7 @@ class Control(Table):
         _Frequency | None,
         key(
             "natural frequency of the error dynamics of the attitude, rad/s; default: frequency "
-            "under computed torque, four times frequency under the geometric law"
+            "under computed torque, four times frequency under laws by which the base leans"
         ),
     ] = None
     integral: Annotated[

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibbs_codegen.arrays.c_file import c_files
-from gibbs_codegen.arrays.law_functions import LAWS, law_functions
+from gibbs_codegen.arrays.law_functions import law_functions
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.balance import carried_rotors, tried_postures, wrench_matrix
@@ -73,20 +74,18 @@ def _check(robot: Robot, law: str) -> None:
     matrix = max((wrench_matrix(robot, joints) for joints in postures), key=_rank)
     rank, axes = _rank(matrix), _rank(matrix[:3])
     left = np.linalg.svd(matrix)[0]
-    lacks = f"the rotors of {robot.name} cannot command {', '.join(directions(left[:, rank:]))}"
-    one_axis = (rank, axes) == _ALONG_ONE_AXIS
-    if law == "computed_torque" and rank < len(left):
-        remedy = "choose geometric" if one_axis else "tilt some thrusts in the robot file"
-        raise UsageError(
-            f"--laws computed_torque: the base must be fully actuated, but {lacks} (in the base's "
-            f"frame, about the base centre); {remedy}"
+    full, one_axis = rank == len(left), (rank, axes) == _ALONG_ONE_AXIS
+    suiting = [name for name, each in LAWS.items() if (one_axis if each.leans else full)]
+    if law in suiting:
+        return
+    lacks = f"those of {robot.name} command all directions"
+    if not full:
+        lacks = (
+            f"the rotors of {robot.name} cannot command {', '.join(directions(left[:, rank:]))} "
+            "(in the base's frame, about the base centre)"
         )
-    if law == "geometric" and not one_axis:
-        but = lacks if rank < len(left) else f"those of {robot.name} command all directions"
-        remedy = "tilt some thrusts in the robot file"
-        if rank == len(left):
-            remedy = "choose computed_torque"
-        raise UsageError(
-            "--laws geometric: the rotors must push along one axis and command three moments, but "
-            f"{but}; {remedy}"
-        )
+    needed = "the base must be fully actuated"
+    if LAWS[law].leans:
+        needed = "the rotors must push along one axis and command three moments"
+    remedy = f"choose {' or '.join(suiting)}" if suiting else "tilt some thrusts in the robot file"
+    raise UsageError(f"--laws {law}: {needed}, but {lacks}; {remedy}")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from gibbs_codegen import generate
+from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.choice import control_law, law_of
 from gibbs_codegen.flight.plant.allocation import AllocationError, allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -75,6 +79,28 @@ def test_rotors_on_links_must_command_the_moments_all_along_the_motion(shipped: 
     assert thrust_axis(vehicle, bent(vehicle, 1.0)) == pytest.approx(np.array([[0.0, 0.0, 1.0]]))
     with pytest.raises(AllocationError, match="torque about x"):
         law_of("tracking", vehicle, bent(vehicle, 1.0, 0.0, 1.0), "hover")
+
+
+def test_a_law_is_a_row_of_the_table(
+    shipped: Load, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One by another name is chosen, commands the same inputs, and is written in C."""
+    name = "hexarotor"
+    monkeypatch.setitem(LAWS, "other", replace(LAWS["computed_torque"], title="another law"))
+    vehicle = Vehicle(shipped(name))
+    still = np.zeros((2, len(vehicle.module.VELOCITIES)))
+    motion = Motion(np.array([0.0, 1.0]), np.stack([vehicle.neutral] * 2), still, still)
+    reference: Reference = vehicle.kinematics.reference(motion)
+    allocation, control = allocation_of(vehicle), Control(integral=0.5)
+    q, (v, memory) = vehicle.neutral + 0.1, np.full((2, len(still[0])), 0.2)
+    law = law_of("other", vehicle, q, "hover")
+    found, same = (
+        control_law(each, control, vehicle, reference, allocation)(0.0, q, v, memory)
+        for each in (law, "computed_torque")
+    )
+    assert np.array_equal(found, same)
+    folder = generate(name, tmp_path, laws=[law])
+    assert f"void {name}_other(" in (folder / f"{name}_laws.h").read_text(encoding="utf-8")
 
 
 def test_the_attitude_is_four_times_as_fast_unless_the_scenario_says(shipped: Load) -> None:

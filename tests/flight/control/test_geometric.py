@@ -16,7 +16,7 @@ from support.tools import missing
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.choice import control_law
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
-from gibbs_codegen.flight.control.geometric import GeometricLaw
+from gibbs_codegen.flight.control.geometric import LeaningController
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import (
     CompiledLoop,
@@ -57,9 +57,9 @@ def motions(machines: Load) -> Callable[[str], Motion]:
     return functools.cache(lambda name: base_motion_of(Vehicle(machines(name))))
 
 
-def law_of(vehicle: Vehicle, reference: Reference, control: Control = CONTROL) -> GeometricLaw:
+def law_of(vehicle: Vehicle, reference: Reference, control: Control = CONTROL) -> LeaningController:
     law = control_law("geometric", control, vehicle, reference, allocation_of(vehicle))
-    assert isinstance(law, GeometricLaw)
+    assert isinstance(law, LeaningController)
     return law
 
 
