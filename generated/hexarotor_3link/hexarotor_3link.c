@@ -47,8 +47,9 @@ typedef hexarotor_3link_real real;
 #define RESTRICT restrict
 #endif
 
+/* Not every source calls all of these functions. */
 #ifdef __GNUC__
-#define INLINE inline __attribute__((always_inline))
+#define INLINE inline __attribute__((always_inline, unused))
 #else
 #define INLINE inline
 #endif
@@ -210,11 +211,7 @@ typedef MODULE(constants) Constants;
 #define NUMBER real
 #define BITS bits
 /* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(
-    const NUMBER *angle,
-    NUMBER *sine,
-    NUMBER *cosine,
-    BITS *beyond)
+static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
 {
     AS_WRITTEN
     const NUMBER x = *angle;
@@ -257,11 +254,7 @@ typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #define NUMBER quad
 #define BITS quad_bits
 /* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(
-    const NUMBER *angle,
-    NUMBER *sine,
-    NUMBER *cosine,
-    BITS *beyond)
+static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
 {
     AS_WRITTEN
     const NUMBER x = *angle;
@@ -311,11 +304,8 @@ static COLD void library_sine_cosine(const int count, const real *angle, real *s
 }
 
 /* Up to four angles. */
-static INLINE void sine_cosine_few(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_few(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
 #ifdef QUAD
@@ -347,11 +337,8 @@ static INLINE void sine_cosine_few(
 }
 
 /* Any number of angles. */
-static INLINE void sine_cosine_many(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
     VECTORISE
@@ -366,10 +353,7 @@ static INLINE void sine_cosine_many(
 }
 
 /* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
-static void fill_lanes(
-    const size_t width,
-    const size_t filled,
-    const real *RESTRICT block,
+static void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
     real *RESTRICT whole_block)
 {
     for (size_t i = 0; i < width; ++i) {
@@ -380,10 +364,7 @@ static void fill_lanes(
 }
 
 #ifndef EACH
-void MODULE(pack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT rows,
+void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT rows,
     real *RESTRICT blocks)
 {
     for (size_t first = 0; first < count; first += LANES) {
@@ -397,10 +378,7 @@ void MODULE(pack)(
     }
 }
 
-void MODULE(unpack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT blocks,
+void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT blocks,
     real *RESTRICT rows)
 {
     for (size_t state = 0; state < count; ++state) {
@@ -413,14 +391,11 @@ void MODULE(unpack)(
 #endif
 
 /* Constants for parameters; 1 if they are of no use. */
-static INLINE int constants_lane(
-    const real *RESTRICT parameters,
-    Constants *RESTRICT constants,
+static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
     const int stride)
 {
     AS_WRITTEN
-    const real gravity = parameters[0 * stride];
-    const real base_arm_length = parameters[1 * stride];
+    const real gravity = parameters[0 * stride], base_arm_length = parameters[1 * stride];
     const real base_arm_mass_per_length = parameters[2 * stride];
     const real base_arm_section_inertia_xx = parameters[3 * stride];
     const real base_arm_section_inertia_yy = parameters[4 * stride];
@@ -440,270 +415,140 @@ static INLINE int constants_lane(
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
     const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
     const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
-    const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
-    const STEPWISE real k5 = k3 + k4;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1, k5 = k3 + k4;
     const STEPWISE real k6 = base_arm_length * base_arm_length;
     const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
     const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
     const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
     const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
     const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
-    const STEPWISE real k12 = base_arm_section_inertia_xx - k9;
-    const STEPWISE real k13 = k11 + k12;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9, k13 = k11 + k12;
     const STEPWISE real k14 = R(0.5) * k13;
     const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
     const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
     const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
-    const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
-    const STEPWISE real k19 = k17 + k18;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
 
     /* second moments of link2 */
     const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k21 = link2_section_inertia_xx - k20;
-    const STEPWISE real k22 = link2_section_inertia_yy - k21;
-    const STEPWISE real k23 = link2_section_inertia_zz - k20;
-    const STEPWISE real k24 = k22 + k23;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
     const STEPWISE real k25 = link2_length * link2_length;
     const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
         link2_length * k25;
     const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k28 = link2_section_inertia_yy - k27;
-    const STEPWISE real k29 = link2_section_inertia_zz - k28;
-    const STEPWISE real k30 = link2_section_inertia_xx - k27;
-    const STEPWISE real k31 = k29 + k30;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27, k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27, k31 = k29 + k30;
     const STEPWISE real k32 = R(0.5) * k31;
     const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k34 = link2_section_inertia_zz + k33;
-    const STEPWISE real k35 = link2_section_inertia_xx - k34;
-    const STEPWISE real k36 = link2_section_inertia_yy + k33;
-    const STEPWISE real k37 = k35 + k36;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
 
     /* second moments of link3 */
     const STEPWISE real k38 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const STEPWISE real k39 = link3_section_inertia_xx - k38;
-    const STEPWISE real k40 = link3_section_inertia_yy - k39;
-    const STEPWISE real k41 = link3_section_inertia_zz - k38;
-    const STEPWISE real k42 = k40 + k41;
+    const STEPWISE real k39 = link3_section_inertia_xx - k38, k40 = link3_section_inertia_yy - k39;
+    const STEPWISE real k41 = link3_section_inertia_zz - k38, k42 = k40 + k41;
     const STEPWISE real k43 = link3_length * link3_length;
     const STEPWISE real k44 = R(0.5) * k42 + R(0.33333333333333331) * link3_mass_per_length *
         link3_length * k43;
     const STEPWISE real k45 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const STEPWISE real k46 = link3_section_inertia_yy - k45;
-    const STEPWISE real k47 = link3_section_inertia_zz - k46;
-    const STEPWISE real k48 = link3_section_inertia_xx - k45;
-    const STEPWISE real k49 = k47 + k48;
+    const STEPWISE real k46 = link3_section_inertia_yy - k45, k47 = link3_section_inertia_zz - k46;
+    const STEPWISE real k48 = link3_section_inertia_xx - k45, k49 = k47 + k48;
     const STEPWISE real k50 = R(0.5) * k49;
     const STEPWISE real k51 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const STEPWISE real k52 = link3_section_inertia_zz + k51;
-    const STEPWISE real k53 = link3_section_inertia_xx - k52;
-    const STEPWISE real k54 = link3_section_inertia_yy + k51;
-    const STEPWISE real k55 = k53 + k54;
+    const STEPWISE real k52 = link3_section_inertia_zz + k51, k53 = link3_section_inertia_xx - k52;
+    const STEPWISE real k54 = link3_section_inertia_yy + k51, k55 = k53 + k54;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k56 = base_arm_mass_per_length * k6;
-    const STEPWISE real k57 = R(3.0) * k8;
-    const STEPWISE real k58 = R(1.5) * k13;
-    const STEPWISE real k59 = k57 + k58 + R(6.0) * k7;
-    const STEPWISE real k60 = k57 + k58;
-    const STEPWISE real k61 = R(3.0) * k19;
+    const STEPWISE real k56 = base_arm_mass_per_length * k6, k57 = R(3.0) * k8;
+    const STEPWISE real k58 = R(1.5) * k13, k59 = k57 + k58 + R(6.0) * k7;
+    const STEPWISE real k60 = k57 + k58, k61 = R(3.0) * k19;
 
     /* inertias of the links */
     const STEPWISE real k62 = R(0.5) * link3_mass_per_length * k43;
     const STEPWISE real k63 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
-    const STEPWISE real k64 = link2_length * k63;
-    const STEPWISE real k65 = R(2.0) * link2_length;
+    const STEPWISE real k64 = link2_length * k63, k65 = R(2.0) * link2_length;
     const STEPWISE real k66 = link2_length * link2_mass_per_length + k63;
     const STEPWISE real k67 = R(0.5) * link2_mass_per_length * k25 + k64;
-    const STEPWISE real k68 = k26 + link2_length * k64;
-    const STEPWISE real k69 = R(0.5) * k37 + R(0.5) * k55;
+    const STEPWISE real k68 = k26 + link2_length * k64, k69 = R(0.5) * k37 + R(0.5) * k55;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
-    const STEPWISE real k70 = base_arm_length * k66;
-    const STEPWISE real k71 = R(2.0) * base_arm_length;
+    const STEPWISE real k70 = base_arm_length * k66, k71 = R(2.0) * base_arm_length;
     const STEPWISE real k72 = R(6.0) * base_arm_length * base_arm_mass_per_length + k66;
-    const STEPWISE real k73 = R(6.0) * k56 + k70;
-    const STEPWISE real k74 = k59 + base_arm_length * k70;
+    const STEPWISE real k73 = R(6.0) * k56 + k70, k74 = k59 + base_arm_length * k70;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k75 = k44 - k50;
-    const STEPWISE real k76 = k32 - k68;
-    const STEPWISE real k77 = k60 - k74;
-    const STEPWISE real k78 = R(6.0) * k19;
-    const STEPWISE real k79 = gravity * k72;
-    const STEPWISE real k80 = R(0.5) * base_arm_length;
-    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length;
-    const STEPWISE real k82 = base_arm_length - k80;
-    const STEPWISE real k83 = R(0.74999999999999989) * base_arm_length;
-    const STEPWISE real k84 = R(0.5) * k82 - k83;
+    const STEPWISE real k75 = k44 - k50, k76 = k32 - k68;
+    const STEPWISE real k77 = k60 - k74, k78 = R(6.0) * k19;
+    const STEPWISE real k79 = gravity * k72, k80 = R(0.5) * base_arm_length;
+    const STEPWISE real k81 = R(0.8660254037844386) * base_arm_length, k82 = base_arm_length - k80;
+    const STEPWISE real k83 = R(0.74999999999999989) * base_arm_length, k84 = R(0.5) * k82 - k83;
     const STEPWISE real k85 = base_arm_length + k80;
 
     /* inertia of the base, about the origin */
     const STEPWISE real k86 = R(0.5) * k56;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k87 = R(0.25) * k56;
-    const STEPWISE real k88 = R(0.4330127018922193) * k56;
-    const STEPWISE real k89 = k8 - k14;
-    const STEPWISE real k90 = R(0.74999999999999989) * k89;
-    const STEPWISE real k91 = k8 - k90;
-    const STEPWISE real k92 = k14 + k90;
-    const STEPWISE real k93 = R(0.4330127018922193) * k89;
-    const STEPWISE real k94 = k91 + k92;
-    const STEPWISE real k95 = base_arm_length * k87;
-    const STEPWISE real k96 = k94 - k95;
-    const STEPWISE real k97 = k94 + k95;
-    const STEPWISE real k98 = k8 + k14;
-    const STEPWISE real k99 = k98 + base_arm_length * k86;
-    const STEPWISE real k100 = k83 + R(0.25) * base_arm_length;
-    const STEPWISE real k101 = k60 + k61;
-    const STEPWISE real k102 = R(2.0) * k60;
-    const STEPWISE real k103 = R(1.0) / k102;
-    const STEPWISE real k104 = R(1.0) / k101;
-    const STEPWISE real k105 = R(1.0) / k72;
-    const STEPWISE real k106 = k62 * k105;
-    const STEPWISE real k107 = R(1.5) * k19;
-    const STEPWISE real k108 = R(0.5) * k72;
-    const STEPWISE real k109 = R(0.5) * k69;
-    const STEPWISE real k110 = k69 + k101;
-    const STEPWISE real k111 = k79 * k105;
-    const STEPWISE real k112 = k79 * k106;
+    const STEPWISE real k87 = R(0.25) * k56, k88 = R(0.4330127018922193) * k56;
+    const STEPWISE real k89 = k8 - k14, k90 = R(0.74999999999999989) * k89;
+    const STEPWISE real k91 = k8 - k90, k92 = k14 + k90;
+    const STEPWISE real k93 = R(0.4330127018922193) * k89, k94 = k91 + k92;
+    const STEPWISE real k95 = base_arm_length * k87, k96 = k94 - k95;
+    const STEPWISE real k97 = k94 + k95, k98 = k8 + k14;
+    const STEPWISE real k99 = k98 + base_arm_length * k86, k100 = k83 + R(0.25) * base_arm_length;
+    const STEPWISE real k101 = k60 + k61, k102 = R(2.0) * k60;
+    const STEPWISE real k103 = R(1.0) / k102, k104 = R(1.0) / k101;
+    const STEPWISE real k105 = R(1.0) / k72, k106 = k62 * k105;
+    const STEPWISE real k107 = R(1.5) * k19, k108 = R(0.5) * k72;
+    const STEPWISE real k109 = R(0.5) * k69, k110 = k69 + k101;
+    const STEPWISE real k111 = k79 * k105, k112 = k79 * k106;
     int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i * stride]);
     }
-    CONSTANT(gravity) = gravity;
-    good &= is_finite(gravity);
-    CONSTANT(base_arm_length) = base_arm_length;
-    good &= is_finite(base_arm_length);
-    CONSTANT(k8) = k8;
-    good &= is_finite(k8);
-    CONSTANT(k14) = k14;
-    good &= is_finite(k14);
-    CONSTANT(link2_length) = link2_length;
-    good &= is_finite(link2_length);
-    CONSTANT(k32) = k32;
-    good &= is_finite(k32);
-    CONSTANT(link3_length) = link3_length;
-    good &= is_finite(link3_length);
-    CONSTANT(k44) = k44;
-    good &= is_finite(k44);
-    CONSTANT(k50) = k50;
-    good &= is_finite(k50);
-    CONSTANT(k60) = k60;
-    good &= is_finite(k60);
-    CONSTANT(k61) = k61;
-    good &= is_finite(k61);
-    CONSTANT(k62) = k62;
-    good &= is_finite(k62);
-    CONSTANT(k65) = k65;
-    good &= is_finite(k65);
-    CONSTANT(k67) = k67;
-    good &= is_finite(k67);
-    CONSTANT(k68) = k68;
-    good &= is_finite(k68);
-    CONSTANT(k69) = k69;
-    good &= is_finite(k69);
-    CONSTANT(k71) = k71;
-    good &= is_finite(k71);
-    CONSTANT(k72) = k72;
-    good &= is_finite(k72);
-    CONSTANT(k73) = k73;
-    good &= is_finite(k73);
-    CONSTANT(k74) = k74;
-    good &= is_finite(k74);
-    CONSTANT(k75) = k75;
-    good &= is_finite(k75);
-    CONSTANT(k76) = k76;
-    good &= is_finite(k76);
-    CONSTANT(k77) = k77;
-    good &= is_finite(k77);
-    CONSTANT(k78) = k78;
-    good &= is_finite(k78);
-    CONSTANT(k79) = k79;
-    good &= is_finite(k79);
-    CONSTANT(k80) = k80;
-    good &= is_finite(k80);
-    CONSTANT(k81) = k81;
-    good &= is_finite(k81);
-    CONSTANT(k82) = k82;
-    good &= is_finite(k82);
-    CONSTANT(k84) = k84;
-    good &= is_finite(k84);
-    CONSTANT(k85) = k85;
-    good &= is_finite(k85);
-    CONSTANT(k86) = k86;
-    good &= is_finite(k86);
-    CONSTANT(k87) = k87;
-    good &= is_finite(k87);
-    CONSTANT(k88) = k88;
-    good &= is_finite(k88);
-    CONSTANT(k91) = k91;
-    good &= is_finite(k91);
-    CONSTANT(k92) = k92;
-    good &= is_finite(k92);
-    CONSTANT(k93) = k93;
-    good &= is_finite(k93);
-    CONSTANT(k94) = k94;
-    good &= is_finite(k94);
-    CONSTANT(k96) = k96;
-    good &= is_finite(k96);
-    CONSTANT(k97) = k97;
-    good &= is_finite(k97);
-    CONSTANT(k98) = k98;
-    good &= is_finite(k98);
-    CONSTANT(k99) = k99;
-    good &= is_finite(k99);
-    CONSTANT(k100) = k100;
-    good &= is_finite(k100);
-    CONSTANT(k102) = k102;
-    good &= is_finite(k102);
-    CONSTANT(k103) = k103;
-    good &= is_finite(k103);
-    CONSTANT(k104) = k104;
-    good &= is_finite(k104);
-    CONSTANT(k105) = k105;
-    good &= is_finite(k105);
-    CONSTANT(k106) = k106;
-    good &= is_finite(k106);
-    CONSTANT(k107) = k107;
-    good &= is_finite(k107);
-    CONSTANT(k108) = k108;
-    good &= is_finite(k108);
-    CONSTANT(k109) = k109;
-    good &= is_finite(k109);
-    CONSTANT(k110) = k110;
-    good &= is_finite(k110);
-    CONSTANT(k111) = k111;
-    good &= is_finite(k111);
-    CONSTANT(k112) = k112;
-    good &= is_finite(k112);
+    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k8) = k8;
+    CONSTANT(k14) = k14; CONSTANT(link2_length) = link2_length; CONSTANT(k32) = k32;
+    CONSTANT(link3_length) = link3_length; CONSTANT(k44) = k44; CONSTANT(k50) = k50;
+    CONSTANT(k60) = k60; CONSTANT(k61) = k61; CONSTANT(k62) = k62; CONSTANT(k65) = k65;
+    CONSTANT(k67) = k67; CONSTANT(k68) = k68; CONSTANT(k69) = k69; CONSTANT(k71) = k71;
+    CONSTANT(k72) = k72; CONSTANT(k73) = k73; CONSTANT(k74) = k74; CONSTANT(k75) = k75;
+    CONSTANT(k76) = k76; CONSTANT(k77) = k77; CONSTANT(k78) = k78; CONSTANT(k79) = k79;
+    CONSTANT(k80) = k80; CONSTANT(k81) = k81; CONSTANT(k82) = k82; CONSTANT(k84) = k84;
+    CONSTANT(k85) = k85; CONSTANT(k86) = k86; CONSTANT(k87) = k87; CONSTANT(k88) = k88;
+    CONSTANT(k91) = k91; CONSTANT(k92) = k92; CONSTANT(k93) = k93; CONSTANT(k94) = k94;
+    CONSTANT(k96) = k96; CONSTANT(k97) = k97; CONSTANT(k98) = k98; CONSTANT(k99) = k99;
+    CONSTANT(k100) = k100; CONSTANT(k102) = k102; CONSTANT(k103) = k103; CONSTANT(k104) = k104;
+    CONSTANT(k105) = k105; CONSTANT(k106) = k106; CONSTANT(k107) = k107; CONSTANT(k108) = k108;
+    CONSTANT(k109) = k109; CONSTANT(k110) = k110; CONSTANT(k111) = k111; CONSTANT(k112) = k112;
+    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
+        is_finite(link2_length) & is_finite(k32) & is_finite(link3_length) & is_finite(k44) &
+        is_finite(k50) & is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k65) &
+        is_finite(k67) & is_finite(k68) & is_finite(k69) & is_finite(k71) & is_finite(k72) &
+        is_finite(k73) & is_finite(k74) & is_finite(k75) & is_finite(k76) & is_finite(k77) &
+        is_finite(k78) & is_finite(k79) & is_finite(k80) & is_finite(k81) & is_finite(k82) &
+        is_finite(k84) & is_finite(k85) & is_finite(k86) & is_finite(k87) & is_finite(k88) &
+        is_finite(k91) & is_finite(k92) & is_finite(k93) & is_finite(k94) & is_finite(k96) &
+        is_finite(k97) & is_finite(k98) & is_finite(k99) & is_finite(k100) & is_finite(k102) &
+        is_finite(k103) & is_finite(k104) & is_finite(k105) & is_finite(k106) & is_finite(k107) &
+        is_finite(k108) & is_finite(k109) & is_finite(k110) & is_finite(k111) & is_finite(k112);
     return !good;
 }
 
 #ifdef EACH
-size_t hexarotor_3link_init_constants_batch(
-    const size_t count,
-    const real *RESTRICT parameters,
-    real *RESTRICT constants)
+size_t hexarotor_3link_init_constants_batch(const size_t count,
+    const real *RESTRICT parameters, real *RESTRICT constants)
 {
     size_t useless = 0;
     for (size_t block = 0; block * LANES < count; ++block) {
-        const size_t left = count - block * LANES;
-        const size_t filled = left < LANES ? left : LANES;
+        const size_t left = count - block * LANES, filled = left < LANES ? left : LANES;
         real whole_block[16 * LANES];
         int is_useless[LANES];
-        fill_lanes(
-            16,
-            filled,
-            parameters + block * (16 * LANES),
-            whole_block);
+        fill_lanes(16, filled, parameters + block * (16 * LANES), whole_block);
         for (int lane = 0; lane < LANES; ++lane) {
-            is_useless[lane] = constants_lane(
-                whole_block + lane,
-                OF_LANE(OF_BLOCK(constants, block), lane),
-                LANES);
+            is_useless[lane] = constants_lane(whole_block + lane,
+                OF_LANE(OF_BLOCK(constants, block), lane), LANES);
         }
         for (size_t lane = 0; lane < filled && !useless; ++lane) {
             if (is_useless[lane]) {
@@ -750,8 +595,7 @@ const Constants
     R(9.8100000000000005), R(44.145000000000003),
 };
 
-int hexarotor_3link_init_constants(
-    const real *RESTRICT parameters,
+int hexarotor_3link_init_constants(const real *RESTRICT parameters,
     Constants *RESTRICT constants)
 {
     return constants_lane(parameters, constants, 1);
@@ -765,22 +609,13 @@ static INLINE void mass_matrix_and_residual_angles(const Constants *RESTRICT con
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT constants,
@@ -788,212 +623,124 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real *RESTRICT v, real *RESTRICT mass_matrix, real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k65 = CONSTANT(k65);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k71 = CONSTANT(k71);
-    const real k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78);
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real k65 = CONSTANT(k65), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69);
+    const real k71 = CONSTANT(k71), k72 = CONSTANT(k72), k73 = CONSTANT(k73), k74 = CONSTANT(k74);
+    const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78);
     const real k79 = CONSTANT(k79);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    mass_matrix[6 * stride] = R(0.0);
-    mass_matrix[31 * stride] = R(0.0);
-    mass_matrix[32 * stride] = R(0.0);
-    mass_matrix[39 * stride] = R(0.0);
-    mass_matrix[48 * stride] = R(0.0);
-    mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k72;
-    mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k72;
-    mass_matrix[71 * stride] = R(0.0);
-    mass_matrix[78 * stride] = R(0.0);
-    mass_matrix[79 * stride] = R(0.0);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    mass_matrix[6 * stride] = R(0.0); mass_matrix[31 * stride] = R(0.0);
+    mass_matrix[32 * stride] = R(0.0); mass_matrix[39 * stride] = R(0.0);
+    mass_matrix[48 * stride] = R(0.0); mass_matrix[54 * stride] = R(0.0);
+    mass_matrix[60 * stride] = k72; mass_matrix[61 * stride] = R(0.0);
+    mass_matrix[62 * stride] = R(0.0); mass_matrix[69 * stride] = R(0.0);
+    mass_matrix[70 * stride] = k72; mass_matrix[71 * stride] = R(0.0);
+    mass_matrix[78 * stride] = R(0.0); mass_matrix[79 * stride] = R(0.0);
     mass_matrix[80 * stride] = k72;
 
     /* motion of the base */
-    const real t15 = gravity * s1;
-    const real t16 = gravity * c1;
-    const real t17 = v_theta_m1 * s2;
-    const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t17;
-    const real t20 = v_theta_0 * t18;
-    const real t21 = c2 * t16;
-    const real t22 = s2 * t16;
-    const real t23 = t17 * t18;
-    const real t24 = R(2.0) * t20;
-    const real t25 = R(2.0) * t19;
-    const real t26 = v_theta_1 + t17;
-    const real t27 = t26 * t26;
-    const real t28 = v_theta_0 * v_theta_0 + t27;
-    const real t29 = t23 - R(2.0) * t26 * t18;
-    const real t30 = t18 * t18 + t27;
+    const real t15 = gravity * s1, t16 = gravity * c1;
+    const real t17 = v_theta_m1 * s2, t18 = v_theta_m1 * c2;
+    const real t19 = v_theta_0 * t17, t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16, t22 = s2 * t16;
+    const real t23 = t17 * t18, t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19, t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26, t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18, t30 = t18 * t18 + t27;
     const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t32 = c3 * t28;
-    const real t33 = c3 * t24 - s3 * t30;
-    const real t34 = c3 * t29 + s3 * t31;
-    const real t35 = t22 + base_arm_length * t32;
-    const real t36 = t15 + base_arm_length * t33;
-    const real t37 = t21 - base_arm_length * t34;
-    const real t38 = v_theta_7 + t26;
-    const real t39 = t25 - v_theta_0 * t38;
-    const real t40 = t23 - t18 * t38;
-    const real t41 = t38 * t38;
-    const real t42 = c4 * t18 + v_theta_0 * s4;
-    const real t43 = v_theta_0 * c4 - s4 * t18;
-    const real t44 = s4 * t39 + c4 * t40;
-    const real t45 = s4 * t36 - c4 * t35;
-    const real t46 = s4 * t35 + c4 * t36;
-    const real t47 = t42 * t42;
-    const real t48 = t38 * t42;
-    const real t49 = t44 - t48;
-    const real t50 = t20 - t42 * t43;
-    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t32 = c3 * t28, t33 = c3 * t24 - s3 * t30;
+    const real t34 = c3 * t29 + s3 * t31, t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 + base_arm_length * t33, t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26, t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38, t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4, t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40, t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36, t47 = t42 * t42;
+    const real t48 = t38 * t42, t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43, t51 = s4 * t40 + t38 * t43 - c4 * t39;
     const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t53 = v_theta_8 - t43;
-    const real t54 = t53 * t53;
-    const real t55 = t41 + t54;
-    const real t56 = R(2.0) * t42;
-    const real t57 = t50 - t53 * t56;
-    const real t58 = t47 + t54;
-    const real t59 = R(2.0) * t38;
-    const real t60 = t51 + t53 * t59;
+    const real t53 = v_theta_8 - t43, t54 = t53 * t53;
+    const real t55 = t41 + t54, t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56, t58 = t47 + t54;
+    const real t59 = R(2.0) * t38, t60 = t51 + t53 * t59;
 
     /* motion of link 3 */
-    const real t61 = s5 * t52 - c5 * t55;
-    const real t62 = c5 * t49 + s5 * t58;
-    const real t63 = s5 * t60 - c5 * t57;
-    const real t64 = t46 - link2_length * t63;
-    const real t65 = v_theta_9 + t53;
-    const real t66 = t65 * t65;
-    const real t67 = t41 + t66;
-    const real t68 = t50 - t56 * t65;
-    const real t69 = t47 + t66;
-    const real t70 = t51 + t59 * t65;
+    const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
+    const real t63 = s5 * t60 - c5 * t57, t64 = t46 - link2_length * t63;
+    const real t65 = v_theta_9 + t53, t66 = t65 * t65;
+    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66, t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k62 * c6;
-    const real t72 = k62 * s6;
-    const real t73 = k75 * s6;
-    const real t74 = s6 * t73;
-    const real t75 = k44 - t74;
-    const real t76 = k50 + t74;
+    const real t71 = k62 * c6, t72 = k62 * s6;
+    const real t73 = k75 * s6, t74 = s6 * t73;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t70 * t76 - t64 * t72 - t68 * t77;
-    const real t79 = t64 * t71 + t68 * t75 - t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71;
-    const real t81 = t77 * (t67 - t69);
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
-    const real t84 = k62 * (s6 * t52 - c6 * t67);
-    const real t85 = k62 * (c6 * t49 + s6 * t69);
+    const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
-    const real t87 = link2_length * c5;
-    const real t88 = link2_length * s5;
+    const real t87 = link2_length * c5, t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t89 = k67 * c5;
-    const real t90 = k67 * s5;
-    const real t91 = k76 * s5;
-    const real t92 = s5 * t91;
-    const real t93 = k68 + t92;
-    const real t94 = k32 - t92;
+    const real t89 = k67 * c5, t90 = k67 * s5;
+    const real t91 = k76 * s5, t92 = s5 * t91;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t96 = t57 * t95 + t60 * t94 - t46 * t90;
-    const real t97 = t46 * t89 + t57 * t93 + t60 * t95;
-    const real t98 = t49 * t93;
-    const real t99 = t52 * t94;
-    const real t100 = t95 * (t55 - t58);
-    const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
-    const real t102 = t84 + k67 * t61;
-    const real t103 = t85 + k67 * t62;
-    const real t104 = t86 + k67 * t63;
-    const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
+    const real t96 = t57 * t95 + t60 * t94 - t46 * t90, t97 = t46 * t89 + t57 * t93 + t60 * t95;
+    const real t98 = t49 * t93, t99 = t52 * t94;
+    const real t100 = t95 * (t55 - t58), t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
+    const real t102 = t84 + k67 * t61, t103 = t85 + k67 * t62;
+    const real t104 = t86 + k67 * t63, t105 = t83 + t84 * t88 + t85 * t87 - t101;
     residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t106 = t78 + t86 * t88 + t96 + k69 * t51;
-    const real t107 = t86 * t87 - t79 - t97 - k69 * t50;
+    const real t106 = t78 + t86 * t88 + t96 + k69 * t51, t107 = t86 * t87 - t79 - t97 - k69 * t50;
     residual[3 * stride] = t107;
-    const real t108 = c4 * t102 + s4 * t104;
-    const real t109 = c4 * t104 - s4 * t102;
+    const real t108 = c4 * t102 + s4 * t104, t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
-    const real t110 = base_arm_length * c3;
-    const real t111 = base_arm_length * s3;
+    const real t110 = base_arm_length * c3, t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t112 = k73 * c3;
-    const real t113 = k73 * s3;
-    const real t114 = k77 * s3;
-    const real t115 = s3 * t114;
-    const real t116 = k74 + t115;
-    const real t117 = k60 - t115;
+    const real t112 = k73 * c3, t113 = k73 * s3;
+    const real t114 = k77 * s3, t115 = s3 * t114;
+    const real t116 = k74 + t115, t117 = k60 - t115;
     const real t118 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t119 = t31 * t117;
-    const real t120 = t21 * t113 + t29 * t118 - k78 * t19 - t119;
-    const real t121 = t29 * t116;
-    const real t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121;
-    const real t123 = t118 * (t28 - t30);
-    const real t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
-    const real t125 = k73 * t32 - t108;
-    const real t126 = t109 - k73 * t33;
-    const real t127 = t103 + k73 * t34;
-    const real t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
+    const real t119 = t31 * t117, t120 = t21 * t113 + t29 * t118 - k78 * t19 - t119;
+    const real t121 = t29 * t116, t122 = t21 * t112 + t31 * t118 - k61 * t23 - t121;
+    const real t123 = t118 * (t28 - t30), t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
+    const real t125 = k73 * t32 - t108, t126 = t109 - k73 * t33;
+    const real t127 = t103 + k73 * t34, t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
     const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t129;
     const real t130 = t107 + t109 * t110 + t108 * t111 - t124;
     residual[2 * stride] = t130;
 
     /* inertia forces on attitude and position */
-    const real t131 = s2 * t125 - c2 * t127;
-    const real t132 = c2 * t125 + s2 * t127;
+    const real t131 = s2 * t125 - c2 * t127, t132 = c2 * t125 + s2 * t127;
     residual[6 * stride] = t132;
     const real t133 = s2 * t130 - c2 * t128;
     residual[0 * stride] = t133;
@@ -1003,147 +750,100 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     residual[8 * stride] = t135;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t136 = t71 + t89;
-    const real t137 = t72 + t90;
-    const real t138 = t93 + t75 + t71 * k65 * c5;
-    const real t139 = t94 + t76 + t72 * k65 * s5;
+    const real t136 = t71 + t89, t137 = t72 + t90;
+    const real t138 = t93 + t75 + t71 * k65 * c5, t139 = t94 + t76 + t72 * k65 * s5;
     const real t140 = t95 - t77 - t71 * t88 - t72 * t87;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t141 = c4 * t136;
-    const real t142 = s4 * t136;
-    const real t143 = c4 * t140;
-    const real t144 = s4 * t140;
-    mass_matrix[12 * stride] = t144;
-    mass_matrix[28 * stride] = t144;
-    const real t145 = s4 * (k69 - t138);
-    const real t146 = s4 * t145;
-    const real t147 = t138 + t146;
-    const real t148 = k69 - t146;
+    const real t141 = c4 * t136, t142 = s4 * t136;
+    const real t143 = c4 * t140, t144 = s4 * t140;
+    mass_matrix[12 * stride] = t144; mass_matrix[28 * stride] = t144;
+    const real t145 = s4 * (k69 - t138), t146 = s4 * t145;
+    const real t147 = t138 + t146, t148 = k69 - t146;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t149 = t143 - t110 * t137;
-    const real t150 = t144 - t111 * t137;
-    mass_matrix[11 * stride] = t150;
-    mass_matrix[19 * stride] = t150;
-    const real t151 = t112 + t141;
-    const real t152 = t113 + t142;
-    const real t153 = t116 + t147 + t141 * k71 * c3;
-    const real t154 = t117 + t148 + t142 * k71 * s3;
-    const real t155 = k61 + t139;
-    const real t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
+    const real t149 = t143 - t110 * t137, t150 = t144 - t111 * t137;
+    mass_matrix[11 * stride] = t150; mass_matrix[19 * stride] = t150;
+    const real t151 = t112 + t141, t152 = t113 + t142;
+    const real t153 = t116 + t147 + t141 * k71 * c3, t154 = t117 + t148 + t142 * k71 * s3;
+    const real t155 = k61 + t139, t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t157 = t147 + t148;
     mass_matrix[30 * stride] = t157;
     const real t158 = t157 + t110 * t141 + t111 * t142;
-    mass_matrix[21 * stride] = t158;
-    mass_matrix[29 * stride] = t158;
+    mass_matrix[21 * stride] = t158; mass_matrix[29 * stride] = t158;
     const real t159 = t138 + t139;
     mass_matrix[40 * stride] = t159;
-    const real t160 = c4 * t137;
-    const real t161 = s4 * t137;
+    const real t160 = c4 * t137, t161 = s4 * t137;
     const real t162 = t111 * t160 - t110 * t161;
-    mass_matrix[22 * stride] = t162;
-    mass_matrix[38 * stride] = t162;
+    mass_matrix[22 * stride] = t162; mass_matrix[38 * stride] = t162;
     const real t163 = c4 * t159 + t110 * t136;
-    mass_matrix[13 * stride] = -t163;
-    mass_matrix[37 * stride] = -t163;
+    mass_matrix[13 * stride] = -t163; mass_matrix[37 * stride] = -t163;
     const real t164 = t75 + t76;
     mass_matrix[50 * stride] = t164;
     const real t165 = t164 + t71 * t87 + t72 * t88;
-    mass_matrix[41 * stride] = t165;
-    mass_matrix[49 * stride] = t165;
-    const real t166 = c4 * t72;
-    const real t167 = s4 * t72;
+    mass_matrix[41 * stride] = t165; mass_matrix[49 * stride] = t165;
+    const real t166 = c4 * t72, t167 = s4 * t72;
     const real t168 = t111 * t166 - t110 * t167;
-    mass_matrix[23 * stride] = t168;
-    mass_matrix[47 * stride] = t168;
+    mass_matrix[23 * stride] = t168; mass_matrix[47 * stride] = t168;
     const real t169 = c4 * t165 + t71 * t110;
-    mass_matrix[14 * stride] = -t169;
-    mass_matrix[46 * stride] = -t169;
+    mass_matrix[14 * stride] = -t169; mass_matrix[46 * stride] = -t169;
 
     /* mass matrix of attitude and position */
     const real t170 = t153 + t154;
     mass_matrix[20 * stride] = t170;
-    const real t171 = s2 * t152;
-    const real t172 = c2 * t152;
-    mass_matrix[24 * stride] = -t172;
-    mass_matrix[56 * stride] = -t172;
+    const real t171 = s2 * t152, t172 = c2 * t152;
+    mass_matrix[24 * stride] = -t172; mass_matrix[56 * stride] = -t172;
     const real t173 = c2 * t149 + s2 * t170;
-    mass_matrix[2 * stride] = t173;
-    mass_matrix[18 * stride] = t173;
+    mass_matrix[2 * stride] = t173; mass_matrix[18 * stride] = t173;
     const real t174 = c1 * t151 - s1 * t171;
-    mass_matrix[25 * stride] = t174;
-    mass_matrix[65 * stride] = t174;
+    mass_matrix[25 * stride] = t174; mass_matrix[65 * stride] = t174;
     const real t175 = c1 * t171 + s1 * t151;
-    mass_matrix[26 * stride] = t175;
-    mass_matrix[74 * stride] = t175;
+    mass_matrix[26 * stride] = t175; mass_matrix[74 * stride] = t175;
     const real t176 = t153 + t155;
     mass_matrix[10 * stride] = t176;
     const real t177 = c2 * t156 + s2 * t150;
-    mass_matrix[1 * stride] = t177;
-    mass_matrix[9 * stride] = t177;
+    mass_matrix[1 * stride] = t177; mass_matrix[9 * stride] = t177;
     const real t178 = c2 * t137 - s2 * t151;
-    mass_matrix[15 * stride] = t178;
-    mass_matrix[55 * stride] = t178;
-    const real t179 = c2 * t151 + s2 * t137;
-    const real t180 = s2 * (R(2.0) * c2 * t149 + s2 * (t153 - t155));
+    mass_matrix[15 * stride] = t178; mass_matrix[55 * stride] = t178;
+    const real t179 = c2 * t151 + s2 * t137, t180 = s2 * (R(2.0) * c2 * t149 + s2 * (t153 - t155));
     const real t181 = s1 * t179;
-    mass_matrix[16 * stride] = t181;
-    mass_matrix[64 * stride] = t181;
+    mass_matrix[16 * stride] = t181; mass_matrix[64 * stride] = t181;
     const real t182 = c1 * t179;
-    mass_matrix[17 * stride] = -t182;
-    mass_matrix[73 * stride] = -t182;
+    mass_matrix[17 * stride] = -t182; mass_matrix[73 * stride] = -t182;
     const real t183 = t154 + t155 + t180;
     mass_matrix[0 * stride] = t183;
     const real t184 = c1 * t152 - s1 * t178;
-    mass_matrix[8 * stride] = t184;
-    mass_matrix[72 * stride] = t184;
+    mass_matrix[8 * stride] = t184; mass_matrix[72 * stride] = t184;
     const real t185 = c1 * t178 + s1 * t152;
-    mass_matrix[7 * stride] = -t185;
-    mass_matrix[63 * stride] = -t185;
+    mass_matrix[7 * stride] = -t185; mass_matrix[63 * stride] = -t185;
 
     /* mass matrix between the joints and attitude and position */
-    const real t186 = s2 * t142;
-    const real t187 = c2 * t142;
-    mass_matrix[33 * stride] = -t187;
-    mass_matrix[57 * stride] = -t187;
+    const real t186 = s2 * t142, t187 = c2 * t142;
+    mass_matrix[33 * stride] = -t187; mass_matrix[57 * stride] = -t187;
     const real t188 = c2 * t143 + s2 * t158;
-    mass_matrix[3 * stride] = t188;
-    mass_matrix[27 * stride] = t188;
+    mass_matrix[3 * stride] = t188; mass_matrix[27 * stride] = t188;
     const real t189 = c1 * t141 - s1 * t186;
-    mass_matrix[34 * stride] = t189;
-    mass_matrix[66 * stride] = t189;
+    mass_matrix[34 * stride] = t189; mass_matrix[66 * stride] = t189;
     const real t190 = c1 * t186 + s1 * t141;
-    mass_matrix[35 * stride] = t190;
-    mass_matrix[75 * stride] = t190;
-    const real t191 = c2 * t136 + s2 * t160;
-    const real t192 = s2 * t136 - c2 * t160;
-    mass_matrix[42 * stride] = t192;
-    mass_matrix[58 * stride] = t192;
+    mass_matrix[35 * stride] = t190; mass_matrix[75 * stride] = t190;
+    const real t191 = c2 * t136 + s2 * t160, t192 = s2 * t136 - c2 * t160;
+    mass_matrix[42 * stride] = t192; mass_matrix[58 * stride] = t192;
     const real t193 = c2 * (s4 * t159 + t111 * t136) + s2 * t162;
-    mass_matrix[4 * stride] = t193;
-    mass_matrix[36 * stride] = t193;
+    mass_matrix[4 * stride] = t193; mass_matrix[36 * stride] = t193;
     const real t194 = c1 * t161 + s1 * t191;
-    mass_matrix[43 * stride] = -t194;
-    mass_matrix[67 * stride] = -t194;
+    mass_matrix[43 * stride] = -t194; mass_matrix[67 * stride] = -t194;
     const real t195 = c1 * t191 - s1 * t161;
-    mass_matrix[44 * stride] = t195;
-    mass_matrix[76 * stride] = t195;
-    const real t196 = c2 * t71 + s2 * t166;
-    const real t197 = s2 * t71 - c2 * t166;
-    mass_matrix[51 * stride] = t197;
-    mass_matrix[59 * stride] = t197;
+    mass_matrix[44 * stride] = t195; mass_matrix[76 * stride] = t195;
+    const real t196 = c2 * t71 + s2 * t166, t197 = s2 * t71 - c2 * t166;
+    mass_matrix[51 * stride] = t197; mass_matrix[59 * stride] = t197;
     const real t198 = c2 * (s4 * t165 + t71 * t111) + s2 * t168;
-    mass_matrix[5 * stride] = t198;
-    mass_matrix[45 * stride] = t198;
+    mass_matrix[5 * stride] = t198; mass_matrix[45 * stride] = t198;
     const real t199 = c1 * t167 + s1 * t196;
-    mass_matrix[52 * stride] = -t199;
-    mass_matrix[68 * stride] = -t199;
+    mass_matrix[52 * stride] = -t199; mass_matrix[68 * stride] = -t199;
     const real t200 = c1 * t196 - s1 * t167;
-    mass_matrix[53 * stride] = t200;
-    mass_matrix[77 * stride] = t200;
+    mass_matrix[53 * stride] = t200; mass_matrix[77 * stride] = t200;
 }
 
 #ifndef EACH
@@ -1182,8 +882,7 @@ void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const 
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_and_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -1192,9 +891,8 @@ void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         mass_matrix_and_residual_block(last_constants, last_q, last_v,
             mass_matrix + whole * (81 * LANES), residual + whole * (9 * LANES));
@@ -1207,22 +905,13 @@ static INLINE void mass_matrix_angles(const Constants *RESTRICT constants, const
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = -theta_1 - theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = -theta_1 - theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1230,223 +919,141 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k65 = CONSTANT(k65);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k71 = CONSTANT(k71);
-    const real k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
+    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
+    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    mass_matrix[6 * stride] = R(0.0);
-    mass_matrix[31 * stride] = R(0.0);
-    mass_matrix[32 * stride] = R(0.0);
-    mass_matrix[39 * stride] = R(0.0);
-    mass_matrix[48 * stride] = R(0.0);
-    mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k72;
-    mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k72;
-    mass_matrix[71 * stride] = R(0.0);
-    mass_matrix[78 * stride] = R(0.0);
-    mass_matrix[79 * stride] = R(0.0);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    mass_matrix[6 * stride] = R(0.0); mass_matrix[31 * stride] = R(0.0);
+    mass_matrix[32 * stride] = R(0.0); mass_matrix[39 * stride] = R(0.0);
+    mass_matrix[48 * stride] = R(0.0); mass_matrix[54 * stride] = R(0.0);
+    mass_matrix[60 * stride] = k72; mass_matrix[61 * stride] = R(0.0);
+    mass_matrix[62 * stride] = R(0.0); mass_matrix[69 * stride] = R(0.0);
+    mass_matrix[70 * stride] = k72; mass_matrix[71 * stride] = R(0.0);
+    mass_matrix[78 * stride] = R(0.0); mass_matrix[79 * stride] = R(0.0);
     mass_matrix[80 * stride] = k72;
 
     /* attitude */
     const real t1 = -c1;
 
     /* inertia of link 3, turned by the joints */
-    const real t15 = k62 * c6;
-    const real t16 = k62 * s6;
-    const real t17 = k75 * s6;
-    const real t18 = s6 * t17;
-    const real t19 = k44 - t18;
-    const real t20 = k50 + t18;
+    const real t15 = k62 * c6, t16 = k62 * s6;
+    const real t17 = k75 * s6, t18 = s6 * t17;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
-    const real t21 = link2_length * c5;
-    const real t22 = link2_length * s5;
+    const real t21 = link2_length * c5, t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = k76 * s5;
-    const real t24 = s5 * t23;
+    const real t23 = k76 * s5, t24 = s5 * t23;
 
     /* step from the base to link 1 */
-    const real t25 = base_arm_length * c3;
-    const real t26 = base_arm_length * s3;
+    const real t25 = base_arm_length * c3, t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = k77 * s3;
-    const real t28 = s3 * t27;
+    const real t27 = k77 * s3, t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
-    const real t30 = t15 + k67 * c5;
-    const real t31 = t16 + k67 * s5;
-    const real t32 = k68 + t24 + t19 + t15 * k65 * c5;
-    const real t33 = k32 + t20 + t16 * k65 * s5 - t24;
-    const real t34 = t29 - c5 * t23;
+    const real t29 = c6 * t17 + t15 * t22 + t16 * t21, t30 = t15 + k67 * c5;
+    const real t31 = t16 + k67 * s5, t32 = k68 + t24 + t19 + t15 * k65 * c5;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = t29 - c5 * t23;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t35 = c4 * t30;
-    const real t36 = s4 * t30;
-    const real t37 = c4 * t34;
-    const real t38 = s4 * t34;
-    mass_matrix[12 * stride] = t38;
-    mass_matrix[28 * stride] = t38;
-    const real t39 = s4 * (k69 - t32);
-    const real t40 = s4 * t39;
-    const real t41 = t32 + t40;
-    const real t42 = k69 - t40;
+    const real t35 = c4 * t30, t36 = s4 * t30;
+    const real t37 = c4 * t34, t38 = s4 * t34;
+    mass_matrix[12 * stride] = t38; mass_matrix[28 * stride] = t38;
+    const real t39 = s4 * (k69 - t32), t40 = s4 * t39;
+    const real t41 = t32 + t40, t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t43 = t25 * t36 - c4 * t39 - t26 * t35;
-    const real t44 = t37 + t25 * t31;
+    const real t43 = t25 * t36 - c4 * t39 - t26 * t35, t44 = t37 + t25 * t31;
     const real t45 = t38 - t26 * t31;
-    mass_matrix[11 * stride] = t45;
-    mass_matrix[19 * stride] = t45;
-    const real t46 = k73 * c3 + t35;
-    const real t47 = t36 - k73 * s3;
-    const real t48 = k74 + t28 + t41 + t35 * k71 * c3;
-    const real t49 = k60 + t42 - t28 - t36 * k71 * s3;
+    mass_matrix[11 * stride] = t45; mass_matrix[19 * stride] = t45;
+    const real t46 = k73 * c3 + t35, t47 = t36 - k73 * s3;
+    const real t48 = k74 + t28 + t41 + t35 * k71 * c3, t49 = k60 + t42 - t28 - t36 * k71 * s3;
     const real t50 = k61 + t33;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t51 = t41 + t42;
     mass_matrix[30 * stride] = t51;
     const real t52 = t51 + t25 * t35 - t26 * t36;
-    mass_matrix[21 * stride] = t52;
-    mass_matrix[29 * stride] = t52;
+    mass_matrix[21 * stride] = t52; mass_matrix[29 * stride] = t52;
     const real t53 = t32 + t33;
     mass_matrix[40 * stride] = t53;
-    const real t54 = c4 * t31;
-    const real t55 = s4 * t31;
+    const real t54 = c4 * t31, t55 = s4 * t31;
     const real t56 = t26 * t54 + t25 * t55;
-    mass_matrix[22 * stride] = t56;
-    mass_matrix[38 * stride] = t56;
+    mass_matrix[22 * stride] = t56; mass_matrix[38 * stride] = t56;
     const real t57 = c4 * t53 + t25 * t30;
-    mass_matrix[13 * stride] = -t57;
-    mass_matrix[37 * stride] = -t57;
+    mass_matrix[13 * stride] = -t57; mass_matrix[37 * stride] = -t57;
     const real t58 = t19 + t20;
     mass_matrix[50 * stride] = t58;
     const real t59 = t58 + t15 * t21 + t16 * t22;
-    mass_matrix[41 * stride] = t59;
-    mass_matrix[49 * stride] = t59;
-    const real t60 = c4 * t16;
-    const real t61 = s4 * t16;
+    mass_matrix[41 * stride] = t59; mass_matrix[49 * stride] = t59;
+    const real t60 = c4 * t16, t61 = s4 * t16;
     const real t62 = t26 * t60 + t25 * t61;
-    mass_matrix[23 * stride] = t62;
-    mass_matrix[47 * stride] = t62;
+    mass_matrix[23 * stride] = t62; mass_matrix[47 * stride] = t62;
     const real t63 = c4 * t59 + t15 * t25;
-    mass_matrix[14 * stride] = -t63;
-    mass_matrix[46 * stride] = -t63;
+    mass_matrix[14 * stride] = -t63; mass_matrix[46 * stride] = -t63;
 
     /* mass matrix of attitude and position */
     const real t64 = t48 + t49;
     mass_matrix[20 * stride] = t64;
-    const real t65 = s2 * t47;
-    const real t66 = c2 * t47;
-    mass_matrix[24 * stride] = t66;
-    mass_matrix[56 * stride] = t66;
+    const real t65 = s2 * t47, t66 = c2 * t47;
+    mass_matrix[24 * stride] = t66; mass_matrix[56 * stride] = t66;
     const real t67 = s2 * t64 - c2 * t44;
-    mass_matrix[2 * stride] = t67;
-    mass_matrix[18 * stride] = t67;
+    mass_matrix[2 * stride] = t67; mass_matrix[18 * stride] = t67;
     const real t68 = s1 * t65 - t1 * t46;
-    mass_matrix[25 * stride] = t68;
-    mass_matrix[65 * stride] = t68;
+    mass_matrix[25 * stride] = t68; mass_matrix[65 * stride] = t68;
     const real t69 = t1 * t65 + s1 * t46;
-    mass_matrix[26 * stride] = t69;
-    mass_matrix[74 * stride] = t69;
+    mass_matrix[26 * stride] = t69; mass_matrix[74 * stride] = t69;
     const real t70 = t48 + t50;
     mass_matrix[10 * stride] = t70;
     const real t71 = c2 * (c3 * t27 + t43) + s2 * t45;
-    mass_matrix[1 * stride] = t71;
-    mass_matrix[9 * stride] = t71;
+    mass_matrix[1 * stride] = t71; mass_matrix[9 * stride] = t71;
     const real t72 = c2 * t31 - s2 * t46;
-    mass_matrix[15 * stride] = t72;
-    mass_matrix[55 * stride] = t72;
-    const real t73 = c2 * t46 + s2 * t31;
-    const real t74 = s2 * (s2 * (t48 - t50) - R(2.0) * c2 * t44);
+    mass_matrix[15 * stride] = t72; mass_matrix[55 * stride] = t72;
+    const real t73 = c2 * t46 + s2 * t31, t74 = s2 * (s2 * (t48 - t50) - R(2.0) * c2 * t44);
     const real t75 = s1 * t73;
-    mass_matrix[16 * stride] = t75;
-    mass_matrix[64 * stride] = t75;
+    mass_matrix[16 * stride] = t75; mass_matrix[64 * stride] = t75;
     const real t76 = t1 * t73;
-    mass_matrix[17 * stride] = t76;
-    mass_matrix[73 * stride] = t76;
+    mass_matrix[17 * stride] = t76; mass_matrix[73 * stride] = t76;
     const real t77 = t49 + t50 + t74;
     mass_matrix[0 * stride] = t77;
     const real t78 = t1 * t47 - s1 * t72;
-    mass_matrix[8 * stride] = t78;
-    mass_matrix[72 * stride] = t78;
+    mass_matrix[8 * stride] = t78; mass_matrix[72 * stride] = t78;
     const real t79 = t1 * t72 + s1 * t47;
-    mass_matrix[7 * stride] = t79;
-    mass_matrix[63 * stride] = t79;
+    mass_matrix[7 * stride] = t79; mass_matrix[63 * stride] = t79;
 
     /* mass matrix between the joints and attitude and position */
-    const real t80 = s2 * t36;
-    const real t81 = c2 * t36;
-    mass_matrix[33 * stride] = t81;
-    mass_matrix[57 * stride] = t81;
+    const real t80 = s2 * t36, t81 = c2 * t36;
+    mass_matrix[33 * stride] = t81; mass_matrix[57 * stride] = t81;
     const real t82 = s2 * t52 - c2 * t37;
-    mass_matrix[3 * stride] = t82;
-    mass_matrix[27 * stride] = t82;
+    mass_matrix[3 * stride] = t82; mass_matrix[27 * stride] = t82;
     const real t83 = s1 * t80 - t1 * t35;
-    mass_matrix[34 * stride] = t83;
-    mass_matrix[66 * stride] = t83;
+    mass_matrix[34 * stride] = t83; mass_matrix[66 * stride] = t83;
     const real t84 = t1 * t80 + s1 * t35;
-    mass_matrix[35 * stride] = t84;
-    mass_matrix[75 * stride] = t84;
-    const real t85 = c2 * t30 + s2 * t54;
-    const real t86 = s2 * t30 - c2 * t54;
-    mass_matrix[42 * stride] = t86;
-    mass_matrix[58 * stride] = t86;
+    mass_matrix[35 * stride] = t84; mass_matrix[75 * stride] = t84;
+    const real t85 = c2 * t30 + s2 * t54, t86 = s2 * t30 - c2 * t54;
+    mass_matrix[42 * stride] = t86; mass_matrix[58 * stride] = t86;
     const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t56;
-    mass_matrix[4 * stride] = t87;
-    mass_matrix[36 * stride] = t87;
+    mass_matrix[4 * stride] = t87; mass_matrix[36 * stride] = t87;
     const real t88 = t1 * t55 + s1 * t85;
-    mass_matrix[43 * stride] = -t88;
-    mass_matrix[67 * stride] = -t88;
+    mass_matrix[43 * stride] = -t88; mass_matrix[67 * stride] = -t88;
     const real t89 = s1 * t55 - t1 * t85;
-    mass_matrix[44 * stride] = t89;
-    mass_matrix[76 * stride] = t89;
-    const real t90 = c2 * t15 + s2 * t60;
-    const real t91 = s2 * t15 - c2 * t60;
-    mass_matrix[51 * stride] = t91;
-    mass_matrix[59 * stride] = t91;
+    mass_matrix[44 * stride] = t89; mass_matrix[76 * stride] = t89;
+    const real t90 = c2 * t15 + s2 * t60, t91 = s2 * t15 - c2 * t60;
+    mass_matrix[51 * stride] = t91; mass_matrix[59 * stride] = t91;
     const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t62;
-    mass_matrix[5 * stride] = t92;
-    mass_matrix[45 * stride] = t92;
+    mass_matrix[5 * stride] = t92; mass_matrix[45 * stride] = t92;
     const real t93 = t1 * t61 + s1 * t90;
-    mass_matrix[52 * stride] = -t93;
-    mass_matrix[68 * stride] = -t93;
+    mass_matrix[52 * stride] = -t93; mass_matrix[68 * stride] = -t93;
     const real t94 = s1 * t61 - t1 * t90;
-    mass_matrix[53 * stride] = t94;
-    mass_matrix[77 * stride] = t94;
+    mass_matrix[53 * stride] = t94; mass_matrix[77 * stride] = t94;
 }
 
 #ifndef EACH
@@ -1480,8 +1087,7 @@ static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const re
 void BATCH(mass_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -1502,22 +1108,13 @@ static INLINE void residual_angles(const Constants *RESTRICT constants, const re
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void residual_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1525,193 +1122,114 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
+    const real k78 = CONSTANT(k78), k79 = CONSTANT(k79);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = gravity * s1;
-    const real t16 = gravity * c1;
-    const real t17 = v_theta_m1 * s2;
-    const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t17;
-    const real t20 = v_theta_0 * t18;
-    const real t21 = c2 * t16;
-    const real t22 = s2 * t16;
-    const real t23 = t17 * t18;
-    const real t24 = R(2.0) * t20;
-    const real t25 = R(2.0) * t19;
-    const real t26 = v_theta_1 + t17;
-    const real t27 = t26 * t26;
-    const real t28 = v_theta_0 * v_theta_0 + t27;
-    const real t29 = t23 - R(2.0) * t26 * t18;
-    const real t30 = t18 * t18 + t27;
+    const real t15 = gravity * s1, t16 = gravity * c1;
+    const real t17 = v_theta_m1 * s2, t18 = v_theta_m1 * c2;
+    const real t19 = v_theta_0 * t17, t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16, t22 = s2 * t16;
+    const real t23 = t17 * t18, t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19, t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26, t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18, t30 = t18 * t18 + t27;
     const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t32 = c3 * t28;
-    const real t33 = c3 * t24 - s3 * t30;
-    const real t34 = c3 * t29 + s3 * t31;
-    const real t35 = t22 + base_arm_length * t32;
-    const real t36 = t15 + base_arm_length * t33;
-    const real t37 = t21 - base_arm_length * t34;
-    const real t38 = v_theta_7 + t26;
-    const real t39 = t25 - v_theta_0 * t38;
-    const real t40 = t23 - t18 * t38;
-    const real t41 = t38 * t38;
-    const real t42 = c4 * t18 + v_theta_0 * s4;
-    const real t43 = v_theta_0 * c4 - s4 * t18;
-    const real t44 = s4 * t39 + c4 * t40;
-    const real t45 = s4 * t36 - c4 * t35;
-    const real t46 = s4 * t35 + c4 * t36;
-    const real t47 = t42 * t42;
-    const real t48 = t38 * t42;
-    const real t49 = t44 - t48;
-    const real t50 = t20 - t42 * t43;
-    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t32 = c3 * t28, t33 = c3 * t24 - s3 * t30;
+    const real t34 = c3 * t29 + s3 * t31, t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 + base_arm_length * t33, t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26, t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38, t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4, t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40, t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36, t47 = t42 * t42;
+    const real t48 = t38 * t42, t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43, t51 = s4 * t40 + t38 * t43 - c4 * t39;
     const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t53 = v_theta_8 - t43;
-    const real t54 = t53 * t53;
-    const real t55 = t41 + t54;
-    const real t56 = R(2.0) * t42;
-    const real t57 = t50 - t53 * t56;
-    const real t58 = t47 + t54;
-    const real t59 = R(2.0) * t38;
-    const real t60 = t51 + t53 * t59;
+    const real t53 = v_theta_8 - t43, t54 = t53 * t53;
+    const real t55 = t41 + t54, t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56, t58 = t47 + t54;
+    const real t59 = R(2.0) * t38, t60 = t51 + t53 * t59;
 
     /* motion of link 3 */
-    const real t61 = s5 * t52 - c5 * t55;
-    const real t62 = c5 * t49 + s5 * t58;
-    const real t63 = s5 * t60 - c5 * t57;
-    const real t64 = t46 - link2_length * t63;
-    const real t65 = v_theta_9 + t53;
-    const real t66 = t65 * t65;
-    const real t67 = t41 + t66;
-    const real t68 = t50 - t56 * t65;
-    const real t69 = t47 + t66;
-    const real t70 = t51 + t59 * t65;
+    const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
+    const real t63 = s5 * t60 - c5 * t57, t64 = t46 - link2_length * t63;
+    const real t65 = v_theta_9 + t53, t66 = t65 * t65;
+    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66, t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k62 * c6;
-    const real t72 = k62 * s6;
-    const real t73 = k75 * s6;
-    const real t74 = s6 * t73;
-    const real t75 = k44 - t74;
-    const real t76 = k50 + t74;
+    const real t71 = k62 * c6, t72 = k62 * s6;
+    const real t73 = k75 * s6, t74 = s6 * t73;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t70 * t76 - t64 * t72 - t68 * t77;
-    const real t79 = t64 * t71 + t68 * t75 - t70 * t77;
-    const real t80 = (t37 - link2_length * t62) * t71;
-    const real t81 = t77 * (t67 - t69);
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77, t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71, t81 = t77 * (t67 - t69);
     const real t82 = (t45 + link2_length * t61) * t72;
     const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
     residual[5 * stride] = t83;
-    const real t84 = k62 * (s6 * t52 - c6 * t67);
-    const real t85 = k62 * (c6 * t49 + s6 * t69);
+    const real t84 = k62 * (s6 * t52 - c6 * t67), t85 = k62 * (c6 * t49 + s6 * t69);
     const real t86 = k62 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
-    const real t87 = link2_length * c5;
-    const real t88 = link2_length * s5;
+    const real t87 = link2_length * c5, t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t89 = k67 * c5;
-    const real t90 = k67 * s5;
-    const real t91 = k76 * s5;
-    const real t92 = s5 * t91;
-    const real t93 = k68 + t92;
-    const real t94 = k32 - t92;
+    const real t89 = k67 * c5, t90 = k67 * s5;
+    const real t91 = k76 * s5, t92 = s5 * t91;
+    const real t93 = k68 + t92, t94 = k32 - t92;
     const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t96 = t57 * t95 + t60 * t94 - t46 * t90;
-    const real t97 = t46 * t89 + t57 * t93 + t60 * t95;
-    const real t98 = t49 * t93;
-    const real t99 = t52 * t94;
-    const real t100 = t95 * (t55 - t58);
-    const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
-    const real t102 = t84 + k67 * t61;
-    const real t103 = t85 + k67 * t62;
-    const real t104 = t86 + k67 * t63;
-    const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
+    const real t96 = t57 * t95 + t60 * t94 - t46 * t90, t97 = t46 * t89 + t57 * t93 + t60 * t95;
+    const real t98 = t49 * t93, t99 = t52 * t94;
+    const real t100 = t95 * (t55 - t58), t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
+    const real t102 = t84 + k67 * t61, t103 = t85 + k67 * t62;
+    const real t104 = t86 + k67 * t63, t105 = t83 + t84 * t88 + t85 * t87 - t101;
     residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t106 = t78 + t86 * t88 + t96 + k69 * t51;
-    const real t107 = t86 * t87 - t79 - t97 - k69 * t50;
+    const real t106 = t78 + t86 * t88 + t96 + k69 * t51, t107 = t86 * t87 - t79 - t97 - k69 * t50;
     residual[3 * stride] = t107;
-    const real t108 = c4 * t102 + s4 * t104;
-    const real t109 = c4 * t104 - s4 * t102;
+    const real t108 = c4 * t102 + s4 * t104, t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
-    const real t110 = base_arm_length * c3;
-    const real t111 = base_arm_length * s3;
+    const real t110 = base_arm_length * c3, t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t112 = k73 * c3;
-    const real t113 = k73 * s3;
-    const real t114 = k77 * s3;
-    const real t115 = s3 * t114;
-    const real t116 = k74 + t115;
-    const real t117 = c3 * t114;
+    const real t112 = k73 * c3, t113 = k73 * s3;
+    const real t114 = k77 * s3, t115 = s3 * t114;
+    const real t116 = k74 + t115, t117 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t118 = t31 * (k60 - t115);
-    const real t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118;
-    const real t120 = t29 * t116;
-    const real t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
-    const real t122 = t117 * (t28 - t30);
-    const real t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
-    const real t124 = k73 * t32 - t108;
-    const real t125 = t109 - k73 * t33;
-    const real t126 = t103 + k73 * t34;
-    const real t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
+    const real t118 = t31 * (k60 - t115), t119 = t21 * t113 + t29 * t117 - k78 * t19 - t118;
+    const real t120 = t29 * t116, t121 = t21 * t112 + t31 * t117 - k61 * t23 - t120;
+    const real t122 = t117 * (t28 - t30), t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
+    const real t124 = k73 * t32 - t108, t125 = t109 - k73 * t33;
+    const real t126 = t103 + k73 * t34, t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
     const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
     residual[1 * stride] = t128;
     const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
     residual[2 * stride] = t129;
 
     /* inertia forces on attitude and position */
-    const real t130 = s2 * t124 - c2 * t126;
-    const real t131 = c2 * t124 + s2 * t126;
+    const real t130 = s2 * t124 - c2 * t126, t131 = c2 * t124 + s2 * t126;
     residual[6 * stride] = t131;
     const real t132 = s2 * t129 - c2 * t127;
     residual[0 * stride] = t132;
@@ -1752,8 +1270,7 @@ static WIDE void residual_block(const Constants *RESTRICT constants, const real 
 void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -1761,9 +1278,8 @@ void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         residual_block(last_constants, last_q, last_v, residual + whole * (9 * LANES));
     }
@@ -1775,12 +1291,8 @@ static INLINE void input_matrix_angles(const Constants *RESTRICT constants, cons
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1788,67 +1300,44 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
     const int stride)
 {
     (void)q;
-    const real k71 = CONSTANT(k71);
-    const real k81 = CONSTANT(k81);
-    const real k84 = CONSTANT(k84);
-    const real k85 = CONSTANT(k85);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k84;
-    input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = -k84;
-    input_matrix[33 * stride] = R(1.0);
-    input_matrix[43 * stride] = R(1.0);
-    input_matrix[53 * stride] = R(1.0);
-    input_matrix[54 * stride] = s2;
-    input_matrix[56 * stride] = s2;
-    input_matrix[58 * stride] = s2;
+    const real k71 = CONSTANT(k71), k81 = CONSTANT(k81), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    input_matrix[19 * stride] = -k84; input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = -k84; input_matrix[33 * stride] = R(1.0);
+    input_matrix[43 * stride] = R(1.0); input_matrix[53 * stride] = R(1.0);
+    input_matrix[54 * stride] = s2; input_matrix[56 * stride] = s2; input_matrix[58 * stride] = s2;
 
     /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
-    input_matrix[63 * stride] = -t7;
-    input_matrix[65 * stride] = -t7;
+    input_matrix[63 * stride] = -t7; input_matrix[65 * stride] = -t7;
     input_matrix[67 * stride] = -t7;
     const real t8 = c1 * c2;
-    input_matrix[72 * stride] = t8;
-    input_matrix[74 * stride] = t8;
-    input_matrix[76 * stride] = t8;
+    input_matrix[72 * stride] = t8; input_matrix[74 * stride] = t8; input_matrix[76 * stride] = t8;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t9 = R(0.5) * s3;
-    const real t10 = R(0.8660254037844386) * c3;
-    const real t11 = t9 + t10;
-    const real t12 = R(0.5) * c3;
-    const real t13 = R(0.8660254037844386) * s3;
-    const real t14 = t13 - t12;
-    const real t15 = s2 * t11;
-    const real t16 = c2 * t11;
+    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
+    const real t11 = t9 + t10, t12 = R(0.5) * c3;
+    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
+    const real t15 = s2 * t11, t16 = c2 * t11;
     input_matrix[55 * stride] = t16;
     const real t17 = k84 * s2;
-    input_matrix[1 * stride] = -t17;
-    input_matrix[5 * stride] = -t17;
+    input_matrix[1 * stride] = -t17; input_matrix[5 * stride] = -t17;
     const real t18 = s1 * t15 + c1 * t14;
     input_matrix[64 * stride] = t18;
     const real t19 = s1 * t14 - c1 * t15;
     input_matrix[73 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k85 * s3;
-    const real t21 = k81 * c3;
-    const real t22 = k81 * s3;
-    const real t23 = k85 * c3;
+    const real t20 = k85 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k85 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
     input_matrix[2 * stride] = t25;
 
     /* thrust direction and generalised forces of motor 4 */
-    const real t26 = s2 * s3;
-    const real t27 = c2 * s3;
+    const real t26 = s2 * s3, t27 = c2 * s3;
     input_matrix[57 * stride] = -t27;
     const real t28 = k71 * s2;
     input_matrix[3 * stride] = t28;
@@ -1864,10 +1353,8 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
     input_matrix[4 * stride] = t32;
 
     /* thrust direction and generalised forces of motor 6 */
-    const real t33 = t9 - t10;
-    const real t34 = t12 + t13;
-    const real t35 = s2 * t33;
-    const real t36 = c2 * t33;
+    const real t33 = t9 - t10, t34 = t12 + t13;
+    const real t35 = s2 * t33, t36 = c2 * t33;
     input_matrix[59 * stride] = t36;
     const real t37 = s1 * t35 - c1 * t34;
     input_matrix[68 * stride] = t37;
@@ -1911,8 +1398,7 @@ static WIDE void input_matrix_block(const Constants *RESTRICT constants, const r
 void BATCH(input_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT input_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -1935,22 +1421,13 @@ static INLINE void forward_dynamics_angles(const Constants *RESTRICT constants,
     (void)constants;
     (void)v;
     (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
@@ -1958,241 +1435,142 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k72 = CONSTANT(k72);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k78 = CONSTANT(k78);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k100 = CONSTANT(k100);
-    const real k102 = CONSTANT(k102);
-    const real k103 = CONSTANT(k103);
-    const real k104 = CONSTANT(k104);
-    const real k110 = CONSTANT(k110);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real F_1 = u[0 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real F_5 = u[4 * stride];
-    const real F_6 = u[5 * stride];
-    const real tau_7 = u[6 * stride];
-    const real tau_8 = u[7 * stride];
-    const real tau_9 = u[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
+    const real k75 = CONSTANT(k75), k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80);
+    const real k81 = CONSTANT(k81), k100 = CONSTANT(k100), k102 = CONSTANT(k102);
+    const real k103 = CONSTANT(k103), k104 = CONSTANT(k104), k110 = CONSTANT(k110);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
+    const real F_5 = u[4 * stride], F_6 = u[5 * stride], tau_7 = u[6 * stride];
+    const real tau_8 = u[7 * stride], tau_9 = u[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = v_theta_0 * t16;
-    const real t19 = t15 * t16;
-    const real t20 = R(2.0) * t17;
-    const real t21 = v_theta_1 + t15;
-    const real t22 = t21 * t21;
+    const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t15, t18 = v_theta_0 * t16;
+    const real t19 = t15 * t16, t20 = R(2.0) * t17;
+    const real t21 = v_theta_1 + t15, t22 = t21 * t21;
 
     /* motion of link 1 */
-    const real t23 = v_theta_7 + t21;
-    const real t24 = t20 - v_theta_0 * t23;
-    const real t25 = t19 - t16 * t23;
-    const real t26 = t23 * t23;
-    const real t27 = c4 * t16 + v_theta_0 * s4;
-    const real t28 = v_theta_0 * c4 - s4 * t16;
-    const real t29 = s4 * t24 + c4 * t25;
-    const real t30 = t27 * t27;
-    const real t31 = t23 * t27;
-    const real t32 = t29 - t31;
-    const real t33 = t18 - t27 * t28;
-    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t23 = v_theta_7 + t21, t24 = t20 - v_theta_0 * t23;
+    const real t25 = t19 - t16 * t23, t26 = t23 * t23;
+    const real t27 = c4 * t16 + v_theta_0 * s4, t28 = v_theta_0 * c4 - s4 * t16;
+    const real t29 = s4 * t24 + c4 * t25, t30 = t27 * t27;
+    const real t31 = t23 * t27, t32 = t29 - t31;
+    const real t33 = t18 - t27 * t28, t34 = s4 * t25 + t23 * t28 - c4 * t24;
     const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t36 = v_theta_8 - t28;
-    const real t37 = t36 * t36;
-    const real t38 = t26 + t37;
-    const real t39 = R(2.0) * t27;
-    const real t40 = t33 - t36 * t39;
-    const real t41 = t30 + t37;
-    const real t42 = R(2.0) * t23;
-    const real t43 = t36 * t42 + t34;
+    const real t36 = v_theta_8 - t28, t37 = t36 * t36;
+    const real t38 = t26 + t37, t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39, t41 = t30 + t37;
+    const real t42 = R(2.0) * t23, t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t44 = s5 * t35 - c5 * t38;
-    const real t45 = c5 * t32 + s5 * t41;
-    const real t46 = c5 * t40 - s5 * t43;
-    const real t47 = link2_length * t46;
-    const real t48 = v_theta_9 + t36;
-    const real t49 = t48 * t48;
-    const real t50 = t26 + t49;
-    const real t51 = t33 - t39 * t48;
-    const real t52 = t30 + t49;
-    const real t53 = t42 * t48 + t34;
+    const real t44 = s5 * t35 - c5 * t38, t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43, t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36, t49 = t48 * t48;
+    const real t50 = t26 + t49, t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49, t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t54 = k62 * c6;
-    const real t55 = k62 * s6;
-    const real t56 = k75 * s6;
-    const real t57 = s6 * t56;
-    const real t58 = k44 - t57;
-    const real t59 = k50 + t57;
+    const real t54 = k62 * c6, t55 = k62 * s6;
+    const real t56 = k75 * s6, t57 = s6 * t56;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t59 * t53;
-    const real t62 = t51 * t60;
-    const real t63 = t51 * t58;
-    const real t64 = t60 * t53;
-    const real t65 = t60 * (t50 - t52);
-    const real t66 = k62 * (c6 * t51 - s6 * t53);
+    const real t61 = t59 * t53, t62 = t51 * t60;
+    const real t63 = t51 * t58, t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52), t66 = k62 * (c6 * t51 - s6 * t53);
 
     /* step from link 2 to link 3 */
-    const real t67 = link2_length * c5;
-    const real t68 = link2_length * s5;
+    const real t67 = link2_length * c5, t68 = link2_length * s5;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t69 = t68 * t66;
-    const real t70 = t67 * t66;
+    const real t69 = t68 * t66, t70 = t67 * t66;
 
     /* inertia of link 2, turned by the joints */
-    const real t71 = k67 * c5;
-    const real t72 = k67 * s5;
-    const real t73 = k76 * s5;
-    const real t74 = s5 * t73;
-    const real t75 = k68 + t74;
-    const real t76 = k32 - t74;
+    const real t71 = k67 * c5, t72 = k67 * s5;
+    const real t73 = k76 * s5, t74 = s5 * t73;
+    const real t75 = k68 + t74, t76 = k32 - t74;
     const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t78 = t40 * t77;
-    const real t79 = t76 * t43;
-    const real t80 = t40 * t75;
-    const real t81 = t77 * t43;
-    const real t82 = t32 * t75;
-    const real t83 = t35 * t76;
+    const real t78 = t40 * t77, t79 = t76 * t43;
+    const real t80 = t40 * t75, t81 = t77 * t43;
+    const real t82 = t32 * t75, t83 = t35 * t76;
     const real t84 = t77 * (t38 - t41);
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t85 = k69 * t34;
-    const real t86 = k69 * t33;
+    const real t85 = k69 * t34, t86 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t87 = t54 + t71;
-    const real t88 = t60 + t54 * t68 + t55 * t67 - t77;
+    const real t87 = t54 + t71, t88 = t60 + t54 * t68 + t55 * t67 - t77;
 
     /* force and moment of all thrusts */
-    const real t89 = k81 * (F_3 - F_5);
-    const real t90 = F_3 + F_5;
-    const real t91 = base_arm_length * F_1 - k80 * t90;
-    const real t92 = R(0.8660254037844386) * (F_2 - F_6);
-    const real t93 = F_2 + F_6;
-    const real t94 = F_4 - R(0.5) * t93;
+    const real t89 = k81 * (F_3 - F_5), t90 = F_3 + F_5;
+    const real t91 = base_arm_length * F_1 - k80 * t90, t92 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t93 = F_2 + F_6, t94 = F_4 - R(0.5) * t93;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t95 = t55 * t47;
-    const real t96 = t54 * t47;
+    const real t95 = t55 * t47, t96 = t54 * t47;
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t97 = R(1.0) / (t58 + t59);
-    const real t98 = link2_length * (t44 * t55 + t45 * t54);
-    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65;
-    const real t100 = t97 * t99;
-    const real t101 = t55 * t97;
-    const real t102 = t54 * t97;
+    const real t97 = R(1.0) / (t58 + t59), t98 = link2_length * (t44 * t55 + t45 * t54);
+    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65, t100 = t97 * t99;
+    const real t101 = t55 * t97, t102 = t54 * t97;
     const real t103 = k62 * (s6 * t35 - c6 * t50) - t55 * t100;
-    const real t104 = k62 * (c6 * t32 + s6 * t52) - t54 * t100;
-    const real t105 = t55 * t101;
-    const real t106 = t54 * t102;
-    const real t107 = t54 * t101;
+    const real t104 = k62 * (c6 * t32 + s6 * t52) - t54 * t100, t105 = t55 * t101;
+    const real t106 = t54 * t102, t107 = t54 * t101;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t108 = t68 * t105 + t67 * t107;
-    const real t109 = t68 * t107 + t67 * t106;
-    const real t110 = R(2.0) * t55 * t68;
-    const real t111 = t67 * t104;
-    const real t112 = t68 * t103;
-    const real t113 = t72 - t108;
+    const real t108 = t68 * t105 + t67 * t107, t109 = t68 * t107 + t67 * t106;
+    const real t110 = R(2.0) * t55 * t68, t111 = t67 * t104;
+    const real t112 = t68 * t103, t113 = t72 - t108;
     const real t114 = t71 - t109;
 
     /* equation of joint 8, its acceleration eliminated */
     const real t115 = R(1.0) / (t75 + t76 - t67 * t109 - t68 * t108);
-    const real t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9;
-    const real t117 = t115 * t116;
-    const real t118 = t113 * t115;
-    const real t119 = t114 * t115;
-    const real t120 = t113 * t117;
-    const real t121 = t107 + t114 * t118;
+    const real t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9, t117 = t115 * t116;
+    const real t118 = t113 * t115, t119 = t114 * t115;
+    const real t120 = t113 * t117, t121 = t107 + t114 * t118;
 
     /* equation of joint 7, its acceleration eliminated */
     const real t122 = R(1.0) / (k69 + t58 + t75 + R(2.0) * t54 * t67);
-    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96;
-    const real t124 = t122 * t123;
-    const real t125 = t87 * t122;
-    const real t126 = t88 * t122;
-    const real t127 = t87 * t124;
-    const real t128 = t88 * t124;
+    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96, t124 = t122 * t123;
+    const real t125 = t87 * t122, t126 = t88 * t122;
+    const real t127 = t87 * t124, t128 = t88 * t124;
     const real t129 = t55 + t72 - t88 * t125;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t130 = c3 * t92 - s3 * t94;
-    const real t131 = c3 * t94 + s3 * t92;
+    const real t130 = c3 * t92 - s3 * t94, t131 = c3 * t94 + s3 * t92;
     const real t132 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
     const real t133 = k60 * (t19 - R(2.0) * t21 * t16);
     const real t134 = k78 * t17 + t132 - c3 * t89 - s3 * t91;
-    const real t135 = k61 * t19 + t133 + s3 * t89 - c3 * t91;
-    const real t136 = c4 * t130;
-    const real t137 = s4 * t131;
-    const real t138 = c4 * t131;
-    const real t139 = s4 * t130;
-    const real t140 = s4 * t135;
-    const real t141 = c4 * t134;
-    const real t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
+    const real t135 = k61 * t19 + t133 + s3 * t89 - c3 * t91, t136 = c4 * t130;
+    const real t137 = s4 * t131, t138 = c4 * t131;
+    const real t139 = s4 * t130, t140 = s4 * t135;
+    const real t141 = c4 * t134, t142 = F_1 + k67 * t45 + t90 + t104 - t114 * t117;
     const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
     const real t144 = base_arm_length * F_4 + k100 * t93 - tau_7 - k102 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t145 = R(1.0) / (t59 + t76 + t110 + k110 - t88 * t126);
-    const real t146 = t129 * t145;
-    const real t147 = t143 * t146;
-    const real t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147;
+    const real t145 = R(1.0) / (t59 + t76 + t110 + k110 - t88 * t126), t146 = t129 * t145;
+    const real t147 = t143 * t146, t148 = t66 + k67 * t46 + t127 + t139 - t138 - t147;
     const real t149 = R(1.0) / (k72 - t87 * t125 - t129 * t146);
-    const real t150 = R(1.0) / (k72 - t106 - t114 * t119);
-    const real t151 = t121 * t150;
-    const real t152 = t151 * t142;
-    const real t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137;
-    const real t154 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t151);
-    const real t155 = t154 * t153;
-    const real t156 = t151 * t155 + t150 * t142;
-    const real t157 = t148 * t149;
-    const real t158 = t143 * t145 - t146 * t157;
-    const real t159 = k104 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t150 = R(1.0) / (k72 - t106 - t114 * t119), t151 = t121 * t150;
+    const real t152 = t151 * t142, t153 = k67 * t44 + t103 + t152 - t120 - t136 - t137;
+    const real t154 = R(1.0) / (k72 - t105 - t113 * t118 - t121 * t151), t155 = t154 * t153;
+    const real t156 = t151 * t155 + t150 * t142, t157 = t148 * t149;
+    const real t158 = t143 * t145 - t146 * t157, t159 = k104 * (tau_8 - s4 * t134 - c4 * t135);
     const real t160 = k103 * t144;
 
     /* acceleration of joint 7 */
@@ -2200,8 +1578,7 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     acceleration[3 * stride] = t161;
 
     /* acceleration of joint 8 */
-    const real t162 = t117 - t118 * t155 - t119 * t156;
-    const real t163 = t159 + t162;
+    const real t162 = t117 - t118 * t155 - t119 * t156, t163 = t159 + t162;
     acceleration[4 * stride] = t163;
 
     /* acceleration of joint 9 */
@@ -2210,13 +1587,11 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     acceleration[5 * stride] = t165;
 
     /* acceleration of the base */
-    const real t166 = c4 * t158 - s4 * t159;
-    const real t167 = s4 * t158 + c4 * t159;
+    const real t166 = c4 * t158 - s4 * t159, t167 = s4 * t158 + c4 * t159;
     acceleration[1 * stride] = t167;
 
     /* acceleration of the origin from that of the base centre */
-    const real t168 = t18 + t160;
-    const real t169 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t168);
+    const real t168 = t18 + t160, t169 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t168);
     const real t170 = s3 * (t16 * t16 + t22) - c3 * (t18 + t168);
     const real t171 = s3 * (t20 - t166 - R(2.0) * v_theta_0 * t21);
     const real t172 = c3 * (t19 + t167 - R(2.0) * t16 * t21) + t171;
@@ -2225,15 +1600,13 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t175 = base_arm_length * t172 + t156;
 
     /* acceleration of the origin, in world axes */
-    const real t176 = c2 * t175 - s2 * t173;
-    const real t177 = s2 * t175 + c2 * t173;
+    const real t176 = c2 * t175 - s2 * t173, t177 = s2 * t175 + c2 * t173;
     acceleration[6 * stride] = t177;
     const real t178 = c1 * t174 - s1 * t176;
     acceleration[7 * stride] = t178;
 
     /* accelerations of the attitude angles */
-    const real t179 = R(1.0) / c2;
-    const real t180 = t179 * t166;
+    const real t179 = R(1.0) / c2, t180 = t179 * t166;
     acceleration[0 * stride] = t180;
     const real t181 = t160 - s2 * t180;
     acceleration[2 * stride] = t181;
@@ -2276,8 +1649,7 @@ void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t c
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u,
     real *RESTRICT acceleration)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -2286,11 +1658,9 @@ void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES], last_u[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        real last_u[9 * LANES];
         fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
         forward_dynamics_block(last_constants, last_q, last_v, last_u,
             acceleration + whole * (9 * LANES));
@@ -2306,22 +1676,13 @@ static INLINE void inverse_dynamics_angles(const Constants *RESTRICT constants,
     (void)constants;
     (void)v;
     (void)a;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
@@ -2329,194 +1690,117 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32), k44 = CONSTANT(k44);
+    const real k50 = CONSTANT(k50), k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62);
+    const real k67 = CONSTANT(k67), k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72);
+    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
     const real k77 = CONSTANT(k77);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_7 = a[3 * stride];
-    const real a_theta_8 = a[4 * stride];
-    const real a_theta_9 = a[5 * stride];
-    const real a_x = a[6 * stride];
-    const real a_y = a[7 * stride];
-    const real a_z = a[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real a_theta_m1 = a[0 * stride], a_theta_0 = a[1 * stride], a_theta_1 = a[2 * stride];
+    const real a_theta_7 = a[3 * stride], a_theta_8 = a[4 * stride], a_theta_9 = a[5 * stride];
+    const real a_x = a[6 * stride], a_y = a[7 * stride], a_z = a[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = v_theta_0 * t16;
-    const real t19 = v_theta_1 + t15;
-    const real t20 = t19 * t19;
-    const real t21 = v_theta_0 * v_theta_0 + t20;
-    const real t22 = t16 * t16 + t20;
+    const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t15, t18 = v_theta_0 * t16;
+    const real t19 = v_theta_1 + t15, t20 = t19 * t19;
+    const real t21 = v_theta_0 * v_theta_0 + t20, t22 = t16 * t16 + t20;
 
     /* motion of link 1 */
-    const real t23 = v_theta_7 + t19;
-    const real t24 = t23 * t23;
-    const real t25 = c4 * t16 + v_theta_0 * s4;
-    const real t26 = v_theta_0 * c4 - s4 * t16;
-    const real t27 = t25 * t25;
-    const real t28 = t23 * t25;
+    const real t23 = v_theta_7 + t19, t24 = t23 * t23;
+    const real t25 = c4 * t16 + v_theta_0 * s4, t26 = v_theta_0 * c4 - s4 * t16;
+    const real t27 = t25 * t25, t28 = t23 * t25;
 
     /* motion of link 2 */
-    const real t29 = v_theta_8 - t26;
-    const real t30 = t29 * t29;
-    const real t31 = t24 + t30;
-    const real t32 = R(2.0) * t25;
-    const real t33 = t27 + t30;
-    const real t34 = R(2.0) * t23;
+    const real t29 = v_theta_8 - t26, t30 = t29 * t29;
+    const real t31 = t24 + t30, t32 = R(2.0) * t25;
+    const real t33 = t27 + t30, t34 = R(2.0) * t23;
 
     /* motion of link 3 */
-    const real t35 = v_theta_9 + t29;
-    const real t36 = t35 * t35;
-    const real t37 = t24 + t36;
-    const real t38 = t27 + t36;
+    const real t35 = v_theta_9 + t29, t36 = t35 * t35;
+    const real t37 = t24 + t36, t38 = t27 + t36;
 
     /* inertia of link 3, turned by the joints */
-    const real t39 = k62 * c6;
-    const real t40 = k62 * s6;
-    const real t41 = k75 * s6;
-    const real t42 = s6 * t41;
-    const real t43 = k44 - t42;
-    const real t44 = k50 + t42;
+    const real t39 = k62 * c6, t40 = k62 * s6;
+    const real t41 = k75 * s6, t42 = s6 * t41;
+    const real t43 = k44 - t42, t44 = k50 + t42;
     const real t45 = c6 * t41;
 
     /* inertia forces of link 3, about joint 9 */
     const real t46 = t45 * (t37 - t38);
 
     /* step from link 2 to link 3 */
-    const real t47 = link2_length * c5;
-    const real t48 = link2_length * s5;
+    const real t47 = link2_length * c5, t48 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t49 = k67 * c5;
-    const real t50 = k67 * s5;
-    const real t51 = k76 * s5;
-    const real t52 = s5 * t51;
-    const real t53 = k68 + t52;
-    const real t54 = k32 - t52;
+    const real t49 = k67 * c5, t50 = k67 * s5;
+    const real t51 = k76 * s5, t52 = s5 * t51;
+    const real t53 = k68 + t52, t54 = k32 - t52;
     const real t55 = c5 * t51;
 
     /* inertia forces of links 2 and 3, about joint 8 */
     const real t56 = t55 * (t31 - t33);
 
     /* step from the base to link 1 */
-    const real t57 = base_arm_length * c3;
-    const real t58 = base_arm_length * s3;
+    const real t57 = base_arm_length * c3, t58 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t59 = k73 * c3;
-    const real t60 = k73 * s3;
-    const real t61 = k77 * s3;
-    const real t62 = s3 * t61;
-    const real t63 = k74 + t62;
-    const real t64 = k60 - t62;
+    const real t59 = k73 * c3, t60 = k73 * s3;
+    const real t61 = k77 * s3, t62 = s3 * t61;
+    const real t63 = k74 + t62, t64 = k60 - t62;
     const real t65 = c3 * t61;
 
     /* inertia forces of the base and links 1 to 3 */
     const real t66 = t65 * (t21 - t22);
 
     /* motion of the base */
-    const real t67 = a_z + gravity;
-    const real t68 = a_y * c1 + s1 * t67;
-    const real t69 = c1 * t67 - a_y * s1;
-    const real t70 = a_x * s2 + c2 * t69;
-    const real t71 = a_x * c2 - s2 * t69;
-    const real t72 = a_theta_0 + t15 * t16;
-    const real t73 = t17 + t17 - a_theta_m1 * c2;
-    const real t74 = a_theta_1 + t18 + a_theta_m1 * s2;
-    const real t75 = t18 + t74;
-    const real t76 = R(2.0) * t19 * t16 - t72;
-    const real t77 = t18 - t74;
-    const real t78 = R(2.0) * t19 * v_theta_0 - t73;
+    const real t67 = a_z + gravity, t68 = a_y * c1 + s1 * t67;
+    const real t69 = c1 * t67 - a_y * s1, t70 = a_x * s2 + c2 * t69;
+    const real t71 = a_x * c2 - s2 * t69, t72 = a_theta_0 + t15 * t16;
+    const real t73 = t17 + t17 - a_theta_m1 * c2, t74 = a_theta_1 + t18 + a_theta_m1 * s2;
+    const real t75 = t18 + t74, t76 = R(2.0) * t19 * t16 - t72;
+    const real t77 = t18 - t74, t78 = R(2.0) * t19 * v_theta_0 - t73;
 
     /* motion of link 1 */
-    const real t79 = c3 * t21 - s3 * t77;
-    const real t80 = s3 * t22 - c3 * t75;
-    const real t81 = c3 * t76 + s3 * t78;
-    const real t82 = t71 - base_arm_length * t79;
-    const real t83 = t68 - base_arm_length * t80;
-    const real t84 = t70 + base_arm_length * t81;
-    const real t85 = v_theta_0 * t23 - t73;
-    const real t86 = t16 * t23 - t72;
-    const real t87 = c4 * t82 + s4 * t83;
-    const real t88 = c4 * t83 - s4 * t82;
-    const real t89 = t25 * t26 - a_theta_7 - t74;
-    const real t90 = t23 * t26 + c4 * t85 - s4 * t86;
+    const real t79 = c3 * t21 - s3 * t77, t80 = s3 * t22 - c3 * t75;
+    const real t81 = c3 * t76 + s3 * t78, t82 = t71 - base_arm_length * t79;
+    const real t83 = t68 - base_arm_length * t80, t84 = t70 + base_arm_length * t81;
+    const real t85 = v_theta_0 * t23 - t73, t86 = t16 * t23 - t72;
+    const real t87 = c4 * t82 + s4 * t83, t88 = c4 * t83 - s4 * t82;
+    const real t89 = t25 * t26 - a_theta_7 - t74, t90 = t23 * t26 + c4 * t85 - s4 * t86;
 
     /* motion of link 2 */
-    const real t91 = a_theta_8 + s4 * t85 + c4 * t86;
-    const real t92 = t28 + t91;
-    const real t93 = t29 * t32 + t89;
-    const real t94 = t28 - t91;
+    const real t91 = a_theta_8 + s4 * t85 + c4 * t86, t92 = t28 + t91;
+    const real t93 = t29 * t32 + t89, t94 = t28 - t91;
     const real t95 = t29 * t34 + t90;
 
     /* motion of link 3 */
-    const real t96 = c5 * t31 - s5 * t94;
-    const real t97 = s5 * t33 - c5 * t92;
-    const real t98 = c5 * t93 + s5 * t95;
-    const real t99 = t88 - link2_length * t98;
-    const real t100 = a_theta_9 + t91;
-    const real t101 = t28 + t100;
-    const real t102 = t32 * t35 + t89;
-    const real t103 = t28 - t100;
+    const real t96 = c5 * t31 - s5 * t94, t97 = s5 * t33 - c5 * t92;
+    const real t98 = c5 * t93 + s5 * t95, t99 = t88 - link2_length * t98;
+    const real t100 = a_theta_9 + t91, t101 = t28 + t100;
+    const real t102 = t32 * t35 + t89, t103 = t28 - t100;
     const real t104 = t34 * t35 + t90;
 
     /* inertia forces of link 3, about joint 9 */
     const real t105 = t45 * t102 + t44 * t104 - t40 * t99;
-    const real t106 = t39 * t99 - t43 * t102 - t45 * t104;
-    const real t107 = t39 * (t84 - link2_length * t97);
+    const real t106 = t39 * t99 - t43 * t102 - t45 * t104, t107 = t39 * (t84 - link2_length * t97);
     const real t108 = t40 * (t87 - link2_length * t96);
     const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
     force[5 * stride] = t109;
-    const real t110 = k62 * (c6 * t37 - s6 * t103);
-    const real t111 = k62 * (s6 * t38 - c6 * t101);
+    const real t110 = k62 * (c6 * t37 - s6 * t103), t111 = k62 * (s6 * t38 - c6 * t101);
     const real t112 = k62 * (c6 * t102 + s6 * t104);
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t113 = t54 * t95 - t50 * t88 - t55 * t93;
-    const real t114 = t49 * t88 + t55 * t95 - t53 * t93;
-    const real t115 = t49 * t84;
-    const real t116 = t53 * t92;
-    const real t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116;
-    const real t118 = t110 + k67 * t96;
-    const real t119 = t111 + k67 * t97;
-    const real t120 = t112 + k67 * t98;
+    const real t113 = t54 * t95 - t50 * t88 - t55 * t93, t114 = t49 * t88 + t55 * t95 - t53 * t93;
+    const real t115 = t49 * t84, t116 = t53 * t92;
+    const real t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116, t118 = t110 + k67 * t96;
+    const real t119 = t111 + k67 * t97, t120 = t112 + k67 * t98;
     const real t121 = t109 + t48 * t110 - t47 * t111 - t117;
     force[4 * stride] = t121;
 
@@ -2524,20 +1808,14 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real t122 = t105 + t48 * t112 + t113 + k69 * t90;
     const real t123 = t106 + t114 - t47 * t112 - k69 * t89;
     force[3 * stride] = t123;
-    const real t124 = s4 * t120 - c4 * t118;
-    const real t125 = s4 * t118 + c4 * t120;
+    const real t124 = s4 * t120 - c4 * t118, t125 = s4 * t118 + c4 * t120;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t126 = t65 * t76;
-    const real t127 = t60 * t70 + t64 * t78 - k61 * t73 - t126;
-    const real t128 = t63 * t76;
-    const real t129 = k61 * t72 + t65 * t78 - t59 * t70 - t128;
-    const real t130 = t59 * t68;
-    const real t131 = t63 * t75;
-    const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131;
-    const real t133 = t124 - k73 * t79;
-    const real t134 = t125 + k73 * t80;
-    const real t135 = t119 - k73 * t81;
+    const real t126 = t65 * t76, t127 = t60 * t70 + t64 * t78 - k61 * t73 - t126;
+    const real t128 = t63 * t76, t129 = k61 * t72 + t65 * t78 - t59 * t70 - t128;
+    const real t130 = t59 * t68, t131 = t63 * t75;
+    const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131, t133 = t124 - k73 * t79;
+    const real t134 = t125 + k73 * t80, t135 = t119 - k73 * t81;
     const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
     force[1 * stride] = t137;
@@ -2545,8 +1823,7 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     force[2 * stride] = t138;
 
     /* inertia forces on attitude and position */
-    const real t139 = s2 * t133 + c2 * t135;
-    const real t140 = c2 * t136 + s2 * t138;
+    const real t139 = s2 * t133 + c2 * t135, t140 = c2 * t136 + s2 * t138;
     force[0 * stride] = t140;
     const real t141 = c2 * t133 + k72 * a_x - s2 * t135;
     force[6 * stride] = t141;
@@ -2588,8 +1865,7 @@ static WIDE void inverse_dynamics_block(const Constants *RESTRICT constants, con
 void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         inverse_dynamics_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -2597,11 +1873,9 @@ void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES], last_a[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        real last_a[9 * LANES];
         fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
         inverse_dynamics_block(last_constants, last_q, last_v, last_a,
             force + whole * (9 * LANES));
@@ -2614,22 +1888,13 @@ static INLINE void hybrid_mass_matrix_angles(const Constants *RESTRICT constants
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
@@ -2637,325 +1902,199 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     real *RESTRICT mass_matrix, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k65 = CONSTANT(k65);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k71 = CONSTANT(k71);
-    const real k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real k86 = CONSTANT(k86);
-    const real k87 = CONSTANT(k87);
-    const real k88 = CONSTANT(k88);
-    const real k94 = CONSTANT(k94);
-    const real k96 = CONSTANT(k96);
-    const real k97 = CONSTANT(k97);
-    const real k98 = CONSTANT(k98);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k65 = CONSTANT(k65), k67 = CONSTANT(k67);
+    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k71 = CONSTANT(k71), k72 = CONSTANT(k72);
+    const real k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76);
+    const real k77 = CONSTANT(k77), k86 = CONSTANT(k86), k87 = CONSTANT(k87), k88 = CONSTANT(k88);
+    const real k94 = CONSTANT(k94), k96 = CONSTANT(k96), k97 = CONSTANT(k97), k98 = CONSTANT(k98);
     const real k99 = CONSTANT(k99);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k96;
-    mass_matrix[42 * stride] = k97;
-    mass_matrix[43 * stride] = k99;
-    mass_matrix[44 * stride] = k97;
-    mass_matrix[45 * stride] = k96;
-    mass_matrix[59 * stride] = k96;
-    mass_matrix[60 * stride] = k94;
-    mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k97;
-    mass_matrix[80 * stride] = k94;
-    mass_matrix[91 * stride] = -R(1.0);
-    mass_matrix[97 * stride] = k99;
-    mass_matrix[100 * stride] = k98;
-    mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k97;
-    mass_matrix[120 * stride] = k94;
-    mass_matrix[131 * stride] = -R(1.0);
-    mass_matrix[135 * stride] = k96;
-    mass_matrix[140 * stride] = k94;
-    mass_matrix[151 * stride] = -R(1.0);
-    mass_matrix[220 * stride] = k72;
-    mass_matrix[240 * stride] = k72;
-    mass_matrix[260 * stride] = k72;
-    mass_matrix[269 * stride] = R(1.0);
-    mass_matrix[289 * stride] = R(1.0);
-    mass_matrix[309 * stride] = R(1.0);
-    mass_matrix[329 * stride] = R(1.0);
-    mass_matrix[349 * stride] = R(1.0);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    mass_matrix[41 * stride] = k96; mass_matrix[42 * stride] = k97; mass_matrix[43 * stride] = k99;
+    mass_matrix[44 * stride] = k97; mass_matrix[45 * stride] = k96; mass_matrix[59 * stride] = k96;
+    mass_matrix[60 * stride] = k94; mass_matrix[71 * stride] = -R(1.0);
+    mass_matrix[78 * stride] = k97; mass_matrix[80 * stride] = k94;
+    mass_matrix[91 * stride] = -R(1.0); mass_matrix[97 * stride] = k99;
+    mass_matrix[100 * stride] = k98; mass_matrix[111 * stride] = -R(1.0);
+    mass_matrix[116 * stride] = k97; mass_matrix[120 * stride] = k94;
+    mass_matrix[131 * stride] = -R(1.0); mass_matrix[135 * stride] = k96;
+    mass_matrix[140 * stride] = k94; mass_matrix[151 * stride] = -R(1.0);
+    mass_matrix[220 * stride] = k72; mass_matrix[240 * stride] = k72;
+    mass_matrix[260 * stride] = k72; mass_matrix[269 * stride] = R(1.0);
+    mass_matrix[289 * stride] = R(1.0); mass_matrix[309 * stride] = R(1.0);
+    mass_matrix[329 * stride] = R(1.0); mass_matrix[349 * stride] = R(1.0);
 
     /* attitude */
-    const real t2 = -s1;
-    const real t3 = -c2;
+    const real t2 = -s1, t3 = -c2;
 
     /* inertia of link 3, turned by the joints */
-    const real t15 = k62 * c6;
-    const real t16 = k62 * s6;
-    const real t17 = k75 * s6;
-    const real t18 = s6 * t17;
-    const real t19 = k44 - t18;
-    const real t20 = k50 + t18;
+    const real t15 = k62 * c6, t16 = k62 * s6;
+    const real t17 = k75 * s6, t18 = s6 * t17;
+    const real t19 = k44 - t18, t20 = k50 + t18;
 
     /* step from link 2 to link 3 */
-    const real t21 = link2_length * c5;
-    const real t22 = link2_length * s5;
+    const real t21 = link2_length * c5, t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = k76 * s5;
-    const real t24 = s5 * t23;
+    const real t23 = k76 * s5, t24 = s5 * t23;
 
     /* step from the base to link 1 */
-    const real t25 = base_arm_length * c3;
-    const real t26 = base_arm_length * s3;
+    const real t25 = base_arm_length * c3, t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = k77 * s3;
-    const real t28 = s3 * t27;
+    const real t27 = k77 * s3, t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = t16 * t21;
-    const real t30 = t15 + k67 * c5;
-    const real t31 = t16 + k67 * s5;
-    const real t32 = k68 + t19 + t24 + t15 * k65 * c5;
-    const real t33 = k32 + t20 + t16 * k65 * s5 - t24;
-    const real t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
+    const real t29 = t16 * t21, t30 = t15 + k67 * c5;
+    const real t31 = t16 + k67 * s5, t32 = k68 + t19 + t24 + t15 * k65 * c5;
+    const real t33 = k32 + t20 + t16 * k65 * s5 - t24, t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t35 = c4 * t30;
-    const real t36 = s4 * t30;
-    const real t37 = c4 * t34;
-    const real t38 = s4 * t34;
-    mass_matrix[27 * stride] = t38;
-    mass_matrix[153 * stride] = t38;
-    const real t39 = s4 * (k69 - t32);
-    const real t40 = s4 * t39;
-    const real t41 = t32 + t40;
-    const real t42 = k69 - t40;
+    const real t35 = c4 * t30, t36 = s4 * t30;
+    const real t37 = c4 * t34, t38 = s4 * t34;
+    mass_matrix[27 * stride] = t38; mass_matrix[153 * stride] = t38;
+    const real t39 = s4 * (k69 - t32), t40 = s4 * t39;
+    const real t41 = t32 + t40, t42 = k69 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t43 = t26 * t35;
-    const real t44 = t25 * t31 - t37;
+    const real t43 = t26 * t35, t44 = t25 * t31 - t37;
     const real t45 = t38 - t26 * t31;
-    mass_matrix[21 * stride] = t45;
-    mass_matrix[39 * stride] = t45;
-    const real t46 = k73 * c3 + t35;
-    const real t47 = k73 * s3 + t36;
-    const real t48 = k74 + t28 + t35 * k71 * c3 + t41;
-    const real t49 = k60 + t36 * k71 * s3 + t42 - t28;
-    const real t50 = k61 + t33;
-    const real t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
+    mass_matrix[21 * stride] = t45; mass_matrix[39 * stride] = t45;
+    const real t46 = k73 * c3 + t35, t47 = k73 * s3 + t36;
+    const real t48 = k74 + t28 + t35 * k71 * c3 + t41, t49 = k60 + t36 * k71 * s3 + t42 - t28;
+    const real t50 = k61 + t33, t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t52 = t41 + t42;
     mass_matrix[160 * stride] = t52;
     const real t53 = t25 * t35 + t26 * t36 + t52;
-    mass_matrix[46 * stride] = t53;
-    mass_matrix[154 * stride] = t53;
+    mass_matrix[46 * stride] = t53; mass_matrix[154 * stride] = t53;
     const real t54 = t32 + t33;
     mass_matrix[180 * stride] = t54;
-    const real t55 = c4 * t31;
-    const real t56 = s4 * t31;
+    const real t55 = c4 * t31, t56 = s4 * t31;
     const real t57 = t26 * t55 - t25 * t56;
-    mass_matrix[47 * stride] = t57;
-    mass_matrix[173 * stride] = t57;
+    mass_matrix[47 * stride] = t57; mass_matrix[173 * stride] = t57;
     const real t58 = t25 * t30 + c4 * t54;
-    mass_matrix[28 * stride] = -t58;
-    mass_matrix[172 * stride] = -t58;
+    mass_matrix[28 * stride] = -t58; mass_matrix[172 * stride] = -t58;
     const real t59 = t19 + t20;
     mass_matrix[200 * stride] = t59;
     const real t60 = t59 + t15 * t21 + t16 * t22;
-    mass_matrix[181 * stride] = t60;
-    mass_matrix[199 * stride] = t60;
-    const real t61 = c4 * t16;
-    const real t62 = s4 * t16;
+    mass_matrix[181 * stride] = t60; mass_matrix[199 * stride] = t60;
+    const real t61 = c4 * t16, t62 = s4 * t16;
     const real t63 = t26 * t61 - t25 * t62;
-    mass_matrix[48 * stride] = t63;
-    mass_matrix[192 * stride] = t63;
+    mass_matrix[48 * stride] = t63; mass_matrix[192 * stride] = t63;
     const real t64 = c4 * t60 + t15 * t25;
-    mass_matrix[29 * stride] = -t64;
-    mass_matrix[191 * stride] = -t64;
+    mass_matrix[29 * stride] = -t64; mass_matrix[191 * stride] = -t64;
 
     /* mass matrix of attitude and position */
     const real t65 = t48 + t49;
     mass_matrix[40 * stride] = t65;
-    const real t66 = s2 * t47;
-    const real t67 = t3 * t47;
-    mass_matrix[49 * stride] = t67;
-    mass_matrix[211 * stride] = t67;
+    const real t66 = s2 * t47, t67 = t3 * t47;
+    mass_matrix[49 * stride] = t67; mass_matrix[211 * stride] = t67;
     const real t68 = t3 * t44 + s2 * t65;
-    mass_matrix[2 * stride] = t68;
-    mass_matrix[38 * stride] = t68;
+    mass_matrix[2 * stride] = t68; mass_matrix[38 * stride] = t68;
     const real t69 = c1 * t46 + t2 * t66;
-    mass_matrix[50 * stride] = t69;
-    mass_matrix[230 * stride] = t69;
+    mass_matrix[50 * stride] = t69; mass_matrix[230 * stride] = t69;
     const real t70 = c1 * t66 - t2 * t46;
-    mass_matrix[51 * stride] = t70;
-    mass_matrix[249 * stride] = t70;
+    mass_matrix[51 * stride] = t70; mass_matrix[249 * stride] = t70;
     const real t71 = t48 + t50;
     mass_matrix[20 * stride] = t71;
     const real t72 = s2 * t45 - t3 * t51;
-    mass_matrix[1 * stride] = t72;
-    mass_matrix[19 * stride] = t72;
+    mass_matrix[1 * stride] = t72; mass_matrix[19 * stride] = t72;
     const real t73 = -t3 * t31 - s2 * t46;
-    mass_matrix[30 * stride] = t73;
-    mass_matrix[210 * stride] = t73;
-    const real t74 = t3 * t46 - s2 * t31;
-    const real t75 = s2 * (R(2.0) * t3 * t44 + s2 * (t48 - t50));
+    mass_matrix[30 * stride] = t73; mass_matrix[210 * stride] = t73;
+    const real t74 = t3 * t46 - s2 * t31, t75 = s2 * (R(2.0) * t3 * t44 + s2 * (t48 - t50));
     const real t76 = t2 * t74;
-    mass_matrix[31 * stride] = t76;
-    mass_matrix[229 * stride] = t76;
+    mass_matrix[31 * stride] = t76; mass_matrix[229 * stride] = t76;
     const real t77 = c1 * t74;
-    mass_matrix[32 * stride] = t77;
-    mass_matrix[248 * stride] = t77;
+    mass_matrix[32 * stride] = t77; mass_matrix[248 * stride] = t77;
     const real t78 = t49 + t50 + t75;
     mass_matrix[0 * stride] = t78;
     const real t79 = c1 * t47 + t2 * t73;
-    mass_matrix[13 * stride] = t79;
-    mass_matrix[247 * stride] = t79;
+    mass_matrix[13 * stride] = t79; mass_matrix[247 * stride] = t79;
     const real t80 = t2 * t47 - c1 * t73;
-    mass_matrix[12 * stride] = t80;
-    mass_matrix[228 * stride] = t80;
+    mass_matrix[12 * stride] = t80; mass_matrix[228 * stride] = t80;
 
     /* mass matrix between the joints and attitude and position */
-    const real t81 = s2 * t36;
-    const real t82 = t3 * t36;
-    mass_matrix[163 * stride] = t82;
-    mass_matrix[217 * stride] = t82;
+    const real t81 = s2 * t36, t82 = t3 * t36;
+    mass_matrix[163 * stride] = t82; mass_matrix[217 * stride] = t82;
     const real t83 = s2 * t53 - t3 * t37;
-    mass_matrix[8 * stride] = t83;
-    mass_matrix[152 * stride] = t83;
+    mass_matrix[8 * stride] = t83; mass_matrix[152 * stride] = t83;
     const real t84 = c1 * t35 + t2 * t81;
-    mass_matrix[164 * stride] = t84;
-    mass_matrix[236 * stride] = t84;
+    mass_matrix[164 * stride] = t84; mass_matrix[236 * stride] = t84;
     const real t85 = c1 * t81 - t2 * t35;
-    mass_matrix[165 * stride] = t85;
-    mass_matrix[255 * stride] = t85;
-    const real t86 = s2 * t55 - t3 * t30;
-    const real t87 = s2 * t30 + t3 * t55;
-    mass_matrix[182 * stride] = t87;
-    mass_matrix[218 * stride] = t87;
+    mass_matrix[165 * stride] = t85; mass_matrix[255 * stride] = t85;
+    const real t86 = s2 * t55 - t3 * t30, t87 = s2 * t30 + t3 * t55;
+    mass_matrix[182 * stride] = t87; mass_matrix[218 * stride] = t87;
     const real t88 = s2 * t57 - t3 * (t26 * t30 + s4 * t54);
-    mass_matrix[9 * stride] = t88;
-    mass_matrix[171 * stride] = t88;
+    mass_matrix[9 * stride] = t88; mass_matrix[171 * stride] = t88;
     const real t89 = t2 * t86 - c1 * t56;
-    mass_matrix[183 * stride] = t89;
-    mass_matrix[237 * stride] = t89;
+    mass_matrix[183 * stride] = t89; mass_matrix[237 * stride] = t89;
     const real t90 = c1 * t86 + t2 * t56;
-    mass_matrix[184 * stride] = t90;
-    mass_matrix[256 * stride] = t90;
-    const real t91 = s2 * t61 - t3 * t15;
-    const real t92 = s2 * t15 + t3 * t61;
-    mass_matrix[201 * stride] = t92;
-    mass_matrix[219 * stride] = t92;
+    mass_matrix[184 * stride] = t90; mass_matrix[256 * stride] = t90;
+    const real t91 = s2 * t61 - t3 * t15, t92 = s2 * t15 + t3 * t61;
+    mass_matrix[201 * stride] = t92; mass_matrix[219 * stride] = t92;
     const real t93 = s2 * t63 - t3 * (s4 * t60 + t15 * t26);
-    mass_matrix[10 * stride] = t93;
-    mass_matrix[190 * stride] = t93;
+    mass_matrix[10 * stride] = t93; mass_matrix[190 * stride] = t93;
     const real t94 = t2 * t91 - c1 * t62;
-    mass_matrix[202 * stride] = t94;
-    mass_matrix[238 * stride] = t94;
+    mass_matrix[202 * stride] = t94; mass_matrix[238 * stride] = t94;
     const real t95 = c1 * t91 + t2 * t62;
-    mass_matrix[203 * stride] = t95;
-    mass_matrix[257 * stride] = t95;
+    mass_matrix[203 * stride] = t95; mass_matrix[257 * stride] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t96 = k88 * s3;
-    const real t97 = k88 * c3;
+    const real t96 = k88 * s3, t97 = k88 * c3;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t98 = k87 * s3;
-    const real t99 = t97 + t98;
-    const real t100 = k87 * c3;
-    const real t101 = t96 - t100;
+    const real t98 = k87 * s3, t99 = t97 + t98;
+    const real t100 = k87 * c3, t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
-    const real t102 = s2 * t99;
-    const real t103 = t3 * t99;
-    mass_matrix[68 * stride] = -t103;
-    mass_matrix[125 * stride] = t103;
-    mass_matrix[212 * stride] = -t103;
-    mass_matrix[215 * stride] = t103;
+    const real t102 = s2 * t99, t103 = t3 * t99;
+    mass_matrix[68 * stride] = -t103; mass_matrix[125 * stride] = t103;
+    mass_matrix[212 * stride] = -t103; mass_matrix[215 * stride] = t103;
     const real t104 = k96 * s2;
-    mass_matrix[3 * stride] = t104;
-    mass_matrix[7 * stride] = t104;
-    mass_matrix[57 * stride] = t104;
+    mass_matrix[3 * stride] = t104; mass_matrix[7 * stride] = t104; mass_matrix[57 * stride] = t104;
     mass_matrix[133 * stride] = t104;
     const real t105 = c1 * t101 - t2 * t102;
-    mass_matrix[69 * stride] = t105;
-    mass_matrix[126 * stride] = -t105;
-    mass_matrix[231 * stride] = t105;
-    mass_matrix[234 * stride] = -t105;
+    mass_matrix[69 * stride] = t105; mass_matrix[126 * stride] = -t105;
+    mass_matrix[231 * stride] = t105; mass_matrix[234 * stride] = -t105;
     const real t106 = t2 * t101 + c1 * t102;
-    mass_matrix[70 * stride] = -t106;
-    mass_matrix[127 * stride] = t106;
-    mass_matrix[250 * stride] = -t106;
-    mass_matrix[253 * stride] = t106;
+    mass_matrix[70 * stride] = -t106; mass_matrix[127 * stride] = t106;
+    mass_matrix[250 * stride] = -t106; mass_matrix[253 * stride] = t106;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t107 = t97 - t98;
-    const real t108 = t96 + t100;
+    const real t107 = t97 - t98, t108 = t96 + t100;
 
     /* mass matrix, column of joint 3 */
-    const real t109 = s2 * t107;
-    const real t110 = t3 * t107;
-    mass_matrix[87 * stride] = -t110;
-    mass_matrix[144 * stride] = t110;
-    mass_matrix[213 * stride] = -t110;
-    mass_matrix[216 * stride] = t110;
+    const real t109 = s2 * t107, t110 = t3 * t107;
+    mass_matrix[87 * stride] = -t110; mass_matrix[144 * stride] = t110;
+    mass_matrix[213 * stride] = -t110; mass_matrix[216 * stride] = t110;
     const real t111 = k97 * s2;
-    mass_matrix[4 * stride] = t111;
-    mass_matrix[6 * stride] = t111;
-    mass_matrix[76 * stride] = t111;
+    mass_matrix[4 * stride] = t111; mass_matrix[6 * stride] = t111; mass_matrix[76 * stride] = t111;
     mass_matrix[114 * stride] = t111;
     const real t112 = c1 * t108 - t2 * t109;
-    mass_matrix[88 * stride] = t112;
-    mass_matrix[145 * stride] = -t112;
-    mass_matrix[232 * stride] = t112;
-    mass_matrix[235 * stride] = -t112;
+    mass_matrix[88 * stride] = t112; mass_matrix[145 * stride] = -t112;
+    mass_matrix[232 * stride] = t112; mass_matrix[235 * stride] = -t112;
     const real t113 = t2 * t108 + c1 * t109;
-    mass_matrix[89 * stride] = -t113;
-    mass_matrix[146 * stride] = t113;
-    mass_matrix[251 * stride] = -t113;
-    mass_matrix[254 * stride] = t113;
+    mass_matrix[89 * stride] = -t113; mass_matrix[146 * stride] = t113;
+    mass_matrix[251 * stride] = -t113; mass_matrix[254 * stride] = t113;
 
     /* mass matrix, columns of the joints carried in to the base */
-    const real t114 = k86 * s3;
-    const real t115 = k86 * c3;
+    const real t114 = k86 * s3, t115 = k86 * c3;
 
     /* mass matrix, column of joint 4 */
-    const real t116 = s2 * t114;
-    const real t117 = t3 * t114;
-    mass_matrix[106 * stride] = t117;
-    mass_matrix[214 * stride] = t117;
+    const real t116 = s2 * t114, t117 = t3 * t114;
+    mass_matrix[106 * stride] = t117; mass_matrix[214 * stride] = t117;
     const real t118 = k99 * s2;
-    mass_matrix[5 * stride] = t118;
-    mass_matrix[95 * stride] = t118;
+    mass_matrix[5 * stride] = t118; mass_matrix[95 * stride] = t118;
     const real t119 = c1 * t115 + t2 * t116;
-    mass_matrix[107 * stride] = t119;
-    mass_matrix[233 * stride] = t119;
+    mass_matrix[107 * stride] = t119; mass_matrix[233 * stride] = t119;
     const real t120 = c1 * t116 - t2 * t115;
-    mass_matrix[108 * stride] = t120;
-    mass_matrix[252 * stride] = t120;
+    mass_matrix[108 * stride] = t120; mass_matrix[252 * stride] = t120;
 }
 
 #ifndef EACH
@@ -2995,8 +2134,7 @@ static WIDE void hybrid_mass_matrix_block(const Constants *RESTRICT constants,
 void BATCH(hybrid_mass_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_mass_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -3018,22 +2156,13 @@ static INLINE void hybrid_residual_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
@@ -3041,239 +2170,138 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real k78 = CONSTANT(k78);
-    const real k79 = CONSTANT(k79);
-    const real k86 = CONSTANT(k86);
-    const real k87 = CONSTANT(k87);
-    const real k88 = CONSTANT(k88);
-    const real k91 = CONSTANT(k91);
-    const real k92 = CONSTANT(k92);
-    const real k93 = CONSTANT(k93);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    residual[14 * stride] = R(0.0);
-    residual[15 * stride] = R(0.0);
-    residual[16 * stride] = R(0.0);
-    residual[17 * stride] = R(0.0);
-    residual[18 * stride] = R(0.0);
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), link2_length = CONSTANT(link2_length);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
+    const real k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68);
+    const real k69 = CONSTANT(k69), k73 = CONSTANT(k73), k74 = CONSTANT(k74), k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76), k77 = CONSTANT(k77), k78 = CONSTANT(k78), k79 = CONSTANT(k79);
+    const real k86 = CONSTANT(k86), k87 = CONSTANT(k87), k88 = CONSTANT(k88), k91 = CONSTANT(k91);
+    const real k92 = CONSTANT(k92), k93 = CONSTANT(k93);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    residual[14 * stride] = R(0.0); residual[15 * stride] = R(0.0); residual[16 * stride] = R(0.0);
+    residual[17 * stride] = R(0.0); residual[18 * stride] = R(0.0);
 
     /* motion of the base */
-    const real t15 = gravity * s1;
-    const real t16 = gravity * c1;
-    const real t17 = v_theta_m1 * s2;
-    const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t17;
-    const real t20 = v_theta_0 * t18;
-    const real t21 = c2 * t16;
-    const real t22 = s2 * t16;
-    const real t23 = t17 * t18;
-    const real t24 = R(2.0) * t20;
-    const real t25 = R(2.0) * t19;
-    const real t26 = v_theta_1 + t17;
-    const real t27 = t26 * t26;
-    const real t28 = v_theta_0 * v_theta_0 + t27;
-    const real t29 = t23 - R(2.0) * t26 * t18;
-    const real t30 = t18 * t18 + t27;
+    const real t15 = gravity * s1, t16 = gravity * c1;
+    const real t17 = v_theta_m1 * s2, t18 = v_theta_m1 * c2;
+    const real t19 = v_theta_0 * t17, t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16, t22 = s2 * t16;
+    const real t23 = t17 * t18, t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19, t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26, t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18, t30 = t18 * t18 + t27;
     const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t32 = c3 * t28;
-    const real t33 = s3 * t30 - c3 * t24;
-    const real t34 = c3 * t29 + s3 * t31;
-    const real t35 = t22 + base_arm_length * t32;
-    const real t36 = t15 - base_arm_length * t33;
-    const real t37 = t21 - base_arm_length * t34;
-    const real t38 = v_theta_7 + t26;
-    const real t39 = t25 - v_theta_0 * t38;
-    const real t40 = t23 - t18 * t38;
-    const real t41 = t38 * t38;
-    const real t42 = c4 * t18 + v_theta_0 * s4;
-    const real t43 = v_theta_0 * c4 - s4 * t18;
-    const real t44 = s4 * t39 + c4 * t40;
-    const real t45 = s4 * t36 - c4 * t35;
-    const real t46 = s4 * t35 + c4 * t36;
-    const real t47 = t42 * t42;
-    const real t48 = t38 * t42;
-    const real t49 = t44 - t48;
-    const real t50 = t20 - t42 * t43;
-    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t32 = c3 * t28, t33 = s3 * t30 - c3 * t24;
+    const real t34 = c3 * t29 + s3 * t31, t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 - base_arm_length * t33, t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26, t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38, t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4, t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40, t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36, t47 = t42 * t42;
+    const real t48 = t38 * t42, t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43, t51 = s4 * t40 + t38 * t43 - c4 * t39;
     const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t53 = v_theta_8 - t43;
-    const real t54 = t53 * t53;
-    const real t55 = t41 + t54;
-    const real t56 = R(2.0) * t42;
-    const real t57 = t50 - t53 * t56;
-    const real t58 = t47 + t54;
-    const real t59 = R(2.0) * t38;
-    const real t60 = t53 * t59 + t51;
+    const real t53 = v_theta_8 - t43, t54 = t53 * t53;
+    const real t55 = t41 + t54, t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56, t58 = t47 + t54;
+    const real t59 = R(2.0) * t38, t60 = t53 * t59 + t51;
 
     /* motion of link 3 */
-    const real t61 = s5 * t52 - c5 * t55;
-    const real t62 = c5 * t49 + s5 * t58;
-    const real t63 = c5 * t57 - s5 * t60;
-    const real t64 = t46 + link2_length * t63;
-    const real t65 = v_theta_9 + t53;
-    const real t66 = t65 * t65;
-    const real t67 = t41 + t66;
-    const real t68 = t50 - t56 * t65;
-    const real t69 = t47 + t66;
-    const real t70 = t59 * t65 + t51;
+    const real t61 = s5 * t52 - c5 * t55, t62 = c5 * t49 + s5 * t58;
+    const real t63 = c5 * t57 - s5 * t60, t64 = t46 + link2_length * t63;
+    const real t65 = v_theta_9 + t53, t66 = t65 * t65;
+    const real t67 = t41 + t66, t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66, t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
-    const real t71 = k62 * c6;
-    const real t72 = k62 * s6;
-    const real t73 = k75 * s6;
-    const real t74 = s6 * t73;
-    const real t75 = k44 - t74;
-    const real t76 = k50 + t74;
+    const real t71 = k62 * c6, t72 = k62 * s6;
+    const real t73 = k75 * s6, t74 = s6 * t73;
+    const real t75 = k44 - t74, t76 = k50 + t74;
     const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t78 = t76 * t70;
-    const real t79 = t72 * t64;
-    const real t80 = t68 * t77;
-    const real t81 = t71 * t64;
-    const real t82 = t68 * t75;
-    const real t83 = t77 * t70;
-    const real t84 = (t37 - link2_length * t62) * t71;
-    const real t85 = t77 * (t67 - t69);
+    const real t78 = t76 * t70, t79 = t72 * t64;
+    const real t80 = t68 * t77, t81 = t71 * t64;
+    const real t82 = t68 * t75, t83 = t77 * t70;
+    const real t84 = (t37 - link2_length * t62) * t71, t85 = t77 * (t67 - t69);
     const real t86 = (t45 + link2_length * t61) * t72;
     const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
     residual[10 * stride] = t87;
-    const real t88 = k62 * (s6 * t52 - c6 * t67);
-    const real t89 = k62 * (c6 * t49 + s6 * t69);
+    const real t88 = k62 * (s6 * t52 - c6 * t67), t89 = k62 * (c6 * t49 + s6 * t69);
     const real t90 = k62 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
-    const real t91 = link2_length * c5;
-    const real t92 = link2_length * s5;
+    const real t91 = link2_length * c5, t92 = link2_length * s5;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t93 = t92 * t90;
-    const real t94 = t91 * t90;
-    const real t95 = t88 * t92;
-    const real t96 = t89 * t91;
+    const real t93 = t92 * t90, t94 = t91 * t90;
+    const real t95 = t88 * t92, t96 = t89 * t91;
 
     /* inertia of link 2, turned by the joints */
-    const real t97 = k67 * c5;
-    const real t98 = k67 * s5;
-    const real t99 = k76 * s5;
-    const real t100 = s5 * t99;
-    const real t101 = k68 + t100;
-    const real t102 = k32 - t100;
+    const real t97 = k67 * c5, t98 = k67 * s5;
+    const real t99 = k76 * s5, t100 = s5 * t99;
+    const real t101 = k68 + t100, t102 = k32 - t100;
     const real t103 = c5 * t99;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t104 = t57 * t103;
-    const real t105 = t102 * t60;
-    const real t106 = t46 * t98;
-    const real t107 = t46 * t97;
-    const real t108 = t57 * t101;
-    const real t109 = t103 * t60;
-    const real t110 = t37 * t97;
-    const real t111 = t45 * t98;
-    const real t112 = t49 * t101;
-    const real t113 = t52 * t102;
-    const real t114 = t103 * (t55 - t58);
-    const real t115 = t88 + k67 * t61;
-    const real t116 = t89 + k67 * t62;
-    const real t117 = t90 + k67 * t63;
+    const real t104 = t57 * t103, t105 = t102 * t60;
+    const real t106 = t46 * t98, t107 = t46 * t97;
+    const real t108 = t57 * t101, t109 = t103 * t60;
+    const real t110 = t37 * t97, t111 = t45 * t98;
+    const real t112 = t49 * t101, t113 = t52 * t102;
+    const real t114 = t103 * (t55 - t58), t115 = t88 + k67 * t61;
+    const real t116 = t89 + k67 * t62, t117 = t90 + k67 * t63;
     const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
     residual[9 * stride] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t119 = k69 * t51;
-    const real t120 = k69 * t50;
+    const real t119 = k69 * t51, t120 = k69 * t50;
     const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
     const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
     residual[8 * stride] = t122;
-    const real t123 = c4 * t115 - s4 * t117;
-    const real t124 = s4 * t115 + c4 * t117;
-    const real t125 = s4 * t118;
-    const real t126 = c4 * t121;
-    const real t127 = c4 * t118;
-    const real t128 = s4 * t121;
+    const real t123 = c4 * t115 - s4 * t117, t124 = s4 * t115 + c4 * t117;
+    const real t125 = s4 * t118, t126 = c4 * t121;
+    const real t127 = c4 * t118, t128 = s4 * t121;
 
     /* step from the base to link 1 */
-    const real t129 = base_arm_length * c3;
-    const real t130 = base_arm_length * s3;
+    const real t129 = base_arm_length * c3, t130 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t131 = t116 * t130;
-    const real t132 = t116 * t129;
-    const real t133 = t129 * t124;
-    const real t134 = t130 * t123;
+    const real t131 = t116 * t130, t132 = t116 * t129;
+    const real t133 = t129 * t124, t134 = t130 * t123;
 
     /* inertia of the base, turned by the joints */
-    const real t135 = k73 * c3;
-    const real t136 = k73 * s3;
-    const real t137 = k77 * s3;
-    const real t138 = s3 * t137;
-    const real t139 = k74 + t138;
-    const real t140 = c3 * t137;
+    const real t135 = k73 * c3, t136 = k73 * s3;
+    const real t137 = k77 * s3, t138 = s3 * t137;
+    const real t139 = k74 + t138, t140 = c3 * t137;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t141 = t21 * t136;
-    const real t142 = t29 * t140;
-    const real t143 = k78 * t19;
-    const real t144 = t31 * (k60 - t138);
-    const real t145 = k61 * t23;
-    const real t146 = t29 * t139;
-    const real t147 = t21 * t135;
-    const real t148 = t31 * t140;
-    const real t149 = t22 * t136;
-    const real t150 = t24 * t139;
-    const real t151 = t15 * t135;
-    const real t152 = t140 * (t28 - t30);
-    const real t153 = k73 * t32 - t123;
-    const real t154 = k73 * t33 - t124;
-    const real t155 = t116 + k73 * t34;
-    const real t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
+    const real t141 = t21 * t136, t142 = t29 * t140;
+    const real t143 = k78 * t19, t144 = t31 * (k60 - t138);
+    const real t145 = k61 * t23, t146 = t29 * t139;
+    const real t147 = t21 * t135, t148 = t31 * t140;
+    const real t149 = t22 * t136, t150 = t24 * t139;
+    const real t151 = t15 * t135, t152 = t140 * (t28 - t30);
+    const real t153 = k73 * t32 - t123, t154 = k73 * t33 - t124;
+    const real t155 = t116 + k73 * t34, t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
     const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
     residual[1 * stride] = t157;
     const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
     residual[2 * stride] = t158;
 
     /* inertia forces on attitude and position */
-    const real t159 = c2 * t155 - s2 * t153;
-    const real t160 = s2 * t155 + c2 * t153;
+    const real t159 = c2 * t155 - s2 * t153, t160 = s2 * t155 + c2 * t153;
     residual[11 * stride] = t160;
     const real t161 = s2 * t158 + c2 * t156;
     residual[0 * stride] = t161;
@@ -3283,29 +2311,22 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     residual[13 * stride] = t163;
 
     /* motion of the base */
-    const real t164 = c3 * t18 + v_theta_0 * s3;
-    const real t165 = s3 * t18 - v_theta_0 * c3;
-    const real t166 = t164 * t165;
-    const real t167 = t27 + t165 * t165;
-    const real t168 = t166 - t20;
-    const real t169 = t20 + t166;
+    const real t164 = c3 * t18 + v_theta_0 * s3, t165 = s3 * t18 - v_theta_0 * c3;
+    const real t166 = t164 * t165, t167 = t27 + t165 * t165;
+    const real t168 = t166 - t20, t169 = t20 + t166;
 
     /* motion of base arm 2 */
     const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
     const real t171 = k88 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
-    const real t172 = k93 * (t27 + t164 * t164 - t167);
-    const real t173 = k87 * t170;
-    const real t174 = t171 - t172;
-    const real t175 = k91 * t168 - k92 * t169;
-    const real t176 = t173 + t175;
-    const real t177 = t176 - t174;
+    const real t172 = k93 * (t27 + t164 * t164 - t167), t173 = k87 * t170;
+    const real t174 = t171 - t172, t175 = k91 * t168 - k92 * t169;
+    const real t176 = t173 + t175, t177 = t176 - t174;
     residual[3 * stride] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t178 = t171 + t172;
-    const real t179 = t175 - t173;
+    const real t178 = t171 + t172, t179 = t175 - t173;
     const real t180 = t179 - t178;
     residual[4 * stride] = t180;
 
@@ -3354,8 +2375,7 @@ static WIDE void hybrid_residual_block(const Constants *RESTRICT constants, cons
 void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_residual_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -3363,9 +2383,8 @@ void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t co
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         hybrid_residual_block(last_constants, last_q, last_v,
             residual + whole * (19 * LANES));
@@ -3378,12 +2397,8 @@ static INLINE void hybrid_input_matrix_angles(const Constants *RESTRICT constant
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
@@ -3391,71 +2406,48 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
     real *RESTRICT input_matrix, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k71 = CONSTANT(k71);
-    const real k81 = CONSTANT(k81);
-    const real k84 = CONSTANT(k84);
-    const real k85 = CONSTANT(k85);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k84;
-    input_matrix[21 * stride] = k71;
-    input_matrix[23 * stride] = -k84;
-    input_matrix[28 * stride] = base_arm_length;
-    input_matrix[48 * stride] = base_arm_length;
-    input_matrix[68 * stride] = base_arm_length;
-    input_matrix[78 * stride] = R(1.0);
-    input_matrix[88 * stride] = R(1.0);
-    input_matrix[98 * stride] = R(1.0);
-    input_matrix[99 * stride] = s2;
-    input_matrix[101 * stride] = s2;
-    input_matrix[103 * stride] = s2;
+    const real base_arm_length = CONSTANT(base_arm_length), k71 = CONSTANT(k71);
+    const real k81 = CONSTANT(k81), k84 = CONSTANT(k84), k85 = CONSTANT(k85);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    input_matrix[19 * stride] = -k84; input_matrix[21 * stride] = k71;
+    input_matrix[23 * stride] = -k84; input_matrix[28 * stride] = base_arm_length;
+    input_matrix[48 * stride] = base_arm_length; input_matrix[68 * stride] = base_arm_length;
+    input_matrix[78 * stride] = R(1.0); input_matrix[88 * stride] = R(1.0);
+    input_matrix[98 * stride] = R(1.0); input_matrix[99 * stride] = s2;
+    input_matrix[101 * stride] = s2; input_matrix[103 * stride] = s2;
 
     /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
-    input_matrix[108 * stride] = -t7;
-    input_matrix[110 * stride] = -t7;
+    input_matrix[108 * stride] = -t7; input_matrix[110 * stride] = -t7;
     input_matrix[112 * stride] = -t7;
     const real t8 = c1 * c2;
-    input_matrix[117 * stride] = t8;
-    input_matrix[119 * stride] = t8;
+    input_matrix[117 * stride] = t8; input_matrix[119 * stride] = t8;
     input_matrix[121 * stride] = t8;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t9 = R(0.5) * s3;
-    const real t10 = R(0.8660254037844386) * c3;
-    const real t11 = t9 + t10;
-    const real t12 = R(0.5) * c3;
-    const real t13 = R(0.8660254037844386) * s3;
-    const real t14 = t13 - t12;
-    const real t15 = s2 * t11;
-    const real t16 = c2 * t11;
+    const real t9 = R(0.5) * s3, t10 = R(0.8660254037844386) * c3;
+    const real t11 = t9 + t10, t12 = R(0.5) * c3;
+    const real t13 = R(0.8660254037844386) * s3, t14 = t13 - t12;
+    const real t15 = s2 * t11, t16 = c2 * t11;
     input_matrix[100 * stride] = t16;
     const real t17 = k84 * s2;
-    input_matrix[1 * stride] = -t17;
-    input_matrix[5 * stride] = -t17;
+    input_matrix[1 * stride] = -t17; input_matrix[5 * stride] = -t17;
     const real t18 = s1 * t15 + c1 * t14;
     input_matrix[109 * stride] = t18;
     const real t19 = s1 * t14 - c1 * t15;
     input_matrix[118 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = k85 * s3;
-    const real t21 = k81 * c3;
-    const real t22 = k81 * s3;
-    const real t23 = k85 * c3;
+    const real t20 = k85 * s3, t21 = k81 * c3;
+    const real t22 = k81 * s3, t23 = k85 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
     input_matrix[2 * stride] = t25;
 
     /* thrust direction and generalised forces of motor 4 */
-    const real t26 = s2 * s3;
-    const real t27 = c2 * s3;
+    const real t26 = s2 * s3, t27 = c2 * s3;
     input_matrix[102 * stride] = -t27;
     const real t28 = k71 * s2;
     input_matrix[3 * stride] = t28;
@@ -3471,10 +2463,8 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
     input_matrix[4 * stride] = t32;
 
     /* thrust direction and generalised forces of motor 6 */
-    const real t33 = t9 - t10;
-    const real t34 = t12 + t13;
-    const real t35 = s2 * t33;
-    const real t36 = c2 * t33;
+    const real t33 = t9 - t10, t34 = t12 + t13;
+    const real t35 = s2 * t33, t36 = c2 * t33;
     input_matrix[104 * stride] = t36;
     const real t37 = s1 * t35 - c1 * t34;
     input_matrix[113 * stride] = t37;
@@ -3518,8 +2508,7 @@ static WIDE void hybrid_input_matrix_block(const Constants *RESTRICT constants,
 void BATCH(hybrid_input_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT input_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_input_matrix_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -3544,12 +2533,8 @@ static INLINE void constraint_torques_angles(const Constants *RESTRICT constants
     (void)v;
     (void)a;
     (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
@@ -3558,66 +2543,40 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real k86 = CONSTANT(k86);
-    const real k87 = CONSTANT(k87);
-    const real k88 = CONSTANT(k88);
-    const real k91 = CONSTANT(k91);
-    const real k92 = CONSTANT(k92);
-    const real k93 = CONSTANT(k93);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_x = a[6 * stride];
-    const real a_y = a[7 * stride];
-    const real a_z = a[8 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_4 = u[3 * stride];
-    const real F_6 = u[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k86 = CONSTANT(k86), k87 = CONSTANT(k87);
+    const real k88 = CONSTANT(k88), k91 = CONSTANT(k91), k92 = CONSTANT(k92), k93 = CONSTANT(k93);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real a_theta_m1 = a[0 * stride], a_theta_1 = a[2 * stride], a_x = a[6 * stride];
+    const real a_y = a[7 * stride], a_z = a[8 * stride];
+    const real F_2 = u[1 * stride], F_4 = u[3 * stride], F_6 = u[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
 
     /* motion of the base */
-    const real t7 = v_theta_m1 * c2;
-    const real t8 = v_theta_1 + v_theta_m1 * s2;
-    const real t9 = t8 * t8;
-    const real t10 = c3 * t7 + v_theta_0 * s3;
-    const real t11 = v_theta_0 * c3 - s3 * t7;
-    const real t12 = t10 * t11;
+    const real t7 = v_theta_m1 * c2, t8 = v_theta_1 + v_theta_m1 * s2;
+    const real t9 = t8 * t8, t10 = c3 * t7 + v_theta_0 * s3;
+    const real t11 = v_theta_0 * c3 - s3 * t7, t12 = t10 * t11;
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
     const real t14 = k93 * (t9 + t10 * t10 - t13);
 
     /* motion of the base */
-    const real t15 = a_z + gravity;
-    const real t16 = a_y * c1 + s1 * t15;
+    const real t15 = a_z + gravity, t16 = a_y * c1 + s1 * t15;
     const real t17 = a_x * c2 - s2 * (c1 * t15 - a_y * s1);
-    const real t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
-    const real t19 = t12 + t18;
+    const real t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2, t19 = t12 + t18;
     const real t20 = t12 - t18;
 
     /* motion of base arm 2 */
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k87 * t21;
-    const real t23 = k88 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
+    const real t22 = k87 * t21, t23 = k88 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t24 = t14 + t22;
-    const real t25 = k91 * t19 - k92 * t20;
-    const real t26 = t25 - t23;
-    const real t27 = t26 - base_arm_length * F_2 - t24;
+    const real t24 = t14 + t22, t25 = k91 * t19 - k92 * t20;
+    const real t26 = t25 - t23, t27 = t26 - base_arm_length * F_2 - t24;
     torque[0 * stride] = t27;
 
     /* inertia forces of base arm 3, about joint 3 */
@@ -3632,8 +2591,7 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t31 = t14 - t22;
-    const real t32 = t23 + t25;
+    const real t31 = t14 - t22, t32 = t23 + t25;
     const real t33 = t32 - t31;
     torque[3 * stride] = t33;
 
@@ -3675,8 +2633,7 @@ void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         constraint_torques_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -3685,13 +2642,10 @@ void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES], last_a[9 * LANES], last_u[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        real last_a[9 * LANES];
         fill_lanes(9, rest, a + whole * (9 * LANES), last_a);
-        real last_u[9 * LANES];
         fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
         constraint_torques_block(last_constants, last_q, last_v, last_a, last_u,
             torque + whole * (5 * LANES));
@@ -3705,22 +2659,13 @@ static INLINE void kinetic_energy_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
@@ -3728,52 +2673,24 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT energy, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k73 = CONSTANT(k73);
-    const real k74 = CONSTANT(k74);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k77 = CONSTANT(k77);
-    const real k107 = CONSTANT(k107);
-    const real k108 = CONSTANT(k108);
-    const real k109 = CONSTANT(k109);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride];
-    const real v_y = v[7 * stride];
-    const real v_z = v[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real k32 = CONSTANT(k32), k44 = CONSTANT(k44), k50 = CONSTANT(k50), k60 = CONSTANT(k60);
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k68 = CONSTANT(k68), k73 = CONSTANT(k73);
+    const real k74 = CONSTANT(k74), k75 = CONSTANT(k75), k76 = CONSTANT(k76), k77 = CONSTANT(k77);
+    const real k107 = CONSTANT(k107), k108 = CONSTANT(k108), k109 = CONSTANT(k109);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_1 + v_theta_m1 * s2;
+    const real t15 = v_theta_m1 * c2, t16 = v_theta_1 + v_theta_m1 * s2;
 
     /* motion of link 1 */
-    const real t17 = v_theta_7 + t16;
-    const real t18 = c4 * t15 + v_theta_0 * s4;
+    const real t17 = v_theta_7 + t16, t18 = c4 * t15 + v_theta_0 * s4;
 
     /* motion of link 2 */
     const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
@@ -3782,69 +2699,48 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real t20 = v_theta_9 + t19;
 
     /* inertia of link 3, turned by the joints */
-    const real t21 = k62 * c6;
-    const real t22 = k62 * s6;
-    const real t23 = k75 * s6;
-    const real t24 = s6 * t23;
-    const real t25 = k44 - t24;
-    const real t26 = k50 + t24;
+    const real t21 = k62 * c6, t22 = k62 * s6;
+    const real t23 = k75 * s6, t24 = s6 * t23;
+    const real t25 = k44 - t24, t26 = k50 + t24;
 
     /* inertia of link 2, turned by the joints */
-    const real t27 = k67 * c5;
-    const real t28 = k67 * s5;
-    const real t29 = k76 * s5;
-    const real t30 = s5 * t29;
-    const real t31 = k68 + t30;
-    const real t32 = k32 - t30;
+    const real t27 = k67 * c5, t28 = k67 * s5;
+    const real t29 = k76 * s5, t30 = s5 * t29;
+    const real t31 = k68 + t30, t32 = k32 - t30;
 
     /* inertia of the base, turned by the joints */
-    const real t33 = k73 * c3;
-    const real t34 = k73 * s3;
-    const real t35 = k77 * s3;
-    const real t36 = s3 * t35;
-    const real t37 = k74 + t36;
-    const real t38 = k60 - t36;
+    const real t33 = k73 * c3, t34 = k73 * s3;
+    const real t35 = k77 * s3, t36 = s3 * t35;
+    const real t37 = k74 + t36, t38 = k60 - t36;
 
     /* motion of the base */
-    const real t39 = v_y * c1 + v_z * s1;
-    const real t40 = v_z * c1 - v_y * s1;
-    const real t41 = c2 * t40 + v_x * s2;
-    const real t42 = v_x * c2 - s2 * t40;
+    const real t39 = v_y * c1 + v_z * s1, t40 = v_z * c1 - v_y * s1;
+    const real t41 = c2 * t40 + v_x * s2, t42 = v_x * c2 - s2 * t40;
 
     /* motion of link 1 */
-    const real t43 = t42 - base_arm_length * s3 * t16;
-    const real t44 = t39 + base_arm_length * c3 * t16;
-    const real t45 = t41 - base_arm_length * (v_theta_0 * c3 - s3 * t15);
-    const real t46 = c4 * t43 + s4 * t44;
+    const real t43 = t42 - base_arm_length * s3 * t16, t44 = t39 + base_arm_length * c3 * t16;
+    const real t45 = t41 - base_arm_length * (v_theta_0 * c3 - s3 * t15), t46 = c4 * t43 + s4 * t44;
     const real t47 = c4 * t44 - s4 * t43;
 
     /* motion of link 3 */
     const real t48 = t47 - link2_length * (s5 * t18 - c5 * t17);
 
     /* Gibbs function of the base */
-    const real t49 = v_theta_0 * v_theta_0 * t37;
-    const real t50 = t15 * t15 * t38;
+    const real t49 = v_theta_0 * v_theta_0 * t37, t50 = t15 * t15 * t38;
 
     /* sum over the links */
-    const real t51 = v_theta_0 * c3 * t35 + k107 * t15 + t34 * t41;
-    const real t52 = t15 * t51;
+    const real t51 = v_theta_0 * c3 * t35 + k107 * t15 + t34 * t41, t52 = t15 * t51;
     const real t53 = k108 * (t39 * t39 + t41 * t41 + t42 * t42);
     const real t54 = t18 * (k109 * t18 - t28 * t47 - t22 * t48);
     const real t55 = v_theta_0 * (k107 * v_theta_0 - t33 * t41);
-    const real t56 = t16 * (t33 * t39 - t34 * t42);
-    const real t57 = t19 * (t27 * t45 - t28 * t46);
+    const real t56 = t16 * (t33 * t39 - t34 * t42), t57 = t19 * (t27 * t45 - t28 * t46);
     const real t58 = t22 * (t46 - link2_length * s5 * t19);
     const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
-    const real t60 = t18 * (c6 * t23 - c5 * t29);
-    const real t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60;
-    const real t62 = t17 * t61;
-    const real t63 = t16 * t16 * (t37 + t38);
-    const real t64 = t17 * t17 * (t25 + t31);
-    const real t65 = t18 * t18 * (t26 + t32);
-    const real t66 = t19 * (t31 + t32) * t19;
-    const real t67 = t20 * (t25 + t26) * t20;
-    const real t68 = t49 + t50 + t63 + t64 + t65 + t66 + t67;
-    const real t69 = R(0.5) * t68;
+    const real t60 = t18 * (c6 * t23 - c5 * t29), t61 = k109 * t17 + t27 * t47 + t21 * t48 - t60;
+    const real t62 = t17 * t61, t63 = t16 * t16 * (t37 + t38);
+    const real t64 = t17 * t17 * (t25 + t31), t65 = t18 * t18 * (t26 + t32);
+    const real t66 = t19 * (t31 + t32) * t19, t67 = t20 * (t25 + t26) * t20;
+    const real t68 = t49 + t50 + t63 + t64 + t65 + t66 + t67, t69 = R(0.5) * t68;
     const real t70 = t52 + t53 + t54 + t55 + t56 + t57 + t59 + t62 + t69;
     energy[0 * stride] = t70;
 }
@@ -3881,8 +2777,7 @@ static WIDE void kinetic_energy_block(const Constants *RESTRICT constants, const
 void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT energy)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         kinetic_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -3890,9 +2785,8 @@ void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t cou
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         kinetic_energy_block(last_constants, last_q, last_v, energy + whole * (1 * LANES));
     }
@@ -3904,55 +2798,33 @@ static INLINE void potential_energy_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
     const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
     real *RESTRICT energy, const int stride)
 {
-    const real gravity = CONSTANT(gravity);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k72 = CONSTANT(k72);
-    const real k73 = CONSTANT(k73);
+    const real gravity = CONSTANT(gravity), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
+    const real k72 = CONSTANT(k72), k73 = CONSTANT(k73);
     const real z = q[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t16 = s2 * (k73 * c3 + c4 * t15);
-    const real t17 = c1 * (c2 * (k62 * s6 + k67 * s5) - t16);
-    const real t18 = t17 + s1 * (k73 * s3 + s4 * t15);
-    const real t19 = gravity * (t18 + k72 * z);
+    const real t16 = s2 * (k73 * c3 + c4 * t15), t17 = c1 * (c2 * (k62 * s6 + k67 * s5) - t16);
+    const real t18 = t17 + s1 * (k73 * s3 + s4 * t15), t19 = gravity * (t18 + k72 * z);
     energy[0 * stride] = t19;
 }
 
@@ -3987,8 +2859,7 @@ static WIDE void potential_energy_block(const Constants *RESTRICT constants, con
 void BATCH(potential_energy)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT energy)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         potential_energy_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -4008,22 +2879,13 @@ static INLINE void gravity_forces_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
@@ -4031,35 +2893,19 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k73 = CONSTANT(k73);
-    const real k79 = CONSTANT(k79);
-    const real k105 = CONSTANT(k105);
-    const real k111 = CONSTANT(k111);
-    const real k112 = CONSTANT(k112);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    force[6 * stride] = R(0.0);
-    force[7 * stride] = R(0.0);
-    force[8 * stride] = -k79;
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k79 = CONSTANT(k79);
+    const real k105 = CONSTANT(k105), k111 = CONSTANT(k111), k112 = CONSTANT(k112);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    force[6 * stride] = R(0.0); force[7 * stride] = R(0.0); force[8 * stride] = -k79;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t16 = c4 * t15;
-    const real t17 = s4 * t15;
+    const real t16 = c4 * t15, t17 = s4 * t15;
 
     /* axes of the base */
     const real t18 = c1 * c2;
@@ -4077,8 +2923,7 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t22 = k105 * (k73 * c3 + t16);
 
     /* columns of the base */
-    const real t23 = s2 * t19 + c2 * t22;
-    const real t24 = c1 * k105 * (k73 * s3 + t17);
+    const real t23 = s2 * t19 + c2 * t22, t24 = c1 * k105 * (k73 * s3 + t17);
     const real t25 = s1 * (c2 * t19 - s2 * t22) - t24;
 
     /* weight at the centre of mass */
@@ -4127,8 +2972,7 @@ static WIDE void gravity_forces_block(const Constants *RESTRICT constants, const
 void BATCH(gravity_forces)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gravity_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -4149,22 +2993,13 @@ static INLINE void wrench_forces_angles(const Constants *RESTRICT constants, con
 {
     (void)constants;
     (void)W;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
@@ -4172,69 +3007,39 @@ static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
     const real *RESTRICT W, real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real W_base_fx = W[0 * stride];
-    const real W_base_fy = W[1 * stride];
-    const real W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride];
-    const real W_base_ty = W[4 * stride];
-    const real W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride];
-    const real W_tip_fy = W[7 * stride];
-    const real W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride];
-    const real W_tip_ty = W[10 * stride];
-    const real W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* step from link 2 to link 3 */
-    const real t15 = link2_length * c5;
-    const real t16 = link2_length * s5;
+    const real t15 = link2_length * c5, t16 = link2_length * s5;
 
     /* step from the base to link 1 */
-    const real t17 = base_arm_length * c3;
-    const real t18 = base_arm_length * s3;
+    const real t17 = base_arm_length * c3, t18 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t19 = s1 * c2;
-    const real t20 = c1 * c2;
-    const real t21 = c2 * s3;
-    const real t22 = s1 * s2;
-    const real t23 = c1 * s2;
-    const real t24 = c2 * c3;
-    const real t25 = c1 * s3 + c3 * t22;
-    const real t26 = s1 * s3 - c3 * t23;
-    const real t27 = c1 * c3 - s3 * t22;
-    const real t28 = s1 * c3 + s3 * t23;
+    const real t19 = s1 * c2, t20 = c1 * c2;
+    const real t21 = c2 * s3, t22 = s1 * s2;
+    const real t23 = c1 * s2, t24 = c2 * c3;
+    const real t25 = c1 * s3 + c3 * t22, t26 = s1 * s3 - c3 * t23;
+    const real t27 = c1 * c3 - s3 * t22, t28 = s1 * c3 + s3 * t23;
 
     /* joint 7 and the axes of link 1 */
-    const real t29 = c2 * c4;
-    const real t30 = c1 * s4 + c4 * t22;
-    const real t31 = s1 * s4 - c4 * t23;
-    const real t32 = c2 * s4;
-    const real t33 = c1 * c4 - s4 * t22;
-    const real t34 = s1 * c4 + s4 * t23;
+    const real t29 = c2 * c4, t30 = c1 * s4 + c4 * t22;
+    const real t31 = s1 * s4 - c4 * t23, t32 = c2 * s4;
+    const real t33 = c1 * c4 - s4 * t22, t34 = s1 * c4 + s4 * t23;
 
     /* joint 9 and the axes of link 3 */
-    const real t35 = c6 * t29 + s2 * s6;
-    const real t36 = c6 * t30 - s6 * t19;
-    const real t37 = c6 * t31 + s6 * t20;
-    const real t38 = s2 * c6 - s6 * t29;
-    const real t39 = s6 * t30 + c6 * t19;
-    const real t40 = c6 * t20 - s6 * t31;
+    const real t35 = c6 * t29 + s2 * s6, t36 = c6 * t30 - s6 * t19;
+    const real t37 = c6 * t31 + s6 * t20, t38 = s2 * c6 - s6 * t29;
+    const real t39 = s6 * t30 + c6 * t19, t40 = c6 * t20 - s6 * t31;
 
     /* wrench on base, in the frame of its link */
     const real t41 = W_base_fx * t24 + W_base_fy * t25 + W_base_fz * t26;
@@ -4252,35 +3057,26 @@ static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
     const real t51 = W_tip_tx * t35 + W_tip_ty * t36 + W_tip_tz * t37;
     const real t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39;
     const real t53 = W_tip_tx * t32 - W_tip_ty * t33 - W_tip_tz * t34;
-    const real t54 = t52 - link3_length * t50;
-    const real t55 = t53 + link3_length * t49;
+    const real t54 = t52 - link3_length * t50, t55 = t53 + link3_length * t49;
     force[5 * stride] = t55;
 
     /* wrenches carried in to the base */
-    const real t56 = c6 * t48 - s6 * t49;
-    const real t57 = s6 * t48 + c6 * t49;
-    const real t58 = c6 * t51 + t16 * t50 - s6 * t54;
-    const real t59 = s6 * t51 + c6 * t54 - t15 * t50;
+    const real t56 = c6 * t48 - s6 * t49, t57 = s6 * t48 + c6 * t49;
+    const real t58 = c6 * t51 + t16 * t50 - s6 * t54, t59 = s6 * t51 + c6 * t54 - t15 * t50;
     force[3 * stride] = t59;
     const real t60 = t55 + t15 * t57 - t16 * t56;
     force[4 * stride] = t60;
-    const real t61 = c4 * t56 + s4 * t50;
-    const real t62 = c4 * t50 - s4 * t56;
-    const real t63 = c4 * t58 + s4 * t60 + t18 * t57;
-    const real t64 = s4 * t58 - c4 * t60 - t17 * t57;
-    const real t65 = t59 - t17 * t62 - t18 * t61;
-    const real t66 = c3 * t41 + t61 - s3 * t42;
-    const real t67 = s3 * t41 + c3 * t42 - t62;
-    const real t68 = t43 + t57;
+    const real t61 = c4 * t56 + s4 * t50, t62 = c4 * t50 - s4 * t56;
+    const real t63 = c4 * t58 + s4 * t60 + t18 * t57, t64 = s4 * t58 - c4 * t60 - t17 * t57;
+    const real t65 = t59 - t17 * t62 - t18 * t61, t66 = c3 * t41 + t61 - s3 * t42;
+    const real t67 = s3 * t41 + c3 * t42 - t62, t68 = t43 + t57;
     const real t69 = s3 * t44 + c3 * t47 + t64;
     force[1 * stride] = t69;
     const real t70 = t46 + base_arm_length * t42 + t65;
     force[2 * stride] = t70;
-    const real t71 = c2 * t68 - s2 * t66;
-    const real t72 = c2 * t66 + s2 * t68;
+    const real t71 = c2 * t68 - s2 * t66, t72 = c2 * t66 + s2 * t68;
     force[6 * stride] = t72;
-    const real t73 = c2 * (c3 * t44 + t63 - s3 * t47);
-    const real t74 = t73 + s2 * t70;
+    const real t73 = c2 * (c3 * t44 + t63 - s3 * t47), t74 = t73 + s2 * t70;
     force[0 * stride] = t74;
     const real t75 = c1 * t67 - s1 * t71;
     force[7 * stride] = t75;
@@ -4320,8 +3116,7 @@ static WIDE void wrench_forces_block(const Constants *RESTRICT constants, const 
 void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT W, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         wrench_forces_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -4329,9 +3124,8 @@ void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t coun
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_W[12 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_W[12 * LANES];
         fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
         wrench_forces_block(last_constants, last_q, last_W, force + whole * (9 * LANES));
     }
@@ -4347,22 +3141,13 @@ static INLINE void forward_dynamics_with_wrenches_angles(const Constants *RESTRI
     (void)v;
     (void)u;
     (void)W;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT constants,
@@ -4371,287 +3156,176 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     real *RESTRICT acceleration, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k32 = CONSTANT(k32);
-    const real link3_length = CONSTANT(link3_length);
-    const real k44 = CONSTANT(k44);
-    const real k50 = CONSTANT(k50);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k68 = CONSTANT(k68);
-    const real k69 = CONSTANT(k69);
-    const real k72 = CONSTANT(k72);
-    const real k75 = CONSTANT(k75);
-    const real k76 = CONSTANT(k76);
-    const real k78 = CONSTANT(k78);
-    const real k80 = CONSTANT(k80);
-    const real k81 = CONSTANT(k81);
-    const real k100 = CONSTANT(k100);
-    const real k102 = CONSTANT(k102);
-    const real k103 = CONSTANT(k103);
-    const real k104 = CONSTANT(k104);
-    const real k110 = CONSTANT(k110);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real F_1 = u[0 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real F_5 = u[4 * stride];
-    const real F_6 = u[5 * stride];
-    const real tau_7 = u[6 * stride];
-    const real tau_8 = u[7 * stride];
-    const real tau_9 = u[8 * stride];
-    const real W_base_fx = W[0 * stride];
-    const real W_base_fy = W[1 * stride];
-    const real W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride];
-    const real W_base_ty = W[4 * stride];
-    const real W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride];
-    const real W_tip_fy = W[7 * stride];
-    const real W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride];
-    const real W_tip_ty = W[10 * stride];
-    const real W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k32 = CONSTANT(k32);
+    const real link3_length = CONSTANT(link3_length), k44 = CONSTANT(k44), k50 = CONSTANT(k50);
+    const real k60 = CONSTANT(k60), k61 = CONSTANT(k61), k62 = CONSTANT(k62), k67 = CONSTANT(k67);
+    const real k68 = CONSTANT(k68), k69 = CONSTANT(k69), k72 = CONSTANT(k72), k75 = CONSTANT(k75);
+    const real k76 = CONSTANT(k76), k78 = CONSTANT(k78), k80 = CONSTANT(k80), k81 = CONSTANT(k81);
+    const real k100 = CONSTANT(k100), k102 = CONSTANT(k102), k103 = CONSTANT(k103);
+    const real k104 = CONSTANT(k104), k110 = CONSTANT(k110);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
+    const real F_5 = u[4 * stride], F_6 = u[5 * stride], tau_7 = u[6 * stride];
+    const real tau_8 = u[7 * stride], tau_9 = u[8 * stride];
+    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = v_theta_0 * t16;
-    const real t19 = t15 * t16;
-    const real t20 = R(2.0) * t17;
-    const real t21 = v_theta_1 + t15;
-    const real t22 = t21 * t21;
+    const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t15, t18 = v_theta_0 * t16;
+    const real t19 = t15 * t16, t20 = R(2.0) * t17;
+    const real t21 = v_theta_1 + t15, t22 = t21 * t21;
 
     /* motion of link 1 */
-    const real t23 = v_theta_7 + t21;
-    const real t24 = t20 - v_theta_0 * t23;
-    const real t25 = t19 - t16 * t23;
-    const real t26 = t23 * t23;
-    const real t27 = c4 * t16 + v_theta_0 * s4;
-    const real t28 = v_theta_0 * c4 - s4 * t16;
-    const real t29 = s4 * t24 + c4 * t25;
-    const real t30 = t27 * t27;
-    const real t31 = t23 * t27;
-    const real t32 = t29 - t31;
-    const real t33 = t18 - t27 * t28;
-    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t23 = v_theta_7 + t21, t24 = t20 - v_theta_0 * t23;
+    const real t25 = t19 - t16 * t23, t26 = t23 * t23;
+    const real t27 = c4 * t16 + v_theta_0 * s4, t28 = v_theta_0 * c4 - s4 * t16;
+    const real t29 = s4 * t24 + c4 * t25, t30 = t27 * t27;
+    const real t31 = t23 * t27, t32 = t29 - t31;
+    const real t33 = t18 - t27 * t28, t34 = s4 * t25 + t23 * t28 - c4 * t24;
     const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t36 = v_theta_8 - t28;
-    const real t37 = t36 * t36;
-    const real t38 = t26 + t37;
-    const real t39 = R(2.0) * t27;
-    const real t40 = t33 - t36 * t39;
-    const real t41 = t30 + t37;
-    const real t42 = R(2.0) * t23;
-    const real t43 = t36 * t42 + t34;
+    const real t36 = v_theta_8 - t28, t37 = t36 * t36;
+    const real t38 = t26 + t37, t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39, t41 = t30 + t37;
+    const real t42 = R(2.0) * t23, t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t44 = s5 * t35 - c5 * t38;
-    const real t45 = c5 * t32 + s5 * t41;
-    const real t46 = c5 * t40 - s5 * t43;
-    const real t47 = link2_length * t46;
-    const real t48 = v_theta_9 + t36;
-    const real t49 = t48 * t48;
-    const real t50 = t26 + t49;
-    const real t51 = t33 - t39 * t48;
-    const real t52 = t30 + t49;
-    const real t53 = t42 * t48 + t34;
+    const real t44 = s5 * t35 - c5 * t38, t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43, t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36, t49 = t48 * t48;
+    const real t50 = t26 + t49, t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49, t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t54 = k62 * c6;
-    const real t55 = k62 * s6;
-    const real t56 = k75 * s6;
-    const real t57 = s6 * t56;
-    const real t58 = k44 - t57;
-    const real t59 = k50 + t57;
+    const real t54 = k62 * c6, t55 = k62 * s6;
+    const real t56 = k75 * s6, t57 = s6 * t56;
+    const real t58 = k44 - t57, t59 = k50 + t57;
     const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t61 = t59 * t53;
-    const real t62 = t51 * t60;
-    const real t63 = t51 * t58;
-    const real t64 = t60 * t53;
-    const real t65 = t60 * (t50 - t52);
-    const real t66 = t32 * t58;
-    const real t67 = t35 * t59;
-    const real t68 = k62 * (s6 * t35 - c6 * t50);
+    const real t61 = t59 * t53, t62 = t51 * t60;
+    const real t63 = t51 * t58, t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52), t66 = t32 * t58;
+    const real t67 = t35 * t59, t68 = k62 * (s6 * t35 - c6 * t50);
     const real t69 = k62 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
-    const real t70 = link2_length * c5;
-    const real t71 = link2_length * s5;
+    const real t70 = link2_length * c5, t71 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t72 = k67 * c5;
-    const real t73 = k67 * s5;
-    const real t74 = k76 * s5;
-    const real t75 = s5 * t74;
-    const real t76 = k68 + t75;
-    const real t77 = k32 - t75;
+    const real t72 = k67 * c5, t73 = k67 * s5;
+    const real t74 = k76 * s5, t75 = s5 * t74;
+    const real t76 = k68 + t75, t77 = k32 - t75;
     const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t79 = t40 * t78;
-    const real t80 = t77 * t43;
-    const real t81 = t40 * t76;
-    const real t82 = t78 * t43;
-    const real t83 = t32 * t76;
-    const real t84 = t35 * t77;
-    const real t85 = t78 * (t38 - t41);
-    const real t86 = k67 * t45;
+    const real t79 = t40 * t78, t80 = t77 * t43;
+    const real t81 = t40 * t76, t82 = t78 * t43;
+    const real t83 = t32 * t76, t84 = t35 * t77;
+    const real t85 = t78 * (t38 - t41), t86 = k67 * t45;
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t87 = k69 * t34;
-    const real t88 = k69 * t33;
+    const real t87 = k69 * t34, t88 = k69 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t89 = t54 + t72;
-    const real t90 = t60 + t54 * t71 + t55 * t70 - t78;
+    const real t89 = t54 + t72, t90 = t60 + t54 * t71 + t55 * t70 - t78;
 
     /* axes of the base */
-    const real t91 = s1 * c2;
-    const real t92 = c1 * c2;
+    const real t91 = s1 * c2, t92 = c1 * c2;
     const real t93 = c2 * s3;
 
     /* force and moment of all thrusts */
     const real t94 = base_arm_length * F_4;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t95 = t55 * t47;
-    const real t96 = t54 * t47;
+    const real t95 = t55 * t47, t96 = t54 * t47;
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t97 = R(1.0) / (t58 + t59);
-    const real t98 = t55 * t97;
-    const real t99 = t54 * t97;
-    const real t100 = t55 * t98;
-    const real t101 = t54 * t99;
-    const real t102 = t54 * t98;
+    const real t97 = R(1.0) / (t58 + t59), t98 = t55 * t97;
+    const real t99 = t54 * t97, t100 = t55 * t98;
+    const real t101 = t54 * t99, t102 = t54 * t98;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t103 = t71 * t100 + t70 * t102;
-    const real t104 = t71 * t102 + t70 * t101;
-    const real t105 = R(2.0) * t55 * t71;
-    const real t106 = t73 - t103;
+    const real t103 = t71 * t100 + t70 * t102, t104 = t71 * t102 + t70 * t101;
+    const real t105 = R(2.0) * t55 * t71, t106 = t73 - t103;
     const real t107 = t72 - t104;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t108 = R(1.0) / (t76 + t77 - t70 * t104 - t71 * t103);
-    const real t109 = t106 * t108;
-    const real t110 = t107 * t108;
-    const real t111 = t102 + t107 * t109;
+    const real t108 = R(1.0) / (t76 + t77 - t70 * t104 - t71 * t103), t109 = t106 * t108;
+    const real t110 = t107 * t108, t111 = t102 + t107 * t109;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t112 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70);
-    const real t113 = t89 * t112;
-    const real t114 = t90 * t112;
-    const real t115 = t55 + t73 - t90 * t113;
+    const real t112 = R(1.0) / (k69 + t58 + t76 + R(2.0) * t54 * t70), t113 = t89 * t112;
+    const real t114 = t90 * t112, t115 = t55 + t73 - t90 * t113;
 
     /* articulated inertia and load of the base and links 1 to 3 */
     const real t116 = k60 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t117 = k60 * (t19 - R(2.0) * t21 * t16);
-    const real t118 = k102 * t18;
+    const real t117 = k60 * (t19 - R(2.0) * t21 * t16), t118 = k102 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t119 = R(1.0) / (t59 + t77 + t105 + k110 - t90 * t114);
-    const real t120 = t115 * t119;
+    const real t119 = R(1.0) / (t59 + t77 + t105 + k110 - t90 * t114), t120 = t115 * t119;
     const real t121 = R(1.0) / (k72 - t89 * t113 - t115 * t120);
-    const real t122 = R(1.0) / (k72 - t101 - t107 * t110);
-    const real t123 = t111 * t122;
+    const real t122 = R(1.0) / (k72 - t101 - t107 * t110), t123 = t111 * t122;
     const real t124 = R(1.0) / (k72 - t100 - t106 * t109 - t111 * t123);
 
     /* accelerations of the attitude angles */
     const real t125 = R(1.0) / c2;
 
     /* axes of the base */
-    const real t126 = s1 * s2;
-    const real t127 = c1 * s2;
-    const real t128 = c2 * c3;
-    const real t129 = c1 * s3 + c3 * t126;
-    const real t130 = s1 * s3 - c3 * t127;
-    const real t131 = c1 * c3 - s3 * t126;
+    const real t126 = s1 * s2, t127 = c1 * s2;
+    const real t128 = c2 * c3, t129 = c1 * s3 + c3 * t126;
+    const real t130 = s1 * s3 - c3 * t127, t131 = c1 * c3 - s3 * t126;
     const real t132 = s1 * c3 + s3 * t127;
 
     /* joint 7 and the axes of link 1 */
-    const real t133 = c2 * c4;
-    const real t134 = c1 * s4 + c4 * t126;
-    const real t135 = s1 * s4 - c4 * t127;
-    const real t136 = c2 * s4;
-    const real t137 = c1 * c4 - s4 * t126;
-    const real t138 = s1 * c4 + s4 * t127;
+    const real t133 = c2 * c4, t134 = c1 * s4 + c4 * t126;
+    const real t135 = s1 * s4 - c4 * t127, t136 = c2 * s4;
+    const real t137 = c1 * c4 - s4 * t126, t138 = s1 * c4 + s4 * t127;
 
     /* joint 9 and the axes of link 3 */
-    const real t139 = c6 * t133 + s2 * s6;
-    const real t140 = c6 * t134 - s6 * t91;
-    const real t141 = c6 * t135 + s6 * t92;
-    const real t142 = s2 * c6 - s6 * t133;
-    const real t143 = s6 * t134 + c6 * t91;
-    const real t144 = c6 * t92 - s6 * t135;
+    const real t139 = c6 * t133 + s2 * s6, t140 = c6 * t134 - s6 * t91;
+    const real t141 = c6 * t135 + s6 * t92, t142 = s2 * c6 - s6 * t133;
+    const real t143 = s6 * t134 + c6 * t91, t144 = c6 * t92 - s6 * t135;
 
     /* wrench on base, in the frame of its link */
-    const real t145 = W_base_fx * t93;
-    const real t146 = W_base_fx * s2;
-    const real t147 = W_base_fz * t92;
-    const real t148 = W_base_fy * t91;
-    const real t149 = W_base_tz * t132;
-    const real t150 = W_base_tx * t93;
-    const real t151 = W_base_tx * s2;
-    const real t152 = W_base_tz * t92;
+    const real t145 = W_base_fx * t93, t146 = W_base_fx * s2;
+    const real t147 = W_base_fz * t92, t148 = W_base_fy * t91;
+    const real t149 = W_base_tz * t132, t150 = W_base_tx * t93;
+    const real t151 = W_base_tx * s2, t152 = W_base_tz * t92;
     const real t153 = W_base_ty * t91;
 
     /* wrench on tip, in the frame of its link */
     const real t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141;
     const real t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143;
     const real t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138;
-    const real t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141;
-    const real t158 = W_tip_tx * t136;
-    const real t159 = W_tip_ty * t137;
-    const real t160 = W_tip_tz * t138;
+    const real t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141, t158 = W_tip_tx * t136;
+    const real t159 = W_tip_ty * t137, t160 = W_tip_tz * t138;
     const real t161 = link3_length * t156;
     const real t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161;
     const real t163 = link3_length * t155;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t164 = c6 * t157;
-    const real t165 = s6 * t162;
-    const real t166 = s6 * t157;
-    const real t167 = c6 * t162;
+    const real t164 = c6 * t157, t165 = s6 * t162;
+    const real t166 = s6 * t157, t167 = c6 * t162;
 
     /* thrusts and wrenches together */
     const real t168 = R(0.8660254037844386) * (F_2 - F_6);
     const real t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168;
-    const real t170 = F_2 + F_6;
-    const real t171 = R(0.5) * t170;
+    const real t170 = F_2 + F_6, t171 = R(0.5) * t170;
     const real t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171;
     const real t173 = k81 * (F_3 - F_5);
     const real t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173;
-    const real t175 = F_3 + F_5;
-    const real t176 = k80 * t175;
+    const real t175 = F_3 + F_5, t176 = k80 * t175;
     const real t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176;
 
     /* articulated inertia and load of link 3, about joint 9 */
@@ -4659,64 +3333,46 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
 
     /* equation of joint 9, its acceleration eliminated */
     const real t179 = link2_length * (t44 * t55 + t45 * t54);
-    const real t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160;
-    const real t181 = t97 * t180;
+    const real t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160, t181 = t97 * t180;
     const real t182 = t68 + s6 * t155 - c6 * t154 - t55 * t181;
     const real t183 = t69 + s6 * t154 + c6 * t155 - t54 * t181;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t184 = t71 * t178;
-    const real t185 = t70 * t178;
-    const real t186 = t71 * t182;
-    const real t187 = t70 * t183;
+    const real t184 = t71 * t178, t185 = t70 * t178;
+    const real t186 = t71 * t182, t187 = t70 * t183;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9;
-    const real t189 = t108 * t188;
-    const real t190 = t106 * t189;
-    const real t191 = t107 * t189;
+    const real t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9, t189 = t108 * t188;
+    const real t190 = t106 * t189, t191 = t107 * t189;
 
     /* equation of joint 7, its acceleration eliminated */
     const real t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185;
-    const real t193 = t112 * t192;
-    const real t194 = t89 * t193;
+    const real t193 = t112 * t192, t194 = t89 * t193;
     const real t195 = t90 * t193;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t196 = c3 * t169 - s3 * t172;
-    const real t197 = s3 * t169 + c3 * t172;
+    const real t196 = c3 * t169 - s3 * t172, t197 = s3 * t169 + c3 * t172;
     const real t198 = k78 * t17 + t116 + c3 * t174 - s3 * t177;
-    const real t199 = k61 * t19 + t117 - c3 * t177 - s3 * t174;
-    const real t200 = c4 * t196;
-    const real t201 = s4 * t197;
-    const real t202 = c4 * t197;
-    const real t203 = s4 * t196;
-    const real t204 = c4 * t198;
-    const real t205 = s4 * t199;
-    const real t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
+    const real t199 = k61 * t19 + t117 - c3 * t177 - s3 * t174, t200 = c4 * t196;
+    const real t201 = s4 * t197, t202 = c4 * t197;
+    const real t203 = s4 * t196, t204 = c4 * t198;
+    const real t205 = s4 * t199, t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
     const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
-    const real t208 = k100 * t170;
-    const real t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
+    const real t208 = k100 * t170, t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
 
     /* acceleration of the base, by LDL^T */
-    const real t210 = t120 * t207;
-    const real t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210;
-    const real t212 = t123 * t206;
-    const real t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201;
-    const real t214 = t124 * t213;
-    const real t215 = t123 * t214 + t122 * t206;
-    const real t216 = t121 * t211;
-    const real t217 = t119 * t207 - t120 * t216;
-    const real t218 = k104 * (tau_8 - s4 * t198 - c4 * t199);
-    const real t219 = k103 * t209;
+    const real t210 = t120 * t207, t211 = k67 * t46 + t178 + t194 + t203 - t202 - t210;
+    const real t212 = t123 * t206, t213 = k67 * t44 + t182 + t212 - t190 - t200 - t201;
+    const real t214 = t124 * t213, t215 = t123 * t214 + t122 * t206;
+    const real t216 = t121 * t211, t217 = t119 * t207 - t120 * t216;
+    const real t218 = k104 * (tau_8 - s4 * t198 - c4 * t199), t219 = k103 * t209;
 
     /* acceleration of joint 7 */
     const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
     acceleration[3 * stride] = t220;
 
     /* acceleration of joint 8 */
-    const real t221 = t189 - t109 * t214 - t110 * t215;
-    const real t222 = t218 + t221;
+    const real t221 = t189 - t109 * t214 - t110 * t215, t222 = t218 + t221;
     acceleration[4 * stride] = t222;
 
     /* acceleration of joint 9 */
@@ -4725,13 +3381,11 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     acceleration[5 * stride] = t224;
 
     /* acceleration of the base */
-    const real t225 = c4 * t217 - s4 * t218;
-    const real t226 = s4 * t217 + c4 * t218;
+    const real t225 = c4 * t217 - s4 * t218, t226 = s4 * t217 + c4 * t218;
     acceleration[1 * stride] = t226;
 
     /* acceleration of the origin from that of the base centre */
-    const real t227 = t18 + t219;
-    const real t228 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t227);
+    const real t227 = t18 + t219, t228 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t227);
     const real t229 = s3 * (t16 * t16 + t22) - c3 * (t18 + t227);
     const real t230 = s3 * (t20 - R(2.0) * v_theta_0 * t21 - t225);
     const real t231 = c3 * (t19 + t226 - R(2.0) * t16 * t21) + t230;
@@ -4740,8 +3394,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t234 = base_arm_length * t231 + t215;
 
     /* acceleration of the origin, in world axes */
-    const real t235 = c2 * t234 - s2 * t232;
-    const real t236 = s2 * t234 + c2 * t232;
+    const real t235 = c2 * t234 - s2 * t232, t236 = s2 * t234 + c2 * t232;
     acceleration[6 * stride] = t236;
     const real t237 = c1 * t233 - s1 * t235;
     acceleration[7 * stride] = t237;
@@ -4794,8 +3447,7 @@ void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, 
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_with_wrenches_block(OF_BLOCK(constants, block),
@@ -4804,13 +3456,10 @@ void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES], last_u[9 * LANES], last_W[12 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
-        real last_u[9 * LANES];
         fill_lanes(9, rest, u + whole * (9 * LANES), last_u);
-        real last_W[12 * LANES];
         fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
         forward_dynamics_with_wrenches_block(last_constants, last_q, last_v, last_u, last_W,
             acceleration + whole * (9 * LANES));
@@ -4823,105 +3472,61 @@ static INLINE void positions_angles(const Constants *RESTRICT constants, const r
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void positions_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
     const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
 {
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real link3_length = CONSTANT(link3_length);
-    const real k71 = CONSTANT(k71);
-    const real k81 = CONSTANT(k81);
-    const real k82 = CONSTANT(k82);
-    const real k85 = CONSTANT(k85);
-    const real x = q[6 * stride];
-    const real y = q[7 * stride];
-    const real z = q[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    position[0 * stride] = x;
-    position[1 * stride] = y;
-    position[2 * stride] = z;
-    position[6 * stride] = x;
-    position[7 * stride] = y;
-    position[8 * stride] = z;
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real link3_length = CONSTANT(link3_length), k71 = CONSTANT(k71), k81 = CONSTANT(k81);
+    const real k82 = CONSTANT(k82), k85 = CONSTANT(k85);
+    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    position[0 * stride] = x; position[1 * stride] = y; position[2 * stride] = z;
+    position[6 * stride] = x; position[7 * stride] = y; position[8 * stride] = z;
 
     /* axes of the base */
-    const real t15 = s1 * c2;
-    const real t16 = c1 * c2;
-    const real t17 = s1 * s2;
-    const real t18 = c1 * s2;
-    const real t19 = c2 * c3;
-    const real t20 = c1 * s3 + c3 * t17;
+    const real t15 = s1 * c2, t16 = c1 * c2;
+    const real t17 = s1 * s2, t18 = c1 * s2;
+    const real t19 = c2 * c3, t20 = c1 * s3 + c3 * t17;
     const real t21 = s1 * s3 - c3 * t18;
 
     /* joint 7 and the axes of link 1 */
-    const real t22 = c2 * c4;
-    const real t23 = c1 * s4 + c4 * t17;
+    const real t22 = c2 * c4, t23 = c1 * s4 + c4 * t17;
     const real t24 = s1 * s4 - c4 * t18;
 
     /* base centre and rotors */
-    const real t25 = k81 * c2 * s3;
-    const real t26 = k81 * (c1 * c3 - s3 * t17);
+    const real t25 = k81 * c2 * s3, t26 = k81 * (c1 * c3 - s3 * t17);
     const real t27 = k81 * (s1 * c3 + s3 * t18);
 
     /* positions in the world */
     const real t28 = x + base_arm_length * t19;
-    position[3 * stride] = t28;
-    position[24 * stride] = t28;
-    position[27 * stride] = t28;
+    position[3 * stride] = t28; position[24 * stride] = t28; position[27 * stride] = t28;
     const real t29 = y + base_arm_length * t20;
-    position[4 * stride] = t29;
-    position[25 * stride] = t29;
-    position[28 * stride] = t29;
+    position[4 * stride] = t29; position[25 * stride] = t29; position[28 * stride] = t29;
     const real t30 = z + base_arm_length * t21;
-    position[5 * stride] = t30;
-    position[26 * stride] = t30;
-    position[29 * stride] = t30;
-    const real t31 = x + k82 * t19;
-    const real t32 = t25 + t31;
+    position[5 * stride] = t30; position[26 * stride] = t30; position[29 * stride] = t30;
+    const real t31 = x + k82 * t19, t32 = t25 + t31;
     position[9 * stride] = t32;
-    const real t33 = y + k82 * t20;
-    const real t34 = t33 - t26;
+    const real t33 = y + k82 * t20, t34 = t33 - t26;
     position[10 * stride] = t34;
-    const real t35 = z + k82 * t21;
-    const real t36 = t35 - t27;
+    const real t35 = z + k82 * t21, t36 = t35 - t27;
     position[11 * stride] = t36;
-    const real t37 = x + k85 * t19;
-    const real t38 = t25 + t37;
+    const real t37 = x + k85 * t19, t38 = t25 + t37;
     position[12 * stride] = t38;
-    const real t39 = y + k85 * t20;
-    const real t40 = t39 - t26;
+    const real t39 = y + k85 * t20, t40 = t39 - t26;
     position[13 * stride] = t40;
-    const real t41 = z + k85 * t21;
-    const real t42 = t41 - t27;
+    const real t41 = z + k85 * t21, t42 = t41 - t27;
     position[14 * stride] = t42;
     const real t43 = x + k71 * t19;
     position[15 * stride] = t43;
@@ -4986,8 +3591,7 @@ static WIDE void positions_block(const Constants *RESTRICT constants, const real
 void BATCH(positions)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT position)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         positions_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5007,54 +3611,28 @@ static INLINE void frame_poses_angles(const Constants *RESTRICT constants, const
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
     const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT poses, const int stride)
 {
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real x = q[6 * stride];
-    const real y = q[7 * stride];
-    const real z = q[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    poses[2 * stride] = s2;
-    poses[12 * stride] = R(0.0);
-    poses[13 * stride] = R(0.0);
-    poses[14 * stride] = R(0.0);
-    poses[15 * stride] = R(1.0);
-    poses[28 * stride] = R(0.0);
-    poses[29 * stride] = R(0.0);
-    poses[30 * stride] = R(0.0);
-    poses[31 * stride] = R(1.0);
+    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    poses[2 * stride] = s2; poses[12 * stride] = R(0.0); poses[13 * stride] = R(0.0);
+    poses[14 * stride] = R(0.0); poses[15 * stride] = R(1.0); poses[28 * stride] = R(0.0);
+    poses[29 * stride] = R(0.0); poses[30 * stride] = R(0.0); poses[31 * stride] = R(1.0);
 
     /* axes of the base */
     const real t15 = s1 * c2;
@@ -5063,8 +3641,7 @@ static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const r
     poses[10 * stride] = t16;
     const real t17 = c2 * s3;
     poses[1 * stride] = -t17;
-    const real t18 = s1 * s2;
-    const real t19 = c1 * s2;
+    const real t18 = s1 * s2, t19 = c1 * s2;
     const real t20 = c2 * c3;
     poses[0 * stride] = t20;
     const real t21 = c1 * s3 + c3 * t18;
@@ -5077,10 +3654,8 @@ static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const r
     poses[9 * stride] = t24;
 
     /* joint 7 and the axes of link 1 */
-    const real t25 = c2 * c4;
-    const real t26 = c1 * s4 + c4 * t18;
-    const real t27 = s1 * s4 - c4 * t19;
-    const real t28 = c2 * s4;
+    const real t25 = c2 * c4, t26 = c1 * s4 + c4 * t18;
+    const real t27 = s1 * s4 - c4 * t19, t28 = c2 * s4;
     poses[18 * stride] = t28;
     const real t29 = s4 * t18 - c1 * c4;
     poses[22 * stride] = t29;
@@ -5090,8 +3665,7 @@ static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const r
     /* joint 9 and the axes of link 3 */
     const real t31 = link2_length * (c5 * t25 + s2 * s5);
     const real t32 = link2_length * (c5 * t26 - s5 * t15);
-    const real t33 = link2_length * (c5 * t27 + s5 * t16);
-    const real t34 = c6 * t25 + s2 * s6;
+    const real t33 = link2_length * (c5 * t27 + s5 * t16), t34 = c6 * t25 + s2 * s6;
     poses[16 * stride] = t34;
     const real t35 = c6 * t26 - s6 * t15;
     poses[20 * stride] = t35;
@@ -5152,8 +3726,7 @@ static WIDE void frame_poses_block(const Constants *RESTRICT constants, const re
 void BATCH(frame_poses)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT poses)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_poses_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5173,22 +3746,13 @@ static INLINE void frame_jacobians_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
@@ -5196,67 +3760,38 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     real *RESTRICT jacobians, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    jacobians[6 * stride] = R(1.0);
-    jacobians[16 * stride] = R(1.0);
-    jacobians[26 * stride] = R(1.0);
-    jacobians[27 * stride] = R(1.0);
-    jacobians[29 * stride] = s2;
-    jacobians[37 * stride] = c1;
-    jacobians[46 * stride] = s1;
-    jacobians[60 * stride] = R(1.0);
-    jacobians[70 * stride] = R(1.0);
-    jacobians[80 * stride] = R(1.0);
-    jacobians[81 * stride] = R(1.0);
-    jacobians[83 * stride] = s2;
-    jacobians[84 * stride] = s2;
-    jacobians[91 * stride] = c1;
-    jacobians[100 * stride] = s1;
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    jacobians[6 * stride] = R(1.0); jacobians[16 * stride] = R(1.0);
+    jacobians[26 * stride] = R(1.0); jacobians[27 * stride] = R(1.0); jacobians[29 * stride] = s2;
+    jacobians[37 * stride] = c1; jacobians[46 * stride] = s1; jacobians[60 * stride] = R(1.0);
+    jacobians[70 * stride] = R(1.0); jacobians[80 * stride] = R(1.0);
+    jacobians[81 * stride] = R(1.0); jacobians[83 * stride] = s2; jacobians[84 * stride] = s2;
+    jacobians[91 * stride] = c1; jacobians[100 * stride] = s1;
 
     /* axes of the base */
     const real t15 = s1 * c2;
-    jacobians[38 * stride] = -t15;
-    jacobians[92 * stride] = -t15;
-    jacobians[93 * stride] = -t15;
+    jacobians[38 * stride] = -t15; jacobians[92 * stride] = -t15; jacobians[93 * stride] = -t15;
     const real t16 = c1 * c2;
-    jacobians[47 * stride] = t16;
-    jacobians[101 * stride] = t16;
-    jacobians[102 * stride] = t16;
-    const real t17 = s1 * s2;
-    const real t18 = c1 * s2;
+    jacobians[47 * stride] = t16; jacobians[101 * stride] = t16; jacobians[102 * stride] = t16;
+    const real t17 = s1 * s2, t18 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t19 = base_arm_length * c2 * c3;
-    const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
+    const real t19 = base_arm_length * c2 * c3, t20 = base_arm_length * (c1 * s3 + c3 * t17);
     jacobians[18 * stride] = t20;
     const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
     jacobians[9 * stride] = t21;
-    const real t22 = c2 * c4;
-    const real t23 = c1 * s4 + c4 * t17;
-    const real t24 = s1 * s4 - c4 * t18;
-    const real t25 = c2 * s4;
-    jacobians[85 * stride] = t25;
-    jacobians[86 * stride] = t25;
+    const real t22 = c2 * c4, t23 = c1 * s4 + c4 * t17;
+    const real t24 = s1 * s4 - c4 * t18, t25 = c2 * s4;
+    jacobians[85 * stride] = t25; jacobians[86 * stride] = t25;
     const real t26 = s4 * t17 - c1 * c4;
-    jacobians[94 * stride] = t26;
-    jacobians[95 * stride] = t26;
+    jacobians[94 * stride] = t26; jacobians[95 * stride] = t26;
     const real t27 = s1 * c4 + s4 * t18;
-    jacobians[103 * stride] = -t27;
-    jacobians[104 * stride] = -t27;
+    jacobians[103 * stride] = -t27; jacobians[104 * stride] = -t27;
 
     /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
@@ -5297,10 +3832,8 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     jacobians[74 * stride] = t45;
 
     /* column of joint 7 */
-    const real t46 = t31 - t19;
-    const real t47 = t32 - t20;
-    const real t48 = t33 - t21;
-    const real t49 = t15 * t48 - t16 * t47;
+    const real t46 = t31 - t19, t47 = t32 - t20;
+    const real t48 = t33 - t21, t49 = t15 * t48 - t16 * t47;
     jacobians[57 * stride] = t49;
     const real t50 = s2 * t48 + t16 * t46;
     jacobians[66 * stride] = t50;
@@ -5316,10 +3849,8 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     jacobians[76 * stride] = t54;
 
     /* column of joint 9 */
-    const real t55 = t28 - t31;
-    const real t56 = t32 - t29;
-    const real t57 = t33 - t30;
-    const real t58 = t27 * t56 - t26 * t57;
+    const real t55 = t28 - t31, t56 = t32 - t29;
+    const real t57 = t33 - t30, t58 = t27 * t56 - t26 * t57;
     jacobians[59 * stride] = t58;
     const real t59 = t25 * t57 + t27 * t55;
     jacobians[68 * stride] = t59;
@@ -5364,8 +3895,7 @@ static WIDE void frame_jacobians_block(const Constants *RESTRICT constants, cons
 void BATCH(frame_jacobians)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT jacobians)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_jacobians_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5386,22 +3916,13 @@ static INLINE void frame_velocities_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
@@ -5409,38 +3930,21 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT velocities, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride];
-    const real v_y = v[7 * stride];
-    const real v_z = v[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_1 + v_theta_m1 * s2;
+    const real t15 = v_theta_m1 * c2, t16 = v_theta_1 + v_theta_m1 * s2;
 
     /* motion of link 1 */
-    const real t17 = v_theta_7 + t16;
-    const real t18 = c4 * t15 + v_theta_0 * s4;
+    const real t17 = v_theta_7 + t16, t18 = c4 * t15 + v_theta_0 * s4;
 
     /* motion of link 2 */
     const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
@@ -5449,42 +3953,32 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     const real t20 = v_theta_9 + t19;
 
     /* motion of base in world axes */
-    const real t21 = base_arm_length * c3;
-    const real t22 = base_arm_length * s3;
+    const real t21 = base_arm_length * c3, t22 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t23 = s1 * c2;
-    const real t24 = c1 * c2;
+    const real t23 = s1 * c2, t24 = c1 * c2;
 
     /* motion of link 1 */
-    const real t25 = base_arm_length * s3 * t16;
-    const real t26 = base_arm_length * c3 * t16;
+    const real t25 = base_arm_length * s3 * t16, t26 = base_arm_length * c3 * t16;
     const real t27 = base_arm_length * (v_theta_0 * c3 - s3 * t15);
 
     /* motion of link 3 */
     const real t28 = link2_length * (s5 * t18 - c5 * t17);
 
     /* axes of the base */
-    const real t29 = s1 * s2;
-    const real t30 = c1 * s2;
+    const real t29 = s1 * s2, t30 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t31 = c2 * c4;
-    const real t32 = c1 * s4 + c4 * t29;
-    const real t33 = s1 * s4 - c4 * t30;
-    const real t34 = c2 * s4;
-    const real t35 = c1 * c4 - s4 * t29;
-    const real t36 = s1 * c4 + s4 * t30;
+    const real t31 = c2 * c4, t32 = c1 * s4 + c4 * t29;
+    const real t33 = s1 * s4 - c4 * t30, t34 = c2 * s4;
+    const real t35 = c1 * c4 - s4 * t29, t36 = s1 * c4 + s4 * t30;
 
     /* motion of link 3 */
-    const real t37 = link2_length * s5 * t19 + c4 * t25 - s4 * t26;
-    const real t38 = t28 - s4 * t25 - c4 * t26;
+    const real t37 = link2_length * s5 * t19 + c4 * t25 - s4 * t26, t38 = t28 - s4 * t25 - c4 * t26;
 
     /* motion of base in world axes */
-    const real t39 = t16 * t22;
-    const real t40 = t16 * t21;
-    const real t41 = v_theta_0 * t21 - t15 * t22;
-    const real t42 = v_x - c2 * t39 - s2 * t41;
+    const real t39 = t16 * t22, t40 = t16 * t21;
+    const real t41 = v_theta_0 * t21 - t15 * t22, t42 = v_x - c2 * t39 - s2 * t41;
     velocities[0 * stride] = t42;
     const real t43 = v_y + c1 * t40 + t23 * t41 - t29 * t39;
     velocities[1 * stride] = t43;
@@ -5498,12 +3992,9 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     velocities[5 * stride] = t47;
 
     /* motion of tip in world axes */
-    const real t48 = link3_length * c6;
-    const real t49 = link3_length * s6;
-    const real t50 = t37 + t20 * t49;
-    const real t51 = t27 - link2_length * c5 * t19 - t20 * t48;
-    const real t52 = t38 + t18 * t49 - t17 * t48;
-    const real t53 = v_x + t34 * t52 - t31 * t50 - s2 * t51;
+    const real t48 = link3_length * c6, t49 = link3_length * s6;
+    const real t50 = t37 + t20 * t49, t51 = t27 - link2_length * c5 * t19 - t20 * t48;
+    const real t52 = t38 + t18 * t49 - t17 * t48, t53 = v_x + t34 * t52 - t31 * t50 - s2 * t51;
     velocities[6 * stride] = t53;
     const real t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52;
     velocities[7 * stride] = t54;
@@ -5549,8 +4040,7 @@ static WIDE void frame_velocities_block(const Constants *RESTRICT constants, con
 void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT velocities)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_velocities_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5558,9 +4048,8 @@ void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         frame_velocities_block(last_constants, last_q, last_v,
             velocities + whole * (12 * LANES));
@@ -5574,22 +4063,13 @@ static INLINE void frame_bias_accelerations_angles(const Constants *RESTRICT con
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT constants,
@@ -5597,109 +4077,67 @@ static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT const
     const real *RESTRICT v, real *RESTRICT bias_accelerations, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real link3_length = CONSTANT(link3_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = v_theta_m1 * s2;
-    const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = t15 * t16;
-    const real t19 = R(2.0) * t17;
-    const real t20 = R(2.0) * v_theta_0 * t15;
-    const real t21 = v_theta_1 + t15;
-    const real t22 = t20 - v_theta_0 * t21;
-    const real t23 = t18 - t16 * t21;
-    const real t24 = t21 * t21;
-    const real t25 = v_theta_0 * v_theta_0 + t24;
-    const real t26 = R(2.0) * t21 * t16 - t18;
-    const real t27 = t16 * t16 + t24;
-    const real t28 = t20 - R(2.0) * t21 * v_theta_0;
+    const real t15 = v_theta_m1 * s2, t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t16, t18 = t15 * t16;
+    const real t19 = R(2.0) * t17, t20 = R(2.0) * v_theta_0 * t15;
+    const real t21 = v_theta_1 + t15, t22 = t20 - v_theta_0 * t21;
+    const real t23 = t18 - t16 * t21, t24 = t21 * t21;
+    const real t25 = v_theta_0 * v_theta_0 + t24, t26 = R(2.0) * t21 * t16 - t18;
+    const real t27 = t16 * t16 + t24, t28 = t20 - R(2.0) * t21 * v_theta_0;
 
     /* motion of link 1 */
-    const real t29 = base_arm_length * c3 * t25;
-    const real t30 = base_arm_length * (c3 * t19 - s3 * t27);
-    const real t31 = v_theta_7 + t21;
-    const real t32 = t20 - v_theta_0 * t31;
-    const real t33 = t18 - t16 * t31;
-    const real t34 = t31 * t31;
-    const real t35 = c4 * t16 + v_theta_0 * s4;
-    const real t36 = v_theta_0 * c4 - s4 * t16;
-    const real t37 = s4 * t32 + c4 * t33;
-    const real t38 = t35 * t35;
-    const real t39 = t31 * t35;
-    const real t40 = t37 - t39;
-    const real t41 = t17 - t35 * t36;
-    const real t42 = s4 * t33 + t31 * t36 - c4 * t32;
+    const real t29 = base_arm_length * c3 * t25, t30 = base_arm_length * (c3 * t19 - s3 * t27);
+    const real t31 = v_theta_7 + t21, t32 = t20 - v_theta_0 * t31;
+    const real t33 = t18 - t16 * t31, t34 = t31 * t31;
+    const real t35 = c4 * t16 + v_theta_0 * s4, t36 = v_theta_0 * c4 - s4 * t16;
+    const real t37 = s4 * t32 + c4 * t33, t38 = t35 * t35;
+    const real t39 = t31 * t35, t40 = t37 - t39;
+    const real t41 = t17 - t35 * t36, t42 = s4 * t33 + t31 * t36 - c4 * t32;
     const real t43 = t37 + t39;
 
     /* motion of link 2 */
-    const real t44 = v_theta_8 - t36;
-    const real t45 = t44 * t44;
-    const real t46 = R(2.0) * t35;
-    const real t47 = R(2.0) * t31;
+    const real t44 = v_theta_8 - t36, t45 = t44 * t44;
+    const real t46 = R(2.0) * t35, t47 = R(2.0) * t31;
 
     /* motion of link 3 */
-    const real t48 = c5 * (t41 - t44 * t46);
-    const real t49 = link2_length * (s5 * t43 - c5 * (t34 + t45));
+    const real t48 = c5 * (t41 - t44 * t46), t49 = link2_length * (s5 * t43 - c5 * (t34 + t45));
     const real t50 = link2_length * (c5 * t40 + s5 * (t38 + t45));
-    const real t51 = link2_length * (s5 * (t42 + t44 * t47) - t48);
-    const real t52 = v_theta_9 + t44;
-    const real t53 = t42 + t31 * t52;
-    const real t54 = t41 - t35 * t52;
+    const real t51 = link2_length * (s5 * (t42 + t44 * t47) - t48), t52 = v_theta_9 + t44;
+    const real t53 = t42 + t31 * t52, t54 = t41 - t35 * t52;
     const real t55 = t52 * t52;
 
     /* motion of base in world axes */
-    const real t56 = base_arm_length * c3;
-    const real t57 = base_arm_length * s3;
+    const real t56 = base_arm_length * c3, t57 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t58 = s1 * c2;
-    const real t59 = c1 * c2;
-    const real t60 = s1 * s2;
-    const real t61 = c1 * s2;
+    const real t58 = s1 * c2, t59 = c1 * c2;
+    const real t60 = s1 * s2, t61 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t62 = c2 * c4;
-    const real t63 = c1 * s4 + c4 * t60;
-    const real t64 = s1 * s4 - c4 * t61;
-    const real t65 = c2 * s4;
-    const real t66 = c1 * c4 - s4 * t60;
-    const real t67 = s1 * c4 + s4 * t61;
+    const real t62 = c2 * c4, t63 = c1 * s4 + c4 * t60;
+    const real t64 = s1 * s4 - c4 * t61, t65 = c2 * s4;
+    const real t66 = c1 * c4 - s4 * t60, t67 = s1 * c4 + s4 * t61;
 
     /* motion of tip in world axes */
-    const real t68 = link3_length * c6;
-    const real t69 = link3_length * s6;
+    const real t68 = link3_length * c6, t69 = link3_length * s6;
 
     /* motion of link 3 */
-    const real t70 = t49 + s4 * t30 - c4 * t29;
-    const real t71 = base_arm_length * (s3 * t28 - c3 * t26) + t50;
+    const real t70 = t49 + s4 * t30 - c4 * t29, t71 = base_arm_length * (s3 * t28 - c3 * t26) + t50;
     const real t72 = t51 - s4 * t29 - c4 * t30;
 
     /* motion of base in world axes */
-    const real t73 = t25 * t56;
-    const real t74 = t19 * t56 - t27 * t57;
-    const real t75 = t26 * t56 - t28 * t57;
-    const real t76 = s2 * t75 - c2 * t73;
+    const real t73 = t25 * t56, t74 = t19 * t56 - t27 * t57;
+    const real t75 = t26 * t56 - t28 * t57, t76 = s2 * t75 - c2 * t73;
     bias_accelerations[0 * stride] = t76;
     const real t77 = c1 * t74 - t60 * t73 - t58 * t75;
     bias_accelerations[1 * stride] = t77;
@@ -5713,10 +4151,8 @@ static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT const
     bias_accelerations[5 * stride] = t81;
 
     /* motion of tip in world axes */
-    const real t82 = t70 + t43 * t69 - (t34 + t55) * t68;
-    const real t83 = t71 + t40 * t68 + (t38 + t55) * t69;
-    const real t84 = (t41 - t46 * t52) * t68;
-    const real t85 = t72 + (t42 + t47 * t52) * t69 - t84;
+    const real t82 = t70 + t43 * t69 - (t34 + t55) * t68, t83 = t71 + t40 * t68 + (t38 + t55) * t69;
+    const real t84 = (t41 - t46 * t52) * t68, t85 = t72 + (t42 + t47 * t52) * t69 - t84;
     const real t86 = t62 * t82 + t65 * t85 - s2 * t83;
     bias_accelerations[6 * stride] = t86;
     const real t87 = t63 * t82 + t58 * t83 - t66 * t85;
@@ -5763,8 +4199,7 @@ static WIDE void frame_bias_accelerations_block(const Constants *RESTRICT consta
 void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_bias_accelerations_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5772,9 +4207,8 @@ void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         frame_bias_accelerations_block(last_constants, last_q, last_v,
             bias_accelerations + whole * (12 * LANES));
@@ -5787,59 +4221,35 @@ static INLINE void centre_of_mass_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
     const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
     real *RESTRICT position, const int stride)
 {
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k73 = CONSTANT(k73);
-    const real k105 = CONSTANT(k105);
-    const real x = q[6 * stride];
-    const real y = q[7 * stride];
-    const real z = q[8 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k105 = CONSTANT(k105);
+    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
 
     /* centre of mass from the origin */
-    const real t16 = k105 * (k62 * s6 + k67 * s5);
-    const real t17 = k105 * (k73 * c3 + c4 * t15);
+    const real t16 = k105 * (k62 * s6 + k67 * s5), t17 = k105 * (k73 * c3 + c4 * t15);
     const real t18 = k105 * (k73 * s3 + s4 * t15);
 
     /* centre of mass in the world */
-    const real t19 = c2 * t16 - s2 * t17;
-    const real t20 = x + s2 * t16 + c2 * t17;
+    const real t19 = c2 * t16 - s2 * t17, t20 = x + s2 * t16 + c2 * t17;
     position[0 * stride] = t20;
     const real t21 = y + c1 * t18 - s1 * t19;
     position[1 * stride] = t21;
@@ -5878,8 +4288,7 @@ static WIDE void centre_of_mass_block(const Constants *RESTRICT constants, const
 void BATCH(centre_of_mass)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT position)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -5899,22 +4308,13 @@ static INLINE void centre_of_mass_jacobian_angles(const Constants *RESTRICT cons
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
-    const real t12 = theta_8 + theta_9;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_8;
-    angle[5 * stride] = t12;
+    const real t7 = theta_1 + theta_7, t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_8; angle[5 * stride] = t12;
 }
 
 static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT constants,
@@ -5922,52 +4322,31 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     real *RESTRICT jacobian, const int stride)
 {
     (void)q;
-    const real k62 = CONSTANT(k62);
-    const real k67 = CONSTANT(k67);
-    const real k73 = CONSTANT(k73);
-    const real k105 = CONSTANT(k105);
+    const real k62 = CONSTANT(k62), k67 = CONSTANT(k67), k73 = CONSTANT(k73), k105 = CONSTANT(k105);
     const real k106 = CONSTANT(k106);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
-    const real c5 = cosine[4 * stride];
-    const real s6 = sine[5 * stride];
-    const real c6 = cosine[5 * stride];
-    jacobian[0 * stride] = R(0.0);
-    jacobian[6 * stride] = R(1.0);
-    jacobian[7 * stride] = R(0.0);
-    jacobian[8 * stride] = R(0.0);
-    jacobian[15 * stride] = R(0.0);
-    jacobian[16 * stride] = R(1.0);
-    jacobian[17 * stride] = R(0.0);
-    jacobian[24 * stride] = R(0.0);
-    jacobian[25 * stride] = R(0.0);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride], s6 = sine[5 * stride], c6 = cosine[5 * stride];
+    jacobian[0 * stride] = R(0.0); jacobian[6 * stride] = R(1.0); jacobian[7 * stride] = R(0.0);
+    jacobian[8 * stride] = R(0.0); jacobian[15 * stride] = R(0.0); jacobian[16 * stride] = R(1.0);
+    jacobian[17 * stride] = R(0.0); jacobian[24 * stride] = R(0.0); jacobian[25 * stride] = R(0.0);
     jacobian[26 * stride] = R(1.0);
 
     /* attitude */
-    const real t2 = -s1;
-    const real t3 = -c2;
+    const real t2 = -s1, t3 = -c2;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k62 * c6 + k67 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t16 = c4 * t15;
-    const real t17 = s4 * t15;
+    const real t16 = c4 * t15, t17 = s4 * t15;
 
     /* axes of the base */
-    const real t18 = t2 * t3;
-    const real t19 = c1 * t3;
+    const real t18 = t2 * t3, t19 = c1 * t3;
 
     /* column of joint 7 */
-    const real t20 = k105 * t16;
-    const real t21 = k105 * t17;
+    const real t20 = k105 * t16, t21 = k105 * t17;
 
     /* centre of mass from the origin */
     const real t22 = k105 * (k62 * s6 + k67 * s5);
@@ -5979,21 +4358,17 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t24 = k106 * c6;
 
     /* axes of the base */
-    const real t25 = t2 * s2;
-    const real t26 = c1 * s2;
+    const real t25 = t2 * s2, t26 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t27 = t3 * c4;
-    const real t28 = c4 * t25 - c1 * s4;
+    const real t27 = t3 * c4, t28 = c4 * t25 - c1 * s4;
     const real t29 = t2 * s4 + c4 * t26;
 
     /* centre of mass from the origin */
-    const real t30 = k105 * (k73 * c3 + t16);
-    const real t31 = k105 * (k73 * s3 + t17);
+    const real t30 = k105 * (k73 * c3 + t16), t31 = k105 * (k73 * s3 + t17);
 
     /* columns of the base */
-    const real t32 = t3 * t22 + s2 * t30;
-    const real t33 = t3 * t30 - s2 * t22;
+    const real t32 = t3 * t22 + s2 * t30, t33 = t3 * t30 - s2 * t22;
     const real t34 = c1 * t31 - t2 * t32;
     jacobian[18 * stride] = t34;
     const real t35 = c1 * t32 + t2 * t31;
@@ -6028,8 +4403,7 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     jacobian[22 * stride] = t47;
 
     /* column of joint 9 */
-    const real t48 = k106 * s6;
-    const real t49 = t27 * t48 + s2 * t24;
+    const real t48 = k106 * s6, t49 = t27 * t48 + s2 * t24;
     jacobian[5 * stride] = t49;
     const real t50 = t28 * t48 - t18 * t24;
     jacobian[14 * stride] = t50;
@@ -6069,8 +4443,7 @@ static WIDE void centre_of_mass_jacobian_block(const Constants *RESTRICT constan
 void BATCH(centre_of_mass_jacobian)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT jacobian)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_jacobian_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -6092,24 +4465,12 @@ static INLINE void coordinate_rates_lane(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)q;
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride];
-    const real v_y = v[7 * stride];
-    const real v_z = v[8 * stride];
-    rate[0 * stride] = v_theta_m1;
-    rate[1 * stride] = v_theta_0;
-    rate[2 * stride] = v_theta_1;
-    rate[3 * stride] = v_theta_7;
-    rate[4 * stride] = v_theta_8;
-    rate[5 * stride] = v_theta_9;
-    rate[6 * stride] = v_x;
-    rate[7 * stride] = v_y;
-    rate[8 * stride] = v_z;
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
+    rate[0 * stride] = v_theta_m1; rate[1 * stride] = v_theta_0; rate[2 * stride] = v_theta_1;
+    rate[3 * stride] = v_theta_7; rate[4 * stride] = v_theta_8; rate[5 * stride] = v_theta_9;
+    rate[6 * stride] = v_x; rate[7 * stride] = v_y; rate[8 * stride] = v_z;
 }
 
 #ifndef EACH
@@ -6133,8 +4494,7 @@ static WIDE void coordinate_rates_block(const Constants *RESTRICT constants, con
 void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         coordinate_rates_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -6142,9 +4502,8 @@ void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         coordinate_rates_block(last_constants, last_q, last_v, rate + whole * (9 * LANES));
     }
@@ -6156,24 +4515,12 @@ static INLINE void integrate_lane(const Constants *RESTRICT constants, const rea
     const real *RESTRICT v, real *RESTRICT coordinates, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_7 = q[3 * stride];
-    const real theta_8 = q[4 * stride];
-    const real theta_9 = q[5 * stride];
-    const real x = q[6 * stride];
-    const real y = q[7 * stride];
-    const real z = q[8 * stride];
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_7 = v[3 * stride];
-    const real v_theta_8 = v[4 * stride];
-    const real v_theta_9 = v[5 * stride];
-    const real v_x = v[6 * stride];
-    const real v_y = v[7 * stride];
-    const real v_z = v[8 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride], theta_8 = q[4 * stride], theta_9 = q[5 * stride];
+    const real x = q[6 * stride], y = q[7 * stride], z = q[8 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride], v_theta_8 = v[4 * stride], v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride], v_y = v[7 * stride], v_z = v[8 * stride];
 
     /* attitude and position after the displacement */
     const real t1 = theta_m1 + v_theta_m1;
@@ -6219,8 +4566,7 @@ static WIDE void integrate_block(const Constants *RESTRICT constants, const real
 void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT coordinates)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         integrate_block(OF_BLOCK(constants, block), q + block * (9 * LANES),
@@ -6228,9 +4574,8 @@ void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[9 * LANES];
+        real last_q[9 * LANES], last_v[9 * LANES];
         fill_lanes(9, rest, q + whole * (9 * LANES), last_q);
-        real last_v[9 * LANES];
         fill_lanes(9, rest, v + whole * (9 * LANES), last_v);
         integrate_block(last_constants, last_q, last_v, coordinates + whole * (9 * LANES));
     }
@@ -6242,24 +4587,14 @@ static INLINE void difference_lane(const Constants *RESTRICT constants, const re
     const real *RESTRICT q1, real *RESTRICT displacement, const int stride)
 {
     (void)constants;
-    const real q0_theta_m1 = q0[0 * stride];
-    const real q0_theta_0 = q0[1 * stride];
-    const real q0_theta_1 = q0[2 * stride];
-    const real q0_theta_7 = q0[3 * stride];
-    const real q0_theta_8 = q0[4 * stride];
-    const real q0_theta_9 = q0[5 * stride];
-    const real q0_x = q0[6 * stride];
-    const real q0_y = q0[7 * stride];
-    const real q0_z = q0[8 * stride];
-    const real q1_theta_m1 = q1[0 * stride];
-    const real q1_theta_0 = q1[1 * stride];
-    const real q1_theta_1 = q1[2 * stride];
-    const real q1_theta_7 = q1[3 * stride];
-    const real q1_theta_8 = q1[4 * stride];
-    const real q1_theta_9 = q1[5 * stride];
-    const real q1_x = q1[6 * stride];
-    const real q1_y = q1[7 * stride];
-    const real q1_z = q1[8 * stride];
+    const real q0_theta_m1 = q0[0 * stride], q0_theta_0 = q0[1 * stride];
+    const real q0_theta_1 = q0[2 * stride], q0_theta_7 = q0[3 * stride];
+    const real q0_theta_8 = q0[4 * stride], q0_theta_9 = q0[5 * stride], q0_x = q0[6 * stride];
+    const real q0_y = q0[7 * stride], q0_z = q0[8 * stride];
+    const real q1_theta_m1 = q1[0 * stride], q1_theta_0 = q1[1 * stride];
+    const real q1_theta_1 = q1[2 * stride], q1_theta_7 = q1[3 * stride];
+    const real q1_theta_8 = q1[4 * stride], q1_theta_9 = q1[5 * stride], q1_x = q1[6 * stride];
+    const real q1_y = q1[7 * stride], q1_z = q1[8 * stride];
 
     /* displacement of attitude and position */
     const real t1 = q1_theta_m1 - q0_theta_m1;
@@ -6305,8 +4640,7 @@ static WIDE void difference_block(const Constants *RESTRICT constants, const rea
 void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q0, const real *RESTRICT q1, real *RESTRICT displacement)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         difference_block(OF_BLOCK(constants, block), q0 + block * (9 * LANES),
@@ -6314,9 +4648,8 @@ void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q0[9 * LANES];
+        real last_q0[9 * LANES], last_q1[9 * LANES];
         fill_lanes(9, rest, q0 + whole * (9 * LANES), last_q0);
-        real last_q1[9 * LANES];
         fill_lanes(9, rest, q1 + whole * (9 * LANES), last_q1);
         difference_block(last_constants, last_q0, last_q1,
             displacement + whole * (9 * LANES));

@@ -200,59 +200,10 @@ enum {
 
 /** What the functions need of the parameters, computed once. */
 typedef struct hexarotor_3link_constants {
-    hexarotor_3link_real gravity;
-    hexarotor_3link_real base_arm_length;
-    hexarotor_3link_real k8;
-    hexarotor_3link_real k14;
-    hexarotor_3link_real link2_length;
-    hexarotor_3link_real k32;
-    hexarotor_3link_real link3_length;
-    hexarotor_3link_real k44;
-    hexarotor_3link_real k50;
-    hexarotor_3link_real k60;
-    hexarotor_3link_real k61;
-    hexarotor_3link_real k62;
-    hexarotor_3link_real k65;
-    hexarotor_3link_real k67;
-    hexarotor_3link_real k68;
-    hexarotor_3link_real k69;
-    hexarotor_3link_real k71;
-    hexarotor_3link_real k72;
-    hexarotor_3link_real k73;
-    hexarotor_3link_real k74;
-    hexarotor_3link_real k75;
-    hexarotor_3link_real k76;
-    hexarotor_3link_real k77;
-    hexarotor_3link_real k78;
-    hexarotor_3link_real k79;
-    hexarotor_3link_real k80;
-    hexarotor_3link_real k81;
-    hexarotor_3link_real k82;
-    hexarotor_3link_real k84;
-    hexarotor_3link_real k85;
-    hexarotor_3link_real k86;
-    hexarotor_3link_real k87;
-    hexarotor_3link_real k88;
-    hexarotor_3link_real k91;
-    hexarotor_3link_real k92;
-    hexarotor_3link_real k93;
-    hexarotor_3link_real k94;
-    hexarotor_3link_real k96;
-    hexarotor_3link_real k97;
-    hexarotor_3link_real k98;
-    hexarotor_3link_real k99;
-    hexarotor_3link_real k100;
-    hexarotor_3link_real k102;
-    hexarotor_3link_real k103;
-    hexarotor_3link_real k104;
-    hexarotor_3link_real k105;
-    hexarotor_3link_real k106;
-    hexarotor_3link_real k107;
-    hexarotor_3link_real k108;
-    hexarotor_3link_real k109;
-    hexarotor_3link_real k110;
-    hexarotor_3link_real k111;
-    hexarotor_3link_real k112;
+    hexarotor_3link_real gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44,
+        k50, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
+        k81, k82, k84, k85, k86, k87, k88, k91, k92, k93, k94, k96, k97, k98, k99, k100, k102, k103,
+        k104, k105, k106, k107, k108, k109, k110, k111, k112;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -271,8 +222,7 @@ extern const hexarotor_3link_constants
  * @return 0, or 1 if the constants are of no use: the robot has no mass, or a parameter or a
  *     constant is not finite, as where nothing resists an acceleration
  */
-int hexarotor_3link_init_constants(
-    const hexarotor_3link_real *parameters,
+int hexarotor_3link_init_constants(const hexarotor_3link_real *parameters,
     hexarotor_3link_constants *constants);
 
 /**
@@ -283,11 +233,8 @@ int hexarotor_3link_init_constants(
  * @param[in] rows count x width
  * @param[out] blocks room for whole blocks
  */
-void hexarotor_3link_pack(
-    size_t count,
-    size_t width,
-    const hexarotor_3link_real *rows,
-    hexarotor_3link_real *blocks);
+void hexarotor_3link_pack(size_t count, size_t width,
+    const hexarotor_3link_real *rows, hexarotor_3link_real *blocks);
 
 /**
  * @brief Unpack blocks into states that follow each other.
@@ -297,11 +244,8 @@ void hexarotor_3link_pack(
  * @param[in] blocks as the _batch functions write them
  * @param[out] rows count x width
  */
-void hexarotor_3link_unpack(
-    size_t count,
-    size_t width,
-    const hexarotor_3link_real *blocks,
-    hexarotor_3link_real *rows);
+void hexarotor_3link_unpack(size_t count, size_t width,
+    const hexarotor_3link_real *blocks, hexarotor_3link_real *rows);
 
 /*
  * The functions that have _batch_each at the end of their names, and the next one, are in
@@ -316,10 +260,8 @@ void hexarotor_3link_unpack(
  * @param[out] constants 53 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
-size_t hexarotor_3link_init_constants_batch(
-    size_t count,
-    const hexarotor_3link_real *parameters,
-    hexarotor_3link_real *constants);
+size_t hexarotor_3link_init_constants_batch(size_t count,
+    const hexarotor_3link_real *parameters, hexarotor_3link_real *constants);
 
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.

@@ -47,8 +47,9 @@ typedef quadrotor_2link_real real;
 #define RESTRICT restrict
 #endif
 
+/* Not every source calls all of these functions. */
 #ifdef __GNUC__
-#define INLINE inline __attribute__((always_inline))
+#define INLINE inline __attribute__((always_inline, unused))
 #else
 #define INLINE inline
 #endif
@@ -210,11 +211,7 @@ typedef MODULE(constants) Constants;
 #define NUMBER real
 #define BITS bits
 /* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(
-    const NUMBER *angle,
-    NUMBER *sine,
-    NUMBER *cosine,
-    BITS *beyond)
+static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
 {
     AS_WRITTEN
     const NUMBER x = *angle;
@@ -257,11 +254,7 @@ typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #define NUMBER quad
 #define BITS quad_bits
 /* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(
-    const NUMBER *angle,
-    NUMBER *sine,
-    NUMBER *cosine,
-    BITS *beyond)
+static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
 {
     AS_WRITTEN
     const NUMBER x = *angle;
@@ -311,11 +304,8 @@ static COLD void library_sine_cosine(const int count, const real *angle, real *s
 }
 
 /* Up to four angles. */
-static INLINE void sine_cosine_few(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_few(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
 #ifdef QUAD
@@ -347,11 +337,8 @@ static INLINE void sine_cosine_few(
 }
 
 /* Any number of angles. */
-static INLINE void sine_cosine_many(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
     VECTORISE
@@ -366,10 +353,7 @@ static INLINE void sine_cosine_many(
 }
 
 /* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
-static void fill_lanes(
-    const size_t width,
-    const size_t filled,
-    const real *RESTRICT block,
+static void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
     real *RESTRICT whole_block)
 {
     for (size_t i = 0; i < width; ++i) {
@@ -380,10 +364,7 @@ static void fill_lanes(
 }
 
 #ifndef EACH
-void MODULE(pack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT rows,
+void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT rows,
     real *RESTRICT blocks)
 {
     for (size_t first = 0; first < count; first += LANES) {
@@ -397,10 +378,7 @@ void MODULE(pack)(
     }
 }
 
-void MODULE(unpack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT blocks,
+void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT blocks,
     real *RESTRICT rows)
 {
     for (size_t state = 0; state < count; ++state) {
@@ -413,14 +391,11 @@ void MODULE(unpack)(
 #endif
 
 /* Constants for parameters; 1 if they are of no use. */
-static INLINE int constants_lane(
-    const real *RESTRICT parameters,
-    Constants *RESTRICT constants,
+static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
     const int stride)
 {
     AS_WRITTEN
-    const real gravity = parameters[0 * stride];
-    const real base_arm_length = parameters[1 * stride];
+    const real gravity = parameters[0 * stride], base_arm_length = parameters[1 * stride];
     const real base_arm_mass_per_length = parameters[2 * stride];
     const real base_arm_section_inertia_xx = parameters[3 * stride];
     const real base_arm_section_inertia_yy = parameters[4 * stride];
@@ -435,50 +410,39 @@ static INLINE int constants_lane(
     const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
     const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
     const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
-    const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
-    const STEPWISE real k5 = k3 + k4;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1, k5 = k3 + k4;
     const STEPWISE real k6 = base_arm_length * base_arm_length;
     const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
     const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
     const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
     const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
     const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
-    const STEPWISE real k12 = base_arm_section_inertia_xx - k9;
-    const STEPWISE real k13 = k11 + k12;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9, k13 = k11 + k12;
     const STEPWISE real k14 = R(0.5) * k13;
     const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
     const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
     const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
-    const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
-    const STEPWISE real k19 = k17 + k18;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15, k19 = k17 + k18;
 
     /* second moments of link2 */
     const STEPWISE real k20 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const STEPWISE real k21 = link2_section_inertia_xx - k20;
-    const STEPWISE real k22 = link2_section_inertia_yy - k21;
-    const STEPWISE real k23 = link2_section_inertia_zz - k20;
-    const STEPWISE real k24 = k22 + k23;
+    const STEPWISE real k21 = link2_section_inertia_xx - k20, k22 = link2_section_inertia_yy - k21;
+    const STEPWISE real k23 = link2_section_inertia_zz - k20, k24 = k22 + k23;
     const STEPWISE real k25 = link2_length * link2_length;
     const STEPWISE real k26 = R(0.5) * k24 + R(0.33333333333333331) * link2_mass_per_length *
         link2_length * k25;
     const STEPWISE real k27 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k28 = link2_section_inertia_yy - k27;
-    const STEPWISE real k29 = link2_section_inertia_zz - k28;
-    const STEPWISE real k30 = link2_section_inertia_xx - k27;
-    const STEPWISE real k31 = k29 + k30;
+    const STEPWISE real k28 = link2_section_inertia_yy - k27, k29 = link2_section_inertia_zz - k28;
+    const STEPWISE real k30 = link2_section_inertia_xx - k27, k31 = k29 + k30;
     const STEPWISE real k32 = R(0.5) * k31;
     const STEPWISE real k33 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k34 = link2_section_inertia_zz + k33;
-    const STEPWISE real k35 = link2_section_inertia_xx - k34;
-    const STEPWISE real k36 = link2_section_inertia_yy + k33;
-    const STEPWISE real k37 = k35 + k36;
+    const STEPWISE real k34 = link2_section_inertia_zz + k33, k35 = link2_section_inertia_xx - k34;
+    const STEPWISE real k36 = link2_section_inertia_yy + k33, k37 = k35 + k36;
     const STEPWISE real k38 = R(0.5) * k37;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k39 = base_arm_mass_per_length * k6;
-    const STEPWISE real k40 = R(2.0) * k8;
-    const STEPWISE real k41 = k13 + k40 + R(4.0) * k7;
-    const STEPWISE real k42 = k13 + k40;
+    const STEPWISE real k39 = base_arm_mass_per_length * k6, k40 = R(2.0) * k8;
+    const STEPWISE real k41 = k13 + k40 + R(4.0) * k7, k42 = k13 + k40;
     const STEPWISE real k43 = R(2.0) * k19;
 
     /* inertias of the links */
@@ -486,127 +450,60 @@ static INLINE int constants_lane(
     const STEPWISE real k45 = link2_length * link2_mass_per_length;
 
     /* inertia of the base, with that of link 1 which joint 5 does not move */
-    const STEPWISE real k46 = base_arm_length * k45;
-    const STEPWISE real k47 = R(2.0) * base_arm_length;
+    const STEPWISE real k46 = base_arm_length * k45, k47 = R(2.0) * base_arm_length;
     const STEPWISE real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length + k45;
-    const STEPWISE real k49 = R(4.0) * k39 + k46;
-    const STEPWISE real k50 = k41 + base_arm_length * k46;
+    const STEPWISE real k49 = R(4.0) * k39 + k46, k50 = k41 + base_arm_length * k46;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k51 = k26 - k32;
-    const STEPWISE real k52 = k42 - k50;
-    const STEPWISE real k53 = R(4.0) * k19;
-    const STEPWISE real k54 = gravity * k48;
+    const STEPWISE real k51 = k26 - k32, k52 = k42 - k50;
+    const STEPWISE real k53 = R(4.0) * k19, k54 = gravity * k48;
 
     /* inertia of the base, about the origin */
     const STEPWISE real k55 = R(0.5) * k39;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k56 = k8 + k14;
-    const STEPWISE real k57 = base_arm_length * k55 + k56;
-    const STEPWISE real k58 = k42 + k43;
-    const STEPWISE real k59 = R(2.0) * k42;
-    const STEPWISE real k60 = R(1.0) / k59;
-    const STEPWISE real k61 = R(1.0) / k58;
-    const STEPWISE real k62 = R(1.0) / k48;
-    const STEPWISE real k63 = k44 * k62;
-    const STEPWISE real k64 = R(0.5) * k48;
-    const STEPWISE real k65 = R(0.25) * k37;
-    const STEPWISE real k66 = k38 + k58;
-    const STEPWISE real k67 = k54 * k62;
+    const STEPWISE real k56 = k8 + k14, k57 = base_arm_length * k55 + k56;
+    const STEPWISE real k58 = k42 + k43, k59 = R(2.0) * k42;
+    const STEPWISE real k60 = R(1.0) / k59, k61 = R(1.0) / k58;
+    const STEPWISE real k62 = R(1.0) / k48, k63 = k44 * k62;
+    const STEPWISE real k64 = R(0.5) * k48, k65 = R(0.25) * k37;
+    const STEPWISE real k66 = k38 + k58, k67 = k54 * k62;
     int good = k48 > R(0.0);
     for (int i = 0; i < 11; ++i) {
         good &= is_finite(parameters[i * stride]);
     }
-    CONSTANT(gravity) = gravity;
-    good &= is_finite(gravity);
-    CONSTANT(base_arm_length) = base_arm_length;
-    good &= is_finite(base_arm_length);
-    CONSTANT(k8) = k8;
-    good &= is_finite(k8);
-    CONSTANT(k14) = k14;
-    good &= is_finite(k14);
-    CONSTANT(k19) = k19;
-    good &= is_finite(k19);
-    CONSTANT(link2_length) = link2_length;
-    good &= is_finite(link2_length);
-    CONSTANT(k26) = k26;
-    good &= is_finite(k26);
-    CONSTANT(k32) = k32;
-    good &= is_finite(k32);
-    CONSTANT(k38) = k38;
-    good &= is_finite(k38);
-    CONSTANT(k42) = k42;
-    good &= is_finite(k42);
-    CONSTANT(k43) = k43;
-    good &= is_finite(k43);
-    CONSTANT(k44) = k44;
-    good &= is_finite(k44);
-    CONSTANT(k47) = k47;
-    good &= is_finite(k47);
-    CONSTANT(k48) = k48;
-    good &= is_finite(k48);
-    CONSTANT(k49) = k49;
-    good &= is_finite(k49);
-    CONSTANT(k50) = k50;
-    good &= is_finite(k50);
-    CONSTANT(k51) = k51;
-    good &= is_finite(k51);
-    CONSTANT(k52) = k52;
-    good &= is_finite(k52);
-    CONSTANT(k53) = k53;
-    good &= is_finite(k53);
-    CONSTANT(k54) = k54;
-    good &= is_finite(k54);
-    CONSTANT(k55) = k55;
-    good &= is_finite(k55);
-    CONSTANT(k56) = k56;
-    good &= is_finite(k56);
-    CONSTANT(k57) = k57;
-    good &= is_finite(k57);
-    CONSTANT(k59) = k59;
-    good &= is_finite(k59);
-    CONSTANT(k60) = k60;
-    good &= is_finite(k60);
-    CONSTANT(k61) = k61;
-    good &= is_finite(k61);
-    CONSTANT(k62) = k62;
-    good &= is_finite(k62);
-    CONSTANT(k63) = k63;
-    good &= is_finite(k63);
-    CONSTANT(k64) = k64;
-    good &= is_finite(k64);
-    CONSTANT(k65) = k65;
-    good &= is_finite(k65);
-    CONSTANT(k66) = k66;
-    good &= is_finite(k66);
-    CONSTANT(k67) = k67;
-    good &= is_finite(k67);
+    CONSTANT(gravity) = gravity; CONSTANT(base_arm_length) = base_arm_length; CONSTANT(k8) = k8;
+    CONSTANT(k14) = k14; CONSTANT(k19) = k19; CONSTANT(link2_length) = link2_length;
+    CONSTANT(k26) = k26; CONSTANT(k32) = k32; CONSTANT(k38) = k38; CONSTANT(k42) = k42;
+    CONSTANT(k43) = k43; CONSTANT(k44) = k44; CONSTANT(k47) = k47; CONSTANT(k48) = k48;
+    CONSTANT(k49) = k49; CONSTANT(k50) = k50; CONSTANT(k51) = k51; CONSTANT(k52) = k52;
+    CONSTANT(k53) = k53; CONSTANT(k54) = k54; CONSTANT(k55) = k55; CONSTANT(k56) = k56;
+    CONSTANT(k57) = k57; CONSTANT(k59) = k59; CONSTANT(k60) = k60; CONSTANT(k61) = k61;
+    CONSTANT(k62) = k62; CONSTANT(k63) = k63; CONSTANT(k64) = k64; CONSTANT(k65) = k65;
+    CONSTANT(k66) = k66; CONSTANT(k67) = k67;
+    good &= is_finite(gravity) & is_finite(base_arm_length) & is_finite(k8) & is_finite(k14) &
+        is_finite(k19) & is_finite(link2_length) & is_finite(k26) & is_finite(k32) & is_finite(k38)
+        & is_finite(k42) & is_finite(k43) & is_finite(k44) & is_finite(k47) & is_finite(k48) &
+        is_finite(k49) & is_finite(k50) & is_finite(k51) & is_finite(k52) & is_finite(k53) &
+        is_finite(k54) & is_finite(k55) & is_finite(k56) & is_finite(k57) & is_finite(k59) &
+        is_finite(k60) & is_finite(k61) & is_finite(k62) & is_finite(k63) & is_finite(k64) &
+        is_finite(k65) & is_finite(k66) & is_finite(k67);
     return !good;
 }
 
 #ifdef EACH
-size_t quadrotor_2link_init_constants_batch(
-    const size_t count,
-    const real *RESTRICT parameters,
-    real *RESTRICT constants)
+size_t quadrotor_2link_init_constants_batch(const size_t count,
+    const real *RESTRICT parameters, real *RESTRICT constants)
 {
     size_t useless = 0;
     for (size_t block = 0; block * LANES < count; ++block) {
-        const size_t left = count - block * LANES;
-        const size_t filled = left < LANES ? left : LANES;
+        const size_t left = count - block * LANES, filled = left < LANES ? left : LANES;
         real whole_block[11 * LANES];
         int is_useless[LANES];
-        fill_lanes(
-            11,
-            filled,
-            parameters + block * (11 * LANES),
-            whole_block);
+        fill_lanes(11, filled, parameters + block * (11 * LANES), whole_block);
         for (int lane = 0; lane < LANES; ++lane) {
-            is_useless[lane] = constants_lane(
-                whole_block + lane,
-                OF_LANE(OF_BLOCK(constants, block), lane),
-                LANES);
+            is_useless[lane] = constants_lane(whole_block + lane,
+                OF_LANE(OF_BLOCK(constants, block), lane), LANES);
         }
         for (size_t lane = 0; lane < filled && !useless; ++lane) {
             if (is_useless[lane]) {
@@ -644,8 +541,7 @@ const Constants
     R(9.8100000000000023),
 };
 
-int quadrotor_2link_init_constants(
-    const real *RESTRICT parameters,
+int quadrotor_2link_init_constants(const real *RESTRICT parameters,
     Constants *RESTRICT constants)
 {
     return constants_lane(parameters, constants, 1);
@@ -659,19 +555,13 @@ static INLINE void mass_matrix_and_residual_angles(const Constants *RESTRICT con
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT constants,
@@ -679,49 +569,23 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real *RESTRICT v, real *RESTRICT mass_matrix, real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k47 = CONSTANT(k47);
-    const real k48 = CONSTANT(k48);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k26 = CONSTANT(k26), k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42);
+    const real k43 = CONSTANT(k43), k44 = CONSTANT(k44), k47 = CONSTANT(k47), k48 = CONSTANT(k48);
+    const real k49 = CONSTANT(k49), k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53), k54 = CONSTANT(k54);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[5 * stride] = R(0.0);
-    mass_matrix[28 * stride] = R(0.0);
-    mass_matrix[35 * stride] = R(0.0);
-    mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k48;
-    mass_matrix[46 * stride] = R(0.0);
-    mass_matrix[47 * stride] = R(0.0);
-    mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k48;
-    mass_matrix[55 * stride] = R(0.0);
-    mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0);
+    mass_matrix[5 * stride] = R(0.0); mass_matrix[28 * stride] = R(0.0);
+    mass_matrix[35 * stride] = R(0.0); mass_matrix[40 * stride] = R(0.0);
+    mass_matrix[45 * stride] = k48; mass_matrix[46 * stride] = R(0.0);
+    mass_matrix[47 * stride] = R(0.0); mass_matrix[53 * stride] = R(0.0);
+    mass_matrix[54 * stride] = k48; mass_matrix[55 * stride] = R(0.0);
+    mass_matrix[61 * stride] = R(0.0); mass_matrix[62 * stride] = R(0.0);
     mass_matrix[63 * stride] = k48;
 
     /* attitude */
@@ -731,111 +595,73 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     const real t9 = -s4;
 
     /* motion of the base */
-    const real t12 = gravity * s1;
-    const real t13 = gravity * t1;
-    const real t14 = v_theta_m1 * s2;
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t14;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = c2 * t13;
-    const real t19 = s2 * t13;
-    const real t20 = t14 * t15;
-    const real t21 = R(2.0) * t17;
-    const real t22 = R(2.0) * t16;
-    const real t23 = v_theta_1 + t14;
-    const real t24 = t23 * t23;
-    const real t25 = v_theta_0 * v_theta_0 + t24;
-    const real t26 = t20 - R(2.0) * t23 * t15;
-    const real t27 = t15 * t15 + t24;
+    const real t12 = gravity * s1, t13 = gravity * t1;
+    const real t14 = v_theta_m1 * s2, t15 = v_theta_m1 * c2;
+    const real t16 = v_theta_0 * t14, t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13, t19 = s2 * t13;
+    const real t20 = t14 * t15, t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16, t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23, t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15, t27 = t15 * t15 + t24;
     const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t29 = c3 * t25;
-    const real t30 = c3 * t21 - s3 * t27;
-    const real t31 = c3 * t26 + s3 * t28;
-    const real t32 = base_arm_length * t29 - t19;
-    const real t33 = t12 + base_arm_length * t30;
-    const real t34 = v_theta_5 + t23;
-    const real t35 = t22 - v_theta_0 * t34;
-    const real t36 = t20 - t15 * t34;
-    const real t37 = c4 * t15 - v_theta_0 * t9;
-    const real t38 = v_theta_0 * c4 + t9 * t15;
-    const real t39 = c4 * t36 - t9 * t35;
-    const real t40 = c4 * t33 - t9 * t32;
-    const real t41 = t34 * t37;
-    const real t42 = t39 - t41;
-    const real t43 = t17 - t37 * t38;
-    const real t44 = t34 * t38 - t9 * t36 - c4 * t35;
+    const real t29 = c3 * t25, t30 = c3 * t21 - s3 * t27;
+    const real t31 = c3 * t26 + s3 * t28, t32 = base_arm_length * t29 - t19;
+    const real t33 = t12 + base_arm_length * t30, t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34, t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 - v_theta_0 * t9, t38 = v_theta_0 * c4 + t9 * t15;
+    const real t39 = c4 * t36 - t9 * t35, t40 = c4 * t33 - t9 * t32;
+    const real t41 = t34 * t37, t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38, t44 = t34 * t38 - t9 * t36 - c4 * t35;
     const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t46 = v_theta_6 - t38;
-    const real t47 = t46 * t46;
-    const real t48 = t34 * t34 + t47;
-    const real t49 = t43 - R(2.0) * t46 * t37;
-    const real t50 = t37 * t37 + t47;
-    const real t51 = t44 + R(2.0) * t46 * t34;
+    const real t46 = v_theta_6 - t38, t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47, t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47, t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k44 * c5;
-    const real t53 = k44 * s5;
-    const real t54 = k51 * s5;
-    const real t55 = s5 * t54;
-    const real t56 = k26 - t55;
-    const real t57 = k32 + t55;
+    const real t52 = k44 * c5, t53 = k44 * s5;
+    const real t54 = k51 * s5, t55 = s5 * t54;
+    const real t56 = k26 - t55, t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t59 = t51 * t57 - t40 * t53 - t49 * t58;
-    const real t60 = t51 * t58 - t40 * t52 - t49 * t56;
-    const real t61 = (t18 + base_arm_length * t31) * t52;
-    const real t62 = t58 * (t48 - t50);
-    const real t63 = (t9 * t33 + c4 * t32) * t53;
-    const real t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63;
+    const real t59 = t51 * t57 - t40 * t53 - t49 * t58, t60 = t51 * t58 - t40 * t52 - t49 * t56;
+    const real t61 = (t18 + base_arm_length * t31) * t52, t62 = t58 * (t48 - t50);
+    const real t63 = (t9 * t33 + c4 * t32) * t53, t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63;
     residual[4 * stride] = t64;
-    const real t65 = k44 * (s5 * t45 - c5 * t48);
-    const real t66 = k44 * (c5 * t42 + s5 * t50);
+    const real t65 = k44 * (s5 * t45 - c5 * t48), t66 = k44 * (c5 * t42 + s5 * t50);
     const real t67 = k44 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t68 = t59 + k38 * t44;
-    const real t69 = t60 - k38 * t43;
+    const real t68 = t59 + k38 * t44, t69 = t60 - k38 * t43;
     residual[3 * stride] = t69;
-    const real t70 = c4 * t65 - t9 * t67;
-    const real t71 = t9 * t65 + c4 * t67;
+    const real t70 = c4 * t65 - t9 * t67, t71 = t9 * t65 + c4 * t67;
 
     /* step from the base to link 1 */
-    const real t72 = base_arm_length * c3;
-    const real t73 = base_arm_length * s3;
+    const real t72 = base_arm_length * c3, t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t74 = k49 * c3;
-    const real t75 = k49 * s3;
-    const real t76 = k52 * s3;
-    const real t77 = s3 * t76;
-    const real t78 = k50 + t77;
-    const real t79 = k42 - t77;
+    const real t74 = k49 * c3, t75 = k49 * s3;
+    const real t76 = k52 * s3, t77 = s3 * t76;
+    const real t78 = k50 + t77, t79 = k42 - t77;
     const real t80 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t81 = t28 * t79;
-    const real t82 = t26 * t80 - t18 * t75 - k53 * t16 - t81;
-    const real t83 = t18 * t74;
-    const real t84 = t28 * t80 - k43 * t20 - t26 * t78 - t83;
-    const real t85 = t80 * (t25 - t27);
-    const real t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85;
-    const real t87 = k49 * t29 - t70;
-    const real t88 = t71 - k49 * t30;
-    const real t89 = t66 + k49 * t31;
-    const real t90 = t9 * t64 + c4 * t68 + t82 - t66 * t73;
+    const real t81 = t28 * t79, t82 = t26 * t80 - t18 * t75 - k53 * t16 - t81;
+    const real t83 = t18 * t74, t84 = t28 * t80 - k43 * t20 - t26 * t78 - t83;
+    const real t85 = t80 * (t25 - t27), t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85;
+    const real t87 = k49 * t29 - t70, t88 = t71 - k49 * t30;
+    const real t89 = t66 + k49 * t31, t90 = t9 * t64 + c4 * t68 + t82 - t66 * t73;
     const real t91 = t84 + t9 * t68 - c4 * t64 - t66 * t72;
     residual[1 * stride] = t91;
     const real t92 = t69 + t71 * t72 + t70 * t73 - t86;
     residual[2 * stride] = t92;
 
     /* inertia forces on attitude and position */
-    const real t93 = s2 * t87 - c2 * t89;
-    const real t94 = c2 * t87 + s2 * t89;
+    const real t93 = s2 * t87 - c2 * t89, t94 = c2 * t87 + s2 * t89;
     residual[5 * stride] = t94;
     const real t95 = s2 * t92 - c2 * t90;
     residual[0 * stride] = t95;
@@ -845,114 +671,78 @@ static INLINE void mass_matrix_and_residual_lane(const Constants *RESTRICT const
     residual[7 * stride] = t97;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t98 = c4 * t52;
-    const real t99 = t9 * t52;
-    const real t100 = c4 * t58;
-    const real t101 = t9 * t58;
-    mass_matrix[11 * stride] = t101;
-    mass_matrix[25 * stride] = t101;
-    const real t102 = t9 * (k38 - t56);
-    const real t103 = t9 * t102;
-    const real t104 = t56 + t103;
-    const real t105 = k38 - t103;
+    const real t98 = c4 * t52, t99 = t9 * t52;
+    const real t100 = c4 * t58, t101 = t9 * t58;
+    mass_matrix[11 * stride] = t101; mass_matrix[25 * stride] = t101;
+    const real t102 = t9 * (k38 - t56), t103 = t9 * t102;
+    const real t104 = t56 + t103, t105 = k38 - t103;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t106 = t100 + t53 * t72;
-    const real t107 = t101 - t53 * t73;
-    mass_matrix[10 * stride] = t107;
-    mass_matrix[17 * stride] = t107;
-    const real t108 = t74 + t98;
-    const real t109 = t99 - t75;
-    const real t110 = t78 + t104 + t98 * k47 * c3;
-    const real t111 = t79 + t105 - t99 * k47 * s3;
-    const real t112 = k43 + t57;
-    const real t113 = t80 + t72 * t99 - c4 * t102 - t73 * t98;
+    const real t106 = t100 + t53 * t72, t107 = t101 - t53 * t73;
+    mass_matrix[10 * stride] = t107; mass_matrix[17 * stride] = t107;
+    const real t108 = t74 + t98, t109 = t99 - t75;
+    const real t110 = t78 + t104 + t98 * k47 * c3, t111 = t79 + t105 - t99 * k47 * s3;
+    const real t112 = k43 + t57, t113 = t80 + t72 * t99 - c4 * t102 - t73 * t98;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t114 = t104 + t105;
     mass_matrix[27 * stride] = t114;
     const real t115 = t114 + t72 * t98 - t73 * t99;
-    mass_matrix[19 * stride] = t115;
-    mass_matrix[26 * stride] = t115;
+    mass_matrix[19 * stride] = t115; mass_matrix[26 * stride] = t115;
     const real t116 = t56 + t57;
     mass_matrix[36 * stride] = t116;
-    const real t117 = c4 * t53;
-    const real t118 = t9 * t53;
+    const real t117 = c4 * t53, t118 = t9 * t53;
     const real t119 = t73 * t117 + t72 * t118;
-    mass_matrix[20 * stride] = t119;
-    mass_matrix[34 * stride] = t119;
+    mass_matrix[20 * stride] = t119; mass_matrix[34 * stride] = t119;
     const real t120 = c4 * t116 + t52 * t72;
-    mass_matrix[12 * stride] = -t120;
-    mass_matrix[33 * stride] = -t120;
+    mass_matrix[12 * stride] = -t120; mass_matrix[33 * stride] = -t120;
 
     /* mass matrix of attitude and position */
     const real t121 = t110 + t111;
     mass_matrix[18 * stride] = t121;
-    const real t122 = s2 * t109;
-    const real t123 = c2 * t109;
-    mass_matrix[21 * stride] = t123;
-    mass_matrix[42 * stride] = t123;
+    const real t122 = s2 * t109, t123 = c2 * t109;
+    mass_matrix[21 * stride] = t123; mass_matrix[42 * stride] = t123;
     const real t124 = s2 * t121 - c2 * t106;
-    mass_matrix[2 * stride] = t124;
-    mass_matrix[16 * stride] = t124;
+    mass_matrix[2 * stride] = t124; mass_matrix[16 * stride] = t124;
     const real t125 = s1 * t122 - t1 * t108;
-    mass_matrix[22 * stride] = t125;
-    mass_matrix[50 * stride] = t125;
+    mass_matrix[22 * stride] = t125; mass_matrix[50 * stride] = t125;
     const real t126 = t1 * t122 + s1 * t108;
-    mass_matrix[23 * stride] = t126;
-    mass_matrix[58 * stride] = t126;
+    mass_matrix[23 * stride] = t126; mass_matrix[58 * stride] = t126;
     const real t127 = t110 + t112;
     mass_matrix[9 * stride] = t127;
     const real t128 = c2 * t113 + s2 * t107;
-    mass_matrix[1 * stride] = t128;
-    mass_matrix[8 * stride] = t128;
+    mass_matrix[1 * stride] = t128; mass_matrix[8 * stride] = t128;
     const real t129 = c2 * t53 - s2 * t108;
-    mass_matrix[13 * stride] = t129;
-    mass_matrix[41 * stride] = t129;
-    const real t130 = s2 * t53 + c2 * t108;
-    const real t131 = s2 * (R(2.0) * c2 * t106 - s2 * (t110 - t112));
+    mass_matrix[13 * stride] = t129; mass_matrix[41 * stride] = t129;
+    const real t130 = s2 * t53 + c2 * t108, t131 = s2 * (R(2.0) * c2 * t106 - s2 * (t110 - t112));
     const real t132 = s1 * t130;
-    mass_matrix[14 * stride] = t132;
-    mass_matrix[49 * stride] = t132;
+    mass_matrix[14 * stride] = t132; mass_matrix[49 * stride] = t132;
     const real t133 = t1 * t130;
-    mass_matrix[15 * stride] = t133;
-    mass_matrix[57 * stride] = t133;
+    mass_matrix[15 * stride] = t133; mass_matrix[57 * stride] = t133;
     const real t134 = t111 + t112 - t131;
     mass_matrix[0 * stride] = t134;
     const real t135 = t1 * t109 - s1 * t129;
-    mass_matrix[7 * stride] = t135;
-    mass_matrix[56 * stride] = t135;
+    mass_matrix[7 * stride] = t135; mass_matrix[56 * stride] = t135;
     const real t136 = t1 * t129 + s1 * t109;
-    mass_matrix[6 * stride] = t136;
-    mass_matrix[48 * stride] = t136;
+    mass_matrix[6 * stride] = t136; mass_matrix[48 * stride] = t136;
 
     /* mass matrix between the joints and attitude and position */
-    const real t137 = s2 * t99;
-    const real t138 = c2 * t99;
-    mass_matrix[29 * stride] = t138;
-    mass_matrix[43 * stride] = t138;
+    const real t137 = s2 * t99, t138 = c2 * t99;
+    mass_matrix[29 * stride] = t138; mass_matrix[43 * stride] = t138;
     const real t139 = s2 * t115 - c2 * t100;
-    mass_matrix[3 * stride] = t139;
-    mass_matrix[24 * stride] = t139;
+    mass_matrix[3 * stride] = t139; mass_matrix[24 * stride] = t139;
     const real t140 = s1 * t137 - t1 * t98;
-    mass_matrix[30 * stride] = t140;
-    mass_matrix[51 * stride] = t140;
+    mass_matrix[30 * stride] = t140; mass_matrix[51 * stride] = t140;
     const real t141 = t1 * t137 + s1 * t98;
-    mass_matrix[31 * stride] = t141;
-    mass_matrix[59 * stride] = t141;
-    const real t142 = c2 * t52 + s2 * t117;
-    const real t143 = s2 * t52 - c2 * t117;
-    mass_matrix[37 * stride] = t143;
-    mass_matrix[44 * stride] = t143;
+    mass_matrix[31 * stride] = t141; mass_matrix[59 * stride] = t141;
+    const real t142 = c2 * t52 + s2 * t117, t143 = s2 * t52 - c2 * t117;
+    mass_matrix[37 * stride] = t143; mass_matrix[44 * stride] = t143;
     const real t144 = c2 * (t52 * t73 - t9 * t116) + s2 * t119;
-    mass_matrix[4 * stride] = t144;
-    mass_matrix[32 * stride] = t144;
+    mass_matrix[4 * stride] = t144; mass_matrix[32 * stride] = t144;
     const real t145 = t1 * t118 + s1 * t142;
-    mass_matrix[38 * stride] = -t145;
-    mass_matrix[52 * stride] = -t145;
+    mass_matrix[38 * stride] = -t145; mass_matrix[52 * stride] = -t145;
     const real t146 = s1 * t118 - t1 * t142;
-    mass_matrix[39 * stride] = t146;
-    mass_matrix[60 * stride] = t146;
+    mass_matrix[39 * stride] = t146; mass_matrix[60 * stride] = t146;
 }
 
 #ifndef EACH
@@ -991,8 +781,7 @@ void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const 
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT mass_matrix,
     real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_and_residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -1001,9 +790,8 @@ void BATCH(mass_matrix_and_residual)(const Constants *RESTRICT constants, const 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         mass_matrix_and_residual_block(last_constants, last_q, last_v,
             mass_matrix + whole * (64 * LANES), residual + whole * (8 * LANES));
@@ -1016,19 +804,13 @@ static INLINE void mass_matrix_angles(const Constants *RESTRICT constants, const
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1036,41 +818,20 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k47 = CONSTANT(k47);
-    const real k48 = CONSTANT(k48);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42), k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44), k47 = CONSTANT(k47), k48 = CONSTANT(k48), k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[5 * stride] = R(0.0);
-    mass_matrix[28 * stride] = R(0.0);
-    mass_matrix[35 * stride] = R(0.0);
-    mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k48;
-    mass_matrix[46 * stride] = R(0.0);
-    mass_matrix[47 * stride] = R(0.0);
-    mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k48;
-    mass_matrix[55 * stride] = R(0.0);
-    mass_matrix[61 * stride] = R(0.0);
-    mass_matrix[62 * stride] = R(0.0);
+    mass_matrix[5 * stride] = R(0.0); mass_matrix[28 * stride] = R(0.0);
+    mass_matrix[35 * stride] = R(0.0); mass_matrix[40 * stride] = R(0.0);
+    mass_matrix[45 * stride] = k48; mass_matrix[46 * stride] = R(0.0);
+    mass_matrix[47 * stride] = R(0.0); mass_matrix[53 * stride] = R(0.0);
+    mass_matrix[54 * stride] = k48; mass_matrix[55 * stride] = R(0.0);
+    mass_matrix[61 * stride] = R(0.0); mass_matrix[62 * stride] = R(0.0);
     mass_matrix[63 * stride] = k48;
 
     /* attitude */
@@ -1080,131 +841,91 @@ static INLINE void mass_matrix_lane(const Constants *RESTRICT constants, const r
     const real t9 = -s4;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k44 * c5;
-    const real t13 = k44 * s5;
-    const real t14 = k51 * s5;
-    const real t15 = s5 * t14;
-    const real t16 = k26 - t15;
-    const real t17 = k32 + t15;
+    const real t12 = k44 * c5, t13 = k44 * s5;
+    const real t14 = k51 * s5, t15 = s5 * t14;
+    const real t16 = k26 - t15, t17 = k32 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
-    const real t19 = base_arm_length * c3;
-    const real t20 = base_arm_length * s3;
+    const real t19 = base_arm_length * c3, t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k52 * s3;
-    const real t22 = s3 * t21;
+    const real t21 = k52 * s3, t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t23 = c4 * t12;
-    const real t24 = t9 * t12;
-    const real t25 = c4 * t18;
-    const real t26 = t9 * t18;
-    mass_matrix[11 * stride] = t26;
-    mass_matrix[25 * stride] = t26;
-    const real t27 = t9 * (k38 - t16);
-    const real t28 = t9 * t27;
-    const real t29 = t16 + t28;
-    const real t30 = k38 - t28;
+    const real t23 = c4 * t12, t24 = t9 * t12;
+    const real t25 = c4 * t18, t26 = t9 * t18;
+    mass_matrix[11 * stride] = t26; mass_matrix[25 * stride] = t26;
+    const real t27 = t9 * (k38 - t16), t28 = t9 * t27;
+    const real t29 = t16 + t28, t30 = k38 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
-    const real t32 = t25 + t13 * t19;
+    const real t31 = t19 * t24 - c4 * t27 - t20 * t23, t32 = t25 + t13 * t19;
     const real t33 = t26 - t13 * t20;
-    mass_matrix[10 * stride] = t33;
-    mass_matrix[17 * stride] = t33;
-    const real t34 = k49 * c3 + t23;
-    const real t35 = t24 - k49 * s3;
-    const real t36 = k50 + t22 + t29 + t23 * k47 * c3;
-    const real t37 = k42 + t30 - t22 - t24 * k47 * s3;
+    mass_matrix[10 * stride] = t33; mass_matrix[17 * stride] = t33;
+    const real t34 = k49 * c3 + t23, t35 = t24 - k49 * s3;
+    const real t36 = k50 + t22 + t29 + t23 * k47 * c3, t37 = k42 + t30 - t22 - t24 * k47 * s3;
     const real t38 = k43 + t17;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
     mass_matrix[27 * stride] = t39;
     const real t40 = t39 + t19 * t23 - t20 * t24;
-    mass_matrix[19 * stride] = t40;
-    mass_matrix[26 * stride] = t40;
+    mass_matrix[19 * stride] = t40; mass_matrix[26 * stride] = t40;
     const real t41 = t16 + t17;
     mass_matrix[36 * stride] = t41;
-    const real t42 = c4 * t13;
-    const real t43 = t9 * t13;
+    const real t42 = c4 * t13, t43 = t9 * t13;
     const real t44 = t20 * t42 + t19 * t43;
-    mass_matrix[20 * stride] = t44;
-    mass_matrix[34 * stride] = t44;
+    mass_matrix[20 * stride] = t44; mass_matrix[34 * stride] = t44;
     const real t45 = c4 * t41 + t12 * t19;
-    mass_matrix[12 * stride] = -t45;
-    mass_matrix[33 * stride] = -t45;
+    mass_matrix[12 * stride] = -t45; mass_matrix[33 * stride] = -t45;
 
     /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
     mass_matrix[18 * stride] = t46;
-    const real t47 = s2 * t35;
-    const real t48 = c2 * t35;
-    mass_matrix[21 * stride] = t48;
-    mass_matrix[42 * stride] = t48;
+    const real t47 = s2 * t35, t48 = c2 * t35;
+    mass_matrix[21 * stride] = t48; mass_matrix[42 * stride] = t48;
     const real t49 = s2 * t46 - c2 * t32;
-    mass_matrix[2 * stride] = t49;
-    mass_matrix[16 * stride] = t49;
+    mass_matrix[2 * stride] = t49; mass_matrix[16 * stride] = t49;
     const real t50 = s1 * t47 - t1 * t34;
-    mass_matrix[22 * stride] = t50;
-    mass_matrix[50 * stride] = t50;
+    mass_matrix[22 * stride] = t50; mass_matrix[50 * stride] = t50;
     const real t51 = t1 * t47 + s1 * t34;
-    mass_matrix[23 * stride] = t51;
-    mass_matrix[58 * stride] = t51;
+    mass_matrix[23 * stride] = t51; mass_matrix[58 * stride] = t51;
     const real t52 = t36 + t38;
     mass_matrix[9 * stride] = t52;
     const real t53 = c2 * (c3 * t21 + t31) + s2 * t33;
-    mass_matrix[1 * stride] = t53;
-    mass_matrix[8 * stride] = t53;
+    mass_matrix[1 * stride] = t53; mass_matrix[8 * stride] = t53;
     const real t54 = c2 * t13 - s2 * t34;
-    mass_matrix[13 * stride] = t54;
-    mass_matrix[41 * stride] = t54;
-    const real t55 = s2 * t13 + c2 * t34;
-    const real t56 = s2 * (R(2.0) * c2 * t32 - s2 * (t36 - t38));
+    mass_matrix[13 * stride] = t54; mass_matrix[41 * stride] = t54;
+    const real t55 = s2 * t13 + c2 * t34, t56 = s2 * (R(2.0) * c2 * t32 - s2 * (t36 - t38));
     const real t57 = s1 * t55;
-    mass_matrix[14 * stride] = t57;
-    mass_matrix[49 * stride] = t57;
+    mass_matrix[14 * stride] = t57; mass_matrix[49 * stride] = t57;
     const real t58 = t1 * t55;
-    mass_matrix[15 * stride] = t58;
-    mass_matrix[57 * stride] = t58;
+    mass_matrix[15 * stride] = t58; mass_matrix[57 * stride] = t58;
     const real t59 = t37 + t38 - t56;
     mass_matrix[0 * stride] = t59;
     const real t60 = t1 * t35 - s1 * t54;
-    mass_matrix[7 * stride] = t60;
-    mass_matrix[56 * stride] = t60;
+    mass_matrix[7 * stride] = t60; mass_matrix[56 * stride] = t60;
     const real t61 = t1 * t54 + s1 * t35;
-    mass_matrix[6 * stride] = t61;
-    mass_matrix[48 * stride] = t61;
+    mass_matrix[6 * stride] = t61; mass_matrix[48 * stride] = t61;
 
     /* mass matrix between the joints and attitude and position */
-    const real t62 = s2 * t24;
-    const real t63 = c2 * t24;
-    mass_matrix[29 * stride] = t63;
-    mass_matrix[43 * stride] = t63;
+    const real t62 = s2 * t24, t63 = c2 * t24;
+    mass_matrix[29 * stride] = t63; mass_matrix[43 * stride] = t63;
     const real t64 = s2 * t40 - c2 * t25;
-    mass_matrix[3 * stride] = t64;
-    mass_matrix[24 * stride] = t64;
+    mass_matrix[3 * stride] = t64; mass_matrix[24 * stride] = t64;
     const real t65 = s1 * t62 - t1 * t23;
-    mass_matrix[30 * stride] = t65;
-    mass_matrix[51 * stride] = t65;
+    mass_matrix[30 * stride] = t65; mass_matrix[51 * stride] = t65;
     const real t66 = t1 * t62 + s1 * t23;
-    mass_matrix[31 * stride] = t66;
-    mass_matrix[59 * stride] = t66;
-    const real t67 = c2 * t12 + s2 * t42;
-    const real t68 = s2 * t12 - c2 * t42;
-    mass_matrix[37 * stride] = t68;
-    mass_matrix[44 * stride] = t68;
+    mass_matrix[31 * stride] = t66; mass_matrix[59 * stride] = t66;
+    const real t67 = c2 * t12 + s2 * t42, t68 = s2 * t12 - c2 * t42;
+    mass_matrix[37 * stride] = t68; mass_matrix[44 * stride] = t68;
     const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t44;
-    mass_matrix[4 * stride] = t69;
-    mass_matrix[32 * stride] = t69;
+    mass_matrix[4 * stride] = t69; mass_matrix[32 * stride] = t69;
     const real t70 = t1 * t43 + s1 * t67;
-    mass_matrix[38 * stride] = -t70;
-    mass_matrix[52 * stride] = -t70;
+    mass_matrix[38 * stride] = -t70; mass_matrix[52 * stride] = -t70;
     const real t71 = s1 * t43 - t1 * t67;
-    mass_matrix[39 * stride] = t71;
-    mass_matrix[60 * stride] = t71;
+    mass_matrix[39 * stride] = t71; mass_matrix[60 * stride] = t71;
 }
 
 #ifndef EACH
@@ -1238,8 +959,7 @@ static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const re
 void BATCH(mass_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         mass_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -1260,19 +980,13 @@ static INLINE void residual_angles(const Constants *RESTRICT constants, const re
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void residual_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1280,141 +994,84 @@ static INLINE void residual_lane(const Constants *RESTRICT constants, const real
     real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k26 = CONSTANT(k26), k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42);
+    const real k43 = CONSTANT(k43), k44 = CONSTANT(k44), k49 = CONSTANT(k49), k50 = CONSTANT(k50);
+    const real k51 = CONSTANT(k51), k52 = CONSTANT(k52), k53 = CONSTANT(k53), k54 = CONSTANT(k54);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = gravity * s1;
-    const real t13 = gravity * c1;
-    const real t14 = v_theta_m1 * s2;
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t14;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = c2 * t13;
-    const real t19 = s2 * t13;
-    const real t20 = t14 * t15;
-    const real t21 = R(2.0) * t17;
-    const real t22 = R(2.0) * t16;
-    const real t23 = v_theta_1 + t14;
-    const real t24 = t23 * t23;
-    const real t25 = v_theta_0 * v_theta_0 + t24;
-    const real t26 = t20 - R(2.0) * t23 * t15;
-    const real t27 = t15 * t15 + t24;
+    const real t12 = gravity * s1, t13 = gravity * c1;
+    const real t14 = v_theta_m1 * s2, t15 = v_theta_m1 * c2;
+    const real t16 = v_theta_0 * t14, t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13, t19 = s2 * t13;
+    const real t20 = t14 * t15, t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16, t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23, t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15, t27 = t15 * t15 + t24;
     const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t29 = c3 * t25;
-    const real t30 = c3 * t21 - s3 * t27;
-    const real t31 = c3 * t26 + s3 * t28;
-    const real t32 = t19 + base_arm_length * t29;
-    const real t33 = t12 + base_arm_length * t30;
-    const real t34 = v_theta_5 + t23;
-    const real t35 = t22 - v_theta_0 * t34;
-    const real t36 = t20 - t15 * t34;
-    const real t37 = c4 * t15 + v_theta_0 * s4;
-    const real t38 = v_theta_0 * c4 - s4 * t15;
-    const real t39 = s4 * t35 + c4 * t36;
-    const real t40 = s4 * t32 + c4 * t33;
-    const real t41 = t34 * t37;
-    const real t42 = t39 - t41;
-    const real t43 = t17 - t37 * t38;
-    const real t44 = s4 * t36 + t34 * t38 - c4 * t35;
+    const real t29 = c3 * t25, t30 = c3 * t21 - s3 * t27;
+    const real t31 = c3 * t26 + s3 * t28, t32 = t19 + base_arm_length * t29;
+    const real t33 = t12 + base_arm_length * t30, t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34, t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 + v_theta_0 * s4, t38 = v_theta_0 * c4 - s4 * t15;
+    const real t39 = s4 * t35 + c4 * t36, t40 = s4 * t32 + c4 * t33;
+    const real t41 = t34 * t37, t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38, t44 = s4 * t36 + t34 * t38 - c4 * t35;
     const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t46 = v_theta_6 - t38;
-    const real t47 = t46 * t46;
-    const real t48 = t34 * t34 + t47;
-    const real t49 = t43 - R(2.0) * t46 * t37;
-    const real t50 = t37 * t37 + t47;
-    const real t51 = t44 + R(2.0) * t46 * t34;
+    const real t46 = v_theta_6 - t38, t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47, t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47, t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k44 * c5;
-    const real t53 = k44 * s5;
-    const real t54 = k51 * s5;
-    const real t55 = s5 * t54;
-    const real t56 = k26 - t55;
-    const real t57 = k32 + t55;
+    const real t52 = k44 * c5, t53 = k44 * s5;
+    const real t54 = k51 * s5, t55 = s5 * t54;
+    const real t56 = k26 - t55, t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t59 = t51 * t57 - t40 * t53 - t49 * t58;
-    const real t60 = t51 * t58 - t40 * t52 - t49 * t56;
-    const real t61 = (t18 - base_arm_length * t31) * t52;
-    const real t62 = t58 * (t48 - t50);
-    const real t63 = (s4 * t33 - c4 * t32) * t53;
-    const real t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62;
+    const real t59 = t51 * t57 - t40 * t53 - t49 * t58, t60 = t51 * t58 - t40 * t52 - t49 * t56;
+    const real t61 = (t18 - base_arm_length * t31) * t52, t62 = t58 * (t48 - t50);
+    const real t63 = (s4 * t33 - c4 * t32) * t53, t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62;
     residual[4 * stride] = t64;
-    const real t65 = k44 * (s5 * t45 - c5 * t48);
-    const real t66 = k44 * (c5 * t42 + s5 * t50);
+    const real t65 = k44 * (s5 * t45 - c5 * t48), t66 = k44 * (c5 * t42 + s5 * t50);
     const real t67 = k44 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t68 = t59 + k38 * t44;
-    const real t69 = t60 - k38 * t43;
+    const real t68 = t59 + k38 * t44, t69 = t60 - k38 * t43;
     residual[3 * stride] = t69;
-    const real t70 = c4 * t65 + s4 * t67;
-    const real t71 = c4 * t67 - s4 * t65;
+    const real t70 = c4 * t65 + s4 * t67, t71 = c4 * t67 - s4 * t65;
 
     /* step from the base to link 1 */
-    const real t72 = base_arm_length * c3;
-    const real t73 = base_arm_length * s3;
+    const real t72 = base_arm_length * c3, t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t74 = k49 * c3;
-    const real t75 = k49 * s3;
-    const real t76 = k52 * s3;
-    const real t77 = s3 * t76;
-    const real t78 = k50 + t77;
-    const real t79 = c3 * t76;
+    const real t74 = k49 * c3, t75 = k49 * s3;
+    const real t76 = k52 * s3, t77 = s3 * t76;
+    const real t78 = k50 + t77, t79 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t80 = t28 * (k42 - t77);
-    const real t81 = t18 * t75 + t26 * t79 - k53 * t16 - t80;
-    const real t82 = t26 * t78;
-    const real t83 = t18 * t74 + t28 * t79 - k43 * t20 - t82;
-    const real t84 = t79 * (t25 - t27);
-    const real t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84;
-    const real t86 = k49 * t29 - t70;
-    const real t87 = t71 - k49 * t30;
-    const real t88 = t66 + k49 * t31;
-    const real t89 = c4 * t68 + t81 - s4 * t64 - t66 * t73;
+    const real t80 = t28 * (k42 - t77), t81 = t18 * t75 + t26 * t79 - k53 * t16 - t80;
+    const real t82 = t26 * t78, t83 = t18 * t74 + t28 * t79 - k43 * t20 - t82;
+    const real t84 = t79 * (t25 - t27), t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84;
+    const real t86 = k49 * t29 - t70, t87 = t71 - k49 * t30;
+    const real t88 = t66 + k49 * t31, t89 = c4 * t68 + t81 - s4 * t64 - t66 * t73;
     const real t90 = t83 - c4 * t64 - s4 * t68 - t66 * t72;
     residual[1 * stride] = t90;
     const real t91 = t69 + t71 * t72 + t70 * t73 - t85;
     residual[2 * stride] = t91;
 
     /* inertia forces on attitude and position */
-    const real t92 = s2 * t86 - c2 * t88;
-    const real t93 = c2 * t86 + s2 * t88;
+    const real t92 = s2 * t86 - c2 * t88, t93 = c2 * t86 + s2 * t88;
     residual[5 * stride] = t93;
     const real t94 = s2 * t91 - c2 * t89;
     residual[0 * stride] = t94;
@@ -1455,8 +1112,7 @@ static WIDE void residual_block(const Constants *RESTRICT constants, const real 
 void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -1464,9 +1120,8 @@ void BATCH(residual)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         residual_block(last_constants, last_q, last_v, residual + whole * (8 * LANES));
     }
@@ -1478,12 +1133,8 @@ static INLINE void input_matrix_angles(const Constants *RESTRICT constants, cons
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
@@ -1491,48 +1142,26 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
     const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k47 = CONSTANT(k47);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    input_matrix[0 * stride] = R(0.0);
-    input_matrix[4 * stride] = R(0.0);
-    input_matrix[5 * stride] = R(0.0);
-    input_matrix[6 * stride] = R(0.0);
-    input_matrix[7 * stride] = R(0.0);
-    input_matrix[9 * stride] = R(0.0);
-    input_matrix[10 * stride] = R(0.0);
-    input_matrix[11 * stride] = R(0.0);
-    input_matrix[12 * stride] = R(0.0);
-    input_matrix[13 * stride] = base_arm_length;
-    input_matrix[14 * stride] = R(0.0);
-    input_matrix[15 * stride] = base_arm_length;
-    input_matrix[16 * stride] = R(0.0);
-    input_matrix[17 * stride] = R(0.0);
-    input_matrix[18 * stride] = R(0.0);
-    input_matrix[19 * stride] = R(0.0);
-    input_matrix[20 * stride] = R(0.0);
-    input_matrix[21 * stride] = R(0.0);
-    input_matrix[22 * stride] = R(1.0);
-    input_matrix[23 * stride] = R(0.0);
-    input_matrix[24 * stride] = R(0.0);
-    input_matrix[25 * stride] = R(0.0);
-    input_matrix[26 * stride] = R(0.0);
-    input_matrix[27 * stride] = R(0.0);
-    input_matrix[28 * stride] = R(0.0);
-    input_matrix[29 * stride] = R(1.0);
-    input_matrix[30 * stride] = s2;
-    input_matrix[32 * stride] = s2;
-    input_matrix[34 * stride] = R(0.0);
-    input_matrix[35 * stride] = R(0.0);
-    input_matrix[40 * stride] = R(0.0);
-    input_matrix[41 * stride] = R(0.0);
-    input_matrix[46 * stride] = R(0.0);
-    input_matrix[47 * stride] = R(0.0);
+    const real base_arm_length = CONSTANT(base_arm_length), k47 = CONSTANT(k47);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    input_matrix[0 * stride] = R(0.0); input_matrix[4 * stride] = R(0.0);
+    input_matrix[5 * stride] = R(0.0); input_matrix[6 * stride] = R(0.0);
+    input_matrix[7 * stride] = R(0.0); input_matrix[9 * stride] = R(0.0);
+    input_matrix[10 * stride] = R(0.0); input_matrix[11 * stride] = R(0.0);
+    input_matrix[12 * stride] = R(0.0); input_matrix[13 * stride] = base_arm_length;
+    input_matrix[14 * stride] = R(0.0); input_matrix[15 * stride] = base_arm_length;
+    input_matrix[16 * stride] = R(0.0); input_matrix[17 * stride] = R(0.0);
+    input_matrix[18 * stride] = R(0.0); input_matrix[19 * stride] = R(0.0);
+    input_matrix[20 * stride] = R(0.0); input_matrix[21 * stride] = R(0.0);
+    input_matrix[22 * stride] = R(1.0); input_matrix[23 * stride] = R(0.0);
+    input_matrix[24 * stride] = R(0.0); input_matrix[25 * stride] = R(0.0);
+    input_matrix[26 * stride] = R(0.0); input_matrix[27 * stride] = R(0.0);
+    input_matrix[28 * stride] = R(0.0); input_matrix[29 * stride] = R(1.0);
+    input_matrix[30 * stride] = s2; input_matrix[32 * stride] = s2;
+    input_matrix[34 * stride] = R(0.0); input_matrix[35 * stride] = R(0.0);
+    input_matrix[40 * stride] = R(0.0); input_matrix[41 * stride] = R(0.0);
+    input_matrix[46 * stride] = R(0.0); input_matrix[47 * stride] = R(0.0);
 
     /* composite inertia of the base and links 1 and 2 */
     const real t7 = k47 * c3;
@@ -1540,26 +1169,19 @@ static INLINE void input_matrix_lane(const Constants *RESTRICT constants, const 
 
     /* thrust direction and generalised forces of motor 1 */
     const real t8 = s1 * c2;
-    input_matrix[36 * stride] = -t8;
-    input_matrix[38 * stride] = -t8;
+    input_matrix[36 * stride] = -t8; input_matrix[38 * stride] = -t8;
     const real t9 = c1 * c2;
-    input_matrix[42 * stride] = t9;
-    input_matrix[44 * stride] = t9;
+    input_matrix[42 * stride] = t9; input_matrix[44 * stride] = t9;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t10 = s2 * c3;
-    const real t11 = c2 * c3;
-    input_matrix[31 * stride] = t11;
-    input_matrix[33 * stride] = -t11;
+    const real t10 = s2 * c3, t11 = c2 * c3;
+    input_matrix[31 * stride] = t11; input_matrix[33 * stride] = -t11;
     const real t12 = base_arm_length * s2;
-    input_matrix[1 * stride] = t12;
-    input_matrix[3 * stride] = t12;
+    input_matrix[1 * stride] = t12; input_matrix[3 * stride] = t12;
     const real t13 = c1 * s3 + s1 * t10;
-    input_matrix[37 * stride] = t13;
-    input_matrix[39 * stride] = -t13;
+    input_matrix[37 * stride] = t13; input_matrix[39 * stride] = -t13;
     const real t14 = s1 * s3 - c1 * t10;
-    input_matrix[43 * stride] = t14;
-    input_matrix[45 * stride] = -t14;
+    input_matrix[43 * stride] = t14; input_matrix[45 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
     const real t15 = c2 * k47 * s3;
@@ -1596,8 +1218,7 @@ static WIDE void input_matrix_block(const Constants *RESTRICT constants, const r
 void BATCH(input_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT input_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         input_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -1620,19 +1241,13 @@ static INLINE void forward_dynamics_angles(const Constants *RESTRICT constants,
     (void)constants;
     (void)v;
     (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
@@ -1640,139 +1255,79 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, const real *RESTRICT u, real *RESTRICT acceleration, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k48 = CONSTANT(k48);
-    const real k51 = CONSTANT(k51);
-    const real k53 = CONSTANT(k53);
-    const real k59 = CONSTANT(k59);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k26 = CONSTANT(k26), k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42);
+    const real k43 = CONSTANT(k43), k44 = CONSTANT(k44), k48 = CONSTANT(k48), k51 = CONSTANT(k51);
+    const real k53 = CONSTANT(k53), k59 = CONSTANT(k59), k60 = CONSTANT(k60), k61 = CONSTANT(k61);
     const real k66 = CONSTANT(k66);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real F_1 = u[0 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real tau_5 = u[4 * stride];
-    const real tau_6 = u[5 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
+    const real tau_5 = u[4 * stride], tau_6 = u[5 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t12;
-    const real t15 = v_theta_0 * t13;
-    const real t16 = t12 * t13;
-    const real t17 = R(2.0) * t14;
-    const real t18 = v_theta_1 + t12;
-    const real t19 = t18 * t18;
+    const real t12 = v_theta_m1 * s2, t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t12, t15 = v_theta_0 * t13;
+    const real t16 = t12 * t13, t17 = R(2.0) * t14;
+    const real t18 = v_theta_1 + t12, t19 = t18 * t18;
 
     /* motion of link 1 */
-    const real t20 = v_theta_5 + t18;
-    const real t21 = t17 - v_theta_0 * t20;
-    const real t22 = t16 - t13 * t20;
-    const real t23 = c4 * t13 + v_theta_0 * s4;
-    const real t24 = v_theta_0 * c4 - s4 * t13;
-    const real t25 = s4 * t21 + c4 * t22;
-    const real t26 = t20 * t23;
-    const real t27 = t25 - t26;
-    const real t28 = t15 - t23 * t24;
-    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t20 = v_theta_5 + t18, t21 = t17 - v_theta_0 * t20;
+    const real t22 = t16 - t13 * t20, t23 = c4 * t13 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t13, t25 = s4 * t21 + c4 * t22;
+    const real t26 = t20 * t23, t27 = t25 - t26;
+    const real t28 = t15 - t23 * t24, t29 = s4 * t22 + t20 * t24 - c4 * t21;
     const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t31 = v_theta_6 - t24;
-    const real t32 = t31 * t31;
-    const real t33 = t20 * t20 + t32;
-    const real t34 = t28 - R(2.0) * t31 * t23;
-    const real t35 = t23 * t23 + t32;
-    const real t36 = R(2.0) * t31 * t20 + t29;
+    const real t31 = v_theta_6 - t24, t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32, t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32, t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t37 = k44 * c5;
-    const real t38 = k44 * s5;
-    const real t39 = k51 * s5;
-    const real t40 = s5 * t39;
-    const real t41 = k26 - t40;
-    const real t42 = k32 + t40;
+    const real t37 = k44 * c5, t38 = k44 * s5;
+    const real t39 = k51 * s5, t40 = s5 * t39;
+    const real t41 = k26 - t40, t42 = k32 + t40;
     const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t44 = t43 * (t33 - t35);
-    const real t45 = k44 * (s5 * t30 - c5 * t33);
-    const real t46 = k44 * (c5 * t27 + s5 * t35);
-    const real t47 = k44 * (c5 * t34 - s5 * t36);
+    const real t44 = t43 * (t33 - t35), t45 = k44 * (s5 * t30 - c5 * t33);
+    const real t46 = k44 * (c5 * t27 + s5 * t35), t47 = k44 * (c5 * t34 - s5 * t36);
 
     /* force and moment of all thrusts */
-    const real t48 = base_arm_length * (F_1 - F_3);
-    const real t49 = F_2 - F_4;
+    const real t48 = base_arm_length * (F_1 - F_3), t49 = F_2 - F_4;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t50 = R(1.0) / (t41 + t42);
-    const real t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44);
-    const real t52 = t38 * t50;
-    const real t53 = t37 * t50;
-    const real t54 = t38 * t51;
-    const real t55 = t37 * t52;
+    const real t50 = R(1.0) / (t41 + t42), t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44);
+    const real t52 = t38 * t50, t53 = t37 * t50;
+    const real t54 = t38 * t51, t55 = t37 * t52;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t56 = R(1.0) / (k38 + t41);
-    const real t57 = tau_5 + t43 * t36 - t34 * t41 - k38 * t28;
-    const real t58 = t56 * t57;
-    const real t59 = t37 * t56;
-    const real t60 = t43 * t56;
-    const real t61 = t37 * t58;
+    const real t56 = R(1.0) / (k38 + t41), t57 = tau_5 + t43 * t36 - t34 * t41 - k38 * t28;
+    const real t58 = t56 * t57, t59 = t37 * t56;
+    const real t60 = t43 * t56, t61 = t37 * t58;
     const real t62 = t38 - t43 * t59;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t63 = c3 * t49;
-    const real t64 = s3 * t49;
-    const real t65 = k42 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t66 = k42 * (t16 - R(2.0) * t18 * t13);
-    const real t67 = k53 * t14 + t65 - s3 * t48;
-    const real t68 = k43 * t16 + t66 - c3 * t48;
-    const real t69 = s4 * t64;
-    const real t70 = s4 * t68;
-    const real t71 = c4 * t67;
-    const real t72 = F_1 + F_3 + t46 - t37 * t51;
-    const real t73 = t43 * (t34 + t58);
-    const real t74 = t42 * t36 + k38 * t29 + t70 - t71 - t73;
+    const real t63 = c3 * t49, t64 = s3 * t49;
+    const real t65 = k42 * (t17 - R(2.0) * t18 * v_theta_0), t66 = k42 * (t16 - R(2.0) * t18 * t13);
+    const real t67 = k53 * t14 + t65 - s3 * t48, t68 = k43 * t16 + t66 - c3 * t48;
+    const real t69 = s4 * t64, t70 = s4 * t68;
+    const real t71 = c4 * t67, t72 = F_1 + F_3 + t46 - t37 * t51;
+    const real t73 = t43 * (t34 + t58), t74 = t42 * t36 + k38 * t29 + t70 - t71 - t73;
 
     /* acceleration of the base, by LDL^T */
-    const real t75 = R(1.0) / (t42 + k66 - t43 * t60);
-    const real t76 = t62 * t75;
-    const real t77 = t74 * t76;
-    const real t78 = c4 * t64 - s4 * t63 - t47 - t61 - t77;
-    const real t79 = R(1.0) / (k48 - t37 * t59 - t62 * t76);
-    const real t80 = R(1.0) / (k48 - t37 * t53);
-    const real t81 = t55 * t80;
-    const real t82 = t45 + t81 * t72 - c4 * t63 - t69 - t54;
-    const real t83 = R(1.0) / (k48 - t38 * t52 - t55 * t81);
-    const real t84 = t82 * t83;
-    const real t85 = t81 * t84 + t80 * t72;
-    const real t86 = t78 * t79;
-    const real t87 = t76 * t86 - t74 * t75;
-    const real t88 = k61 * (tau_6 - c4 * t68 - s4 * t67);
+    const real t75 = R(1.0) / (t42 + k66 - t43 * t60), t76 = t62 * t75;
+    const real t77 = t74 * t76, t78 = c4 * t64 - s4 * t63 - t47 - t61 - t77;
+    const real t79 = R(1.0) / (k48 - t37 * t59 - t62 * t76), t80 = R(1.0) / (k48 - t37 * t53);
+    const real t81 = t55 * t80, t82 = t45 + t81 * t72 - c4 * t63 - t69 - t54;
+    const real t83 = R(1.0) / (k48 - t38 * t52 - t55 * t81), t84 = t82 * t83;
+    const real t85 = t81 * t84 + t80 * t72, t86 = t78 * t79;
+    const real t87 = t76 * t86 - t74 * t75, t88 = k61 * (tau_6 - c4 * t68 - s4 * t67);
     const real t89 = k60 * (base_arm_length * (F_2 + F_4) - tau_5 - k59 * t15);
 
     /* acceleration of joint 5 */
@@ -1784,13 +1339,11 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     acceleration[4 * stride] = t91;
 
     /* acceleration of the base */
-    const real t92 = c4 * t87 - s4 * t88;
-    const real t93 = c4 * t88 + s4 * t87;
+    const real t92 = c4 * t87 - s4 * t88, t93 = c4 * t88 + s4 * t87;
     acceleration[1 * stride] = t93;
 
     /* acceleration of the origin from that of the base centre */
-    const real t94 = t15 + t89;
-    const real t95 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t94);
+    const real t94 = t15 + t89, t95 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t94);
     const real t96 = s3 * (t13 * t13 + t19) - c3 * (t15 + t94);
     const real t97 = s3 * (t17 - t92 - R(2.0) * v_theta_0 * t18);
     const real t98 = c3 * (t16 + t93 - R(2.0) * t13 * t18) + t97;
@@ -1799,15 +1352,13 @@ static INLINE void forward_dynamics_lane(const Constants *RESTRICT constants,
     const real t101 = t85 + base_arm_length * t98;
 
     /* acceleration of the origin, in world axes */
-    const real t102 = c2 * t101 + s2 * t99;
-    const real t103 = s2 * t101 - c2 * t99;
+    const real t102 = c2 * t101 + s2 * t99, t103 = s2 * t101 - c2 * t99;
     acceleration[5 * stride] = t103;
     const real t104 = c1 * t100 - s1 * t102;
     acceleration[6 * stride] = t104;
 
     /* accelerations of the attitude angles */
-    const real t105 = R(1.0) / c2;
-    const real t106 = t105 * t92;
+    const real t105 = R(1.0) / c2, t106 = t105 * t92;
     acceleration[0 * stride] = t106;
     const real t107 = t89 - s2 * t106;
     acceleration[2 * stride] = t107;
@@ -1850,8 +1401,7 @@ void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t c
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u,
     real *RESTRICT acceleration)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -1860,11 +1410,9 @@ void BATCH(forward_dynamics)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES], last_u[6 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
-        real last_u[6 * LANES];
         fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
         forward_dynamics_block(last_constants, last_q, last_v, last_u,
             acceleration + whole * (8 * LANES));
@@ -1880,19 +1428,13 @@ static INLINE void inverse_dynamics_angles(const Constants *RESTRICT constants,
     (void)constants;
     (void)v;
     (void)a;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
@@ -1900,155 +1442,94 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k48 = CONSTANT(k48);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_0 = a[1 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_theta_5 = a[3 * stride];
-    const real a_theta_6 = a[4 * stride];
-    const real a_x = a[5 * stride];
-    const real a_y = a[6 * stride];
-    const real a_z = a[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k26 = CONSTANT(k26), k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42);
+    const real k43 = CONSTANT(k43), k44 = CONSTANT(k44), k48 = CONSTANT(k48), k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real a_theta_m1 = a[0 * stride], a_theta_0 = a[1 * stride], a_theta_1 = a[2 * stride];
+    const real a_theta_5 = a[3 * stride], a_theta_6 = a[4 * stride], a_x = a[5 * stride];
+    const real a_y = a[6 * stride], a_z = a[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t12;
-    const real t15 = v_theta_0 * t13;
-    const real t16 = v_theta_1 + t12;
-    const real t17 = t16 * t16;
-    const real t18 = v_theta_0 * v_theta_0 + t17;
-    const real t19 = t13 * t13 + t17;
+    const real t12 = v_theta_m1 * s2, t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t12, t15 = v_theta_0 * t13;
+    const real t16 = v_theta_1 + t12, t17 = t16 * t16;
+    const real t18 = v_theta_0 * v_theta_0 + t17, t19 = t13 * t13 + t17;
 
     /* motion of link 1 */
-    const real t20 = v_theta_5 + t16;
-    const real t21 = c4 * t13 + v_theta_0 * s4;
-    const real t22 = v_theta_0 * c4 - s4 * t13;
-    const real t23 = t20 * t21;
+    const real t20 = v_theta_5 + t16, t21 = c4 * t13 + v_theta_0 * s4;
+    const real t22 = v_theta_0 * c4 - s4 * t13, t23 = t20 * t21;
 
     /* motion of link 2 */
-    const real t24 = v_theta_6 - t22;
-    const real t25 = t24 * t24;
-    const real t26 = t20 * t20 + t25;
-    const real t27 = t21 * t21 + t25;
+    const real t24 = v_theta_6 - t22, t25 = t24 * t24;
+    const real t26 = t20 * t20 + t25, t27 = t21 * t21 + t25;
 
     /* inertia of link 2, turned by the joints */
-    const real t28 = k44 * c5;
-    const real t29 = k44 * s5;
-    const real t30 = k51 * s5;
-    const real t31 = s5 * t30;
-    const real t32 = k26 - t31;
-    const real t33 = k32 + t31;
+    const real t28 = k44 * c5, t29 = k44 * s5;
+    const real t30 = k51 * s5, t31 = s5 * t30;
+    const real t32 = k26 - t31, t33 = k32 + t31;
     const real t34 = c5 * t30;
 
     /* inertia forces of link 2, about joint 6 */
     const real t35 = t34 * (t26 - t27);
 
     /* step from the base to link 1 */
-    const real t36 = base_arm_length * c3;
-    const real t37 = base_arm_length * s3;
+    const real t36 = base_arm_length * c3, t37 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t38 = k49 * c3;
-    const real t39 = k49 * s3;
-    const real t40 = k52 * s3;
-    const real t41 = s3 * t40;
-    const real t42 = k50 + t41;
-    const real t43 = k42 - t41;
+    const real t38 = k49 * c3, t39 = k49 * s3;
+    const real t40 = k52 * s3, t41 = s3 * t40;
+    const real t42 = k50 + t41, t43 = k42 - t41;
     const real t44 = c3 * t40;
 
     /* inertia forces of the base and links 1 and 2 */
     const real t45 = t44 * (t18 - t19);
 
     /* motion of the base */
-    const real t46 = a_z + gravity;
-    const real t47 = a_y * c1 + s1 * t46;
-    const real t48 = c1 * t46 - a_y * s1;
-    const real t49 = a_x * s2 + c2 * t48;
-    const real t50 = a_x * c2 - s2 * t48;
-    const real t51 = a_theta_0 + t12 * t13;
-    const real t52 = t14 + t14 - a_theta_m1 * c2;
-    const real t53 = a_theta_1 + t15 + a_theta_m1 * s2;
-    const real t54 = t15 + t53;
-    const real t55 = R(2.0) * t16 * t13 - t51;
-    const real t56 = t15 - t53;
-    const real t57 = R(2.0) * t16 * v_theta_0 - t52;
+    const real t46 = a_z + gravity, t47 = a_y * c1 + s1 * t46;
+    const real t48 = c1 * t46 - a_y * s1, t49 = a_x * s2 + c2 * t48;
+    const real t50 = a_x * c2 - s2 * t48, t51 = a_theta_0 + t12 * t13;
+    const real t52 = t14 + t14 - a_theta_m1 * c2, t53 = a_theta_1 + t15 + a_theta_m1 * s2;
+    const real t54 = t15 + t53, t55 = R(2.0) * t16 * t13 - t51;
+    const real t56 = t15 - t53, t57 = R(2.0) * t16 * v_theta_0 - t52;
 
     /* motion of link 1 */
-    const real t58 = c3 * t18 - s3 * t56;
-    const real t59 = s3 * t19 - c3 * t54;
-    const real t60 = c3 * t55 + s3 * t57;
-    const real t61 = t50 - base_arm_length * t58;
-    const real t62 = t47 - base_arm_length * t59;
-    const real t63 = v_theta_0 * t20 - t52;
-    const real t64 = t13 * t20 - t51;
-    const real t65 = c4 * t62 - s4 * t61;
-    const real t66 = t21 * t22 - a_theta_5 - t53;
-    const real t67 = t20 * t22 + c4 * t63 - s4 * t64;
+    const real t58 = c3 * t18 - s3 * t56, t59 = s3 * t19 - c3 * t54;
+    const real t60 = c3 * t55 + s3 * t57, t61 = t50 - base_arm_length * t58;
+    const real t62 = t47 - base_arm_length * t59, t63 = v_theta_0 * t20 - t52;
+    const real t64 = t13 * t20 - t51, t65 = c4 * t62 - s4 * t61;
+    const real t66 = t21 * t22 - a_theta_5 - t53, t67 = t20 * t22 + c4 * t63 - s4 * t64;
 
     /* motion of link 2 */
-    const real t68 = a_theta_6 + s4 * t63 + c4 * t64;
-    const real t69 = t23 + t68;
-    const real t70 = R(2.0) * t24 * t21 + t66;
-    const real t71 = t23 - t68;
+    const real t68 = a_theta_6 + s4 * t63 + c4 * t64, t69 = t23 + t68;
+    const real t70 = R(2.0) * t24 * t21 + t66, t71 = t23 - t68;
     const real t72 = R(2.0) * t24 * t20 + t67;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t73 = t34 * t70 + t33 * t72 - t29 * t65;
-    const real t74 = t28 * t65 - t32 * t70 - t34 * t72;
-    const real t75 = t28 * (t49 + base_arm_length * t60);
-    const real t76 = t29 * (c4 * t61 + s4 * t62);
+    const real t73 = t34 * t70 + t33 * t72 - t29 * t65, t74 = t28 * t65 - t32 * t70 - t34 * t72;
+    const real t75 = t28 * (t49 + base_arm_length * t60), t76 = t29 * (c4 * t61 + s4 * t62);
     const real t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71;
     force[4 * stride] = t77;
-    const real t78 = k44 * (c5 * t26 - s5 * t71);
-    const real t79 = k44 * (s5 * t27 - c5 * t69);
+    const real t78 = k44 * (c5 * t26 - s5 * t71), t79 = k44 * (s5 * t27 - c5 * t69);
     const real t80 = k44 * (c5 * t70 + s5 * t72);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t81 = t73 + k38 * t67;
-    const real t82 = t74 - k38 * t66;
+    const real t81 = t73 + k38 * t67, t82 = t74 - k38 * t66;
     force[3 * stride] = t82;
-    const real t83 = s4 * t80 - c4 * t78;
-    const real t84 = s4 * t78 + c4 * t80;
+    const real t83 = s4 * t80 - c4 * t78, t84 = s4 * t78 + c4 * t80;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t85 = t44 * t55;
-    const real t86 = t39 * t49 + t43 * t57 - k43 * t52 - t85;
-    const real t87 = t42 * t55;
-    const real t88 = k43 * t51 + t44 * t57 - t38 * t49 - t87;
-    const real t89 = t38 * t47;
-    const real t90 = t42 * t54;
-    const real t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90;
-    const real t92 = t83 - k49 * t58;
-    const real t93 = t84 + k49 * t59;
-    const real t94 = t79 - k49 * t60;
+    const real t85 = t44 * t55, t86 = t39 * t49 + t43 * t57 - k43 * t52 - t85;
+    const real t87 = t42 * t55, t88 = k43 * t51 + t44 * t57 - t38 * t49 - t87;
+    const real t89 = t38 * t47, t90 = t42 * t54;
+    const real t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90, t92 = t83 - k49 * t58;
+    const real t93 = t84 + k49 * t59, t94 = t79 - k49 * t60;
     const real t95 = s4 * t77 + c4 * t81 + t86 - t37 * t79;
     const real t96 = s4 * t81 + t36 * t79 + t88 - c4 * t77;
     force[1 * stride] = t96;
@@ -2056,8 +1537,7 @@ static INLINE void inverse_dynamics_lane(const Constants *RESTRICT constants,
     force[2 * stride] = t97;
 
     /* inertia forces on attitude and position */
-    const real t98 = s2 * t92 + c2 * t94;
-    const real t99 = c2 * t95 + s2 * t97;
+    const real t98 = s2 * t92 + c2 * t94, t99 = c2 * t95 + s2 * t97;
     force[0 * stride] = t99;
     const real t100 = c2 * t92 + k48 * a_x - s2 * t94;
     force[5 * stride] = t100;
@@ -2099,8 +1579,7 @@ static WIDE void inverse_dynamics_block(const Constants *RESTRICT constants, con
 void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         inverse_dynamics_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -2108,11 +1587,9 @@ void BATCH(inverse_dynamics)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES], last_a[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
-        real last_a[8 * LANES];
         fill_lanes(8, rest, a + whole * (8 * LANES), last_a);
         inverse_dynamics_block(last_constants, last_q, last_v, last_a,
             force + whole * (8 * LANES));
@@ -2125,19 +1602,13 @@ static INLINE void hybrid_mass_matrix_angles(const Constants *RESTRICT constants
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
@@ -2145,222 +1616,141 @@ static INLINE void hybrid_mass_matrix_lane(const Constants *RESTRICT constants,
     real *RESTRICT mass_matrix, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k47 = CONSTANT(k47);
-    const real k48 = CONSTANT(k48);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k55 = CONSTANT(k55);
-    const real k56 = CONSTANT(k56);
-    const real k57 = CONSTANT(k57);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), k26 = CONSTANT(k26);
+    const real k32 = CONSTANT(k32), k38 = CONSTANT(k38), k42 = CONSTANT(k42), k43 = CONSTANT(k43);
+    const real k44 = CONSTANT(k44), k47 = CONSTANT(k47), k48 = CONSTANT(k48), k49 = CONSTANT(k49);
+    const real k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52), k55 = CONSTANT(k55);
+    const real k56 = CONSTANT(k56), k57 = CONSTANT(k57);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[31 * stride] = k56;
-    mass_matrix[32 * stride] = k57;
-    mass_matrix[33 * stride] = k56;
-    mass_matrix[44 * stride] = k56;
-    mass_matrix[45 * stride] = k56;
-    mass_matrix[53 * stride] = -R(1.0);
-    mass_matrix[58 * stride] = k57;
-    mass_matrix[60 * stride] = k56;
-    mass_matrix[68 * stride] = -R(1.0);
-    mass_matrix[72 * stride] = k56;
-    mass_matrix[75 * stride] = k56;
-    mass_matrix[83 * stride] = -R(1.0);
-    mass_matrix[120 * stride] = k48;
-    mass_matrix[135 * stride] = k48;
-    mass_matrix[150 * stride] = k48;
-    mass_matrix[157 * stride] = R(1.0);
-    mass_matrix[172 * stride] = R(1.0);
+    mass_matrix[31 * stride] = k56; mass_matrix[32 * stride] = k57; mass_matrix[33 * stride] = k56;
+    mass_matrix[44 * stride] = k56; mass_matrix[45 * stride] = k56;
+    mass_matrix[53 * stride] = -R(1.0); mass_matrix[58 * stride] = k57;
+    mass_matrix[60 * stride] = k56; mass_matrix[68 * stride] = -R(1.0);
+    mass_matrix[72 * stride] = k56; mass_matrix[75 * stride] = k56;
+    mass_matrix[83 * stride] = -R(1.0); mass_matrix[120 * stride] = k48;
+    mass_matrix[135 * stride] = k48; mass_matrix[150 * stride] = k48;
+    mass_matrix[157 * stride] = R(1.0); mass_matrix[172 * stride] = R(1.0);
     mass_matrix[187 * stride] = R(1.0);
 
     /* angles and places of the joints */
     const real t9 = -s4;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k44 * c5;
-    const real t13 = k44 * s5;
-    const real t14 = k51 * s5;
-    const real t15 = s5 * t14;
-    const real t16 = k26 - t15;
-    const real t17 = k32 + t15;
+    const real t12 = k44 * c5, t13 = k44 * s5;
+    const real t14 = k51 * s5, t15 = s5 * t14;
+    const real t16 = k26 - t15, t17 = k32 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
-    const real t19 = base_arm_length * c3;
-    const real t20 = base_arm_length * s3;
+    const real t19 = base_arm_length * c3, t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k52 * s3;
-    const real t22 = s3 * t21;
+    const real t21 = k52 * s3, t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t23 = c4 * t12;
-    const real t24 = t9 * t12;
-    const real t25 = c4 * t18;
-    const real t26 = t9 * t18;
-    mass_matrix[20 * stride] = t26;
-    mass_matrix[85 * stride] = t26;
-    const real t27 = t9 * (k38 - t16);
-    const real t28 = t9 * t27;
-    const real t29 = t16 + t28;
-    const real t30 = k38 - t28;
+    const real t23 = c4 * t12, t24 = t9 * t12;
+    const real t25 = c4 * t18, t26 = t9 * t18;
+    mass_matrix[20 * stride] = t26; mass_matrix[85 * stride] = t26;
+    const real t27 = t9 * (k38 - t16), t28 = t9 * t27;
+    const real t29 = t16 + t28, t30 = k38 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
-    const real t32 = t25 + t13 * t19;
+    const real t31 = t19 * t24 - c4 * t27 - t20 * t23, t32 = t25 + t13 * t19;
     const real t33 = t26 - t13 * t20;
-    mass_matrix[16 * stride] = t33;
-    mass_matrix[29 * stride] = t33;
-    const real t34 = k49 * c3 + t23;
-    const real t35 = t24 - k49 * s3;
-    const real t36 = k50 + t22 + t29 + t23 * k47 * c3;
-    const real t37 = k42 + t30 - t22 - t24 * k47 * s3;
+    mass_matrix[16 * stride] = t33; mass_matrix[29 * stride] = t33;
+    const real t34 = k49 * c3 + t23, t35 = t24 - k49 * s3;
+    const real t36 = k50 + t22 + t29 + t23 * k47 * c3, t37 = k42 + t30 - t22 - t24 * k47 * s3;
     const real t38 = k43 + t17;
 
     /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
     mass_matrix[90 * stride] = t39;
     const real t40 = t39 + t19 * t23 - t20 * t24;
-    mass_matrix[34 * stride] = t40;
-    mass_matrix[86 * stride] = t40;
+    mass_matrix[34 * stride] = t40; mass_matrix[86 * stride] = t40;
     const real t41 = t16 + t17;
     mass_matrix[105 * stride] = t41;
-    const real t42 = c4 * t13;
-    const real t43 = t9 * t13;
+    const real t42 = c4 * t13, t43 = t9 * t13;
     const real t44 = t20 * t42 + t19 * t43;
-    mass_matrix[35 * stride] = t44;
-    mass_matrix[100 * stride] = t44;
+    mass_matrix[35 * stride] = t44; mass_matrix[100 * stride] = t44;
     const real t45 = c4 * t41 + t12 * t19;
-    mass_matrix[21 * stride] = -t45;
-    mass_matrix[99 * stride] = -t45;
+    mass_matrix[21 * stride] = -t45; mass_matrix[99 * stride] = -t45;
 
     /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
     mass_matrix[30 * stride] = t46;
-    const real t47 = s2 * t35;
-    const real t48 = c2 * t35;
-    mass_matrix[36 * stride] = t48;
-    mass_matrix[114 * stride] = t48;
+    const real t47 = s2 * t35, t48 = c2 * t35;
+    mass_matrix[36 * stride] = t48; mass_matrix[114 * stride] = t48;
     const real t49 = s2 * t46 - c2 * t32;
-    mass_matrix[2 * stride] = t49;
-    mass_matrix[28 * stride] = t49;
+    mass_matrix[2 * stride] = t49; mass_matrix[28 * stride] = t49;
     const real t50 = c1 * t34 + s1 * t47;
-    mass_matrix[37 * stride] = t50;
-    mass_matrix[128 * stride] = t50;
+    mass_matrix[37 * stride] = t50; mass_matrix[128 * stride] = t50;
     const real t51 = s1 * t34 - c1 * t47;
-    mass_matrix[38 * stride] = t51;
-    mass_matrix[142 * stride] = t51;
+    mass_matrix[38 * stride] = t51; mass_matrix[142 * stride] = t51;
     const real t52 = t36 + t38;
     mass_matrix[15 * stride] = t52;
     const real t53 = c2 * (c3 * t21 + t31) + s2 * t33;
-    mass_matrix[1 * stride] = t53;
-    mass_matrix[14 * stride] = t53;
+    mass_matrix[1 * stride] = t53; mass_matrix[14 * stride] = t53;
     const real t54 = c2 * t13 - s2 * t34;
-    mass_matrix[22 * stride] = t54;
-    mass_matrix[113 * stride] = t54;
-    const real t55 = s2 * t13 + c2 * t34;
-    const real t56 = s2 * (R(2.0) * c2 * t32 - s2 * (t36 - t38));
+    mass_matrix[22 * stride] = t54; mass_matrix[113 * stride] = t54;
+    const real t55 = s2 * t13 + c2 * t34, t56 = s2 * (R(2.0) * c2 * t32 - s2 * (t36 - t38));
     const real t57 = s1 * t55;
-    mass_matrix[23 * stride] = t57;
-    mass_matrix[127 * stride] = t57;
+    mass_matrix[23 * stride] = t57; mass_matrix[127 * stride] = t57;
     const real t58 = c1 * t55;
-    mass_matrix[24 * stride] = -t58;
-    mass_matrix[141 * stride] = -t58;
+    mass_matrix[24 * stride] = -t58; mass_matrix[141 * stride] = -t58;
     const real t59 = t37 + t38 - t56;
     mass_matrix[0 * stride] = t59;
     const real t60 = -c1 * t35 - s1 * t54;
-    mass_matrix[10 * stride] = t60;
-    mass_matrix[140 * stride] = t60;
+    mass_matrix[10 * stride] = t60; mass_matrix[140 * stride] = t60;
     const real t61 = s1 * t35 - c1 * t54;
-    mass_matrix[9 * stride] = t61;
-    mass_matrix[126 * stride] = t61;
+    mass_matrix[9 * stride] = t61; mass_matrix[126 * stride] = t61;
 
     /* mass matrix between the joints and attitude and position */
-    const real t62 = s2 * t24;
-    const real t63 = c2 * t24;
-    mass_matrix[92 * stride] = t63;
-    mass_matrix[118 * stride] = t63;
+    const real t62 = s2 * t24, t63 = c2 * t24;
+    mass_matrix[92 * stride] = t63; mass_matrix[118 * stride] = t63;
     const real t64 = s2 * t40 - c2 * t25;
-    mass_matrix[6 * stride] = t64;
-    mass_matrix[84 * stride] = t64;
+    mass_matrix[6 * stride] = t64; mass_matrix[84 * stride] = t64;
     const real t65 = c1 * t23 + s1 * t62;
-    mass_matrix[93 * stride] = t65;
-    mass_matrix[132 * stride] = t65;
+    mass_matrix[93 * stride] = t65; mass_matrix[132 * stride] = t65;
     const real t66 = s1 * t23 - c1 * t62;
-    mass_matrix[94 * stride] = t66;
-    mass_matrix[146 * stride] = t66;
-    const real t67 = c2 * t12 + s2 * t42;
-    const real t68 = s2 * t12 - c2 * t42;
-    mass_matrix[106 * stride] = t68;
-    mass_matrix[119 * stride] = t68;
+    mass_matrix[94 * stride] = t66; mass_matrix[146 * stride] = t66;
+    const real t67 = c2 * t12 + s2 * t42, t68 = s2 * t12 - c2 * t42;
+    mass_matrix[106 * stride] = t68; mass_matrix[119 * stride] = t68;
     const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t44;
-    mass_matrix[7 * stride] = t69;
-    mass_matrix[98 * stride] = t69;
+    mass_matrix[7 * stride] = t69; mass_matrix[98 * stride] = t69;
     const real t70 = c1 * t43 - s1 * t67;
-    mass_matrix[107 * stride] = t70;
-    mass_matrix[133 * stride] = t70;
+    mass_matrix[107 * stride] = t70; mass_matrix[133 * stride] = t70;
     const real t71 = c1 * t67 + s1 * t43;
-    mass_matrix[108 * stride] = t71;
-    mass_matrix[147 * stride] = t71;
+    mass_matrix[108 * stride] = t71; mass_matrix[147 * stride] = t71;
 
     /* composite inertia of the base and base arm 2 */
-    const real t72 = k55 * s3;
-    const real t73 = k55 * c3;
+    const real t72 = k55 * s3, t73 = k55 * c3;
 
     /* mass matrix, column of joint 2 */
-    const real t74 = s2 * t73;
-    const real t75 = c2 * t73;
-    mass_matrix[50 * stride] = t75;
-    mass_matrix[78 * stride] = -t75;
-    mass_matrix[115 * stride] = t75;
-    mass_matrix[117 * stride] = -t75;
+    const real t74 = s2 * t73, t75 = c2 * t73;
+    mass_matrix[50 * stride] = t75; mass_matrix[78 * stride] = -t75;
+    mass_matrix[115 * stride] = t75; mass_matrix[117 * stride] = -t75;
     const real t76 = k56 * s2;
-    mass_matrix[3 * stride] = t76;
-    mass_matrix[5 * stride] = t76;
-    mass_matrix[42 * stride] = t76;
+    mass_matrix[3 * stride] = t76; mass_matrix[5 * stride] = t76; mass_matrix[42 * stride] = t76;
     mass_matrix[70 * stride] = t76;
     const real t77 = c1 * t72 + s1 * t74;
-    mass_matrix[51 * stride] = t77;
-    mass_matrix[79 * stride] = -t77;
-    mass_matrix[129 * stride] = t77;
-    mass_matrix[131 * stride] = -t77;
+    mass_matrix[51 * stride] = t77; mass_matrix[79 * stride] = -t77;
+    mass_matrix[129 * stride] = t77; mass_matrix[131 * stride] = -t77;
     const real t78 = s1 * t72 - c1 * t74;
-    mass_matrix[52 * stride] = t78;
-    mass_matrix[80 * stride] = -t78;
-    mass_matrix[143 * stride] = t78;
-    mass_matrix[145 * stride] = -t78;
+    mass_matrix[52 * stride] = t78; mass_matrix[80 * stride] = -t78;
+    mass_matrix[143 * stride] = t78; mass_matrix[145 * stride] = -t78;
 
     /* mass matrix, column of joint 3 */
-    const real t79 = s2 * t72;
-    const real t80 = c2 * t72;
-    mass_matrix[64 * stride] = -t80;
-    mass_matrix[116 * stride] = -t80;
+    const real t79 = s2 * t72, t80 = c2 * t72;
+    mass_matrix[64 * stride] = -t80; mass_matrix[116 * stride] = -t80;
     const real t81 = k57 * s2;
-    mass_matrix[4 * stride] = t81;
-    mass_matrix[56 * stride] = t81;
+    mass_matrix[4 * stride] = t81; mass_matrix[56 * stride] = t81;
     const real t82 = c1 * t73 - s1 * t79;
-    mass_matrix[65 * stride] = t82;
-    mass_matrix[130 * stride] = t82;
+    mass_matrix[65 * stride] = t82; mass_matrix[130 * stride] = t82;
     const real t83 = c1 * t79 + s1 * t73;
-    mass_matrix[66 * stride] = t83;
-    mass_matrix[144 * stride] = t83;
+    mass_matrix[66 * stride] = t83; mass_matrix[144 * stride] = t83;
 }
 
 #ifndef EACH
@@ -2400,8 +1790,7 @@ static WIDE void hybrid_mass_matrix_block(const Constants *RESTRICT constants,
 void BATCH(hybrid_mass_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT mass_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_mass_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -2423,19 +1812,13 @@ static INLINE void hybrid_residual_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
@@ -2443,163 +1826,96 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT residual, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k53 = CONSTANT(k53);
-    const real k54 = CONSTANT(k54);
-    const real k55 = CONSTANT(k55);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k26 = CONSTANT(k26), k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38), k42 = CONSTANT(k42), k43 = CONSTANT(k43), k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49), k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52);
+    const real k53 = CONSTANT(k53), k54 = CONSTANT(k54), k55 = CONSTANT(k55);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    residual[11 * stride] = R(0.0);
-    residual[12 * stride] = R(0.0);
-    residual[13 * stride] = R(0.0);
+    residual[11 * stride] = R(0.0); residual[12 * stride] = R(0.0); residual[13 * stride] = R(0.0);
 
     /* motion of the base */
-    const real t12 = gravity * s1;
-    const real t13 = gravity * c1;
-    const real t14 = v_theta_m1 * s2;
-    const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t14;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = c2 * t13;
-    const real t19 = s2 * t13;
-    const real t20 = t14 * t15;
-    const real t21 = R(2.0) * t17;
-    const real t22 = R(2.0) * t16;
-    const real t23 = v_theta_1 + t14;
-    const real t24 = t23 * t23;
-    const real t25 = v_theta_0 * v_theta_0 + t24;
-    const real t26 = t20 - R(2.0) * t23 * t15;
-    const real t27 = t15 * t15 + t24;
+    const real t12 = gravity * s1, t13 = gravity * c1;
+    const real t14 = v_theta_m1 * s2, t15 = v_theta_m1 * c2;
+    const real t16 = v_theta_0 * t14, t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13, t19 = s2 * t13;
+    const real t20 = t14 * t15, t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16, t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23, t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15, t27 = t15 * t15 + t24;
     const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t29 = c3 * t25;
-    const real t30 = s3 * t27 - c3 * t21;
-    const real t31 = c3 * t26 + s3 * t28;
-    const real t32 = t19 + base_arm_length * t29;
-    const real t33 = t12 - base_arm_length * t30;
-    const real t34 = v_theta_5 + t23;
-    const real t35 = t22 - v_theta_0 * t34;
-    const real t36 = t20 - t15 * t34;
-    const real t37 = c4 * t15 + v_theta_0 * s4;
-    const real t38 = v_theta_0 * c4 - s4 * t15;
-    const real t39 = s4 * t35 + c4 * t36;
-    const real t40 = s4 * t32 + c4 * t33;
-    const real t41 = t34 * t37;
-    const real t42 = t39 - t41;
-    const real t43 = t17 - t37 * t38;
-    const real t44 = s4 * t36 + t34 * t38 - c4 * t35;
+    const real t29 = c3 * t25, t30 = s3 * t27 - c3 * t21;
+    const real t31 = c3 * t26 + s3 * t28, t32 = t19 + base_arm_length * t29;
+    const real t33 = t12 - base_arm_length * t30, t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34, t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 + v_theta_0 * s4, t38 = v_theta_0 * c4 - s4 * t15;
+    const real t39 = s4 * t35 + c4 * t36, t40 = s4 * t32 + c4 * t33;
+    const real t41 = t34 * t37, t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38, t44 = s4 * t36 + t34 * t38 - c4 * t35;
     const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t46 = v_theta_6 - t38;
-    const real t47 = t46 * t46;
-    const real t48 = t34 * t34 + t47;
-    const real t49 = t43 - R(2.0) * t46 * t37;
-    const real t50 = t37 * t37 + t47;
-    const real t51 = R(2.0) * t46 * t34 + t44;
+    const real t46 = v_theta_6 - t38, t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47, t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47, t51 = R(2.0) * t46 * t34 + t44;
 
     /* inertia of link 2, turned by the joints */
-    const real t52 = k44 * c5;
-    const real t53 = k44 * s5;
-    const real t54 = k51 * s5;
-    const real t55 = s5 * t54;
-    const real t56 = k26 - t55;
-    const real t57 = k32 + t55;
+    const real t52 = k44 * c5, t53 = k44 * s5;
+    const real t54 = k51 * s5, t55 = s5 * t54;
+    const real t56 = k26 - t55, t57 = k32 + t55;
     const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t59 = (t18 - base_arm_length * t31) * t52;
-    const real t60 = t58 * (t48 - t50);
-    const real t61 = (s4 * t33 - c4 * t32) * t53;
-    const real t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60;
+    const real t59 = (t18 - base_arm_length * t31) * t52, t60 = t58 * (t48 - t50);
+    const real t61 = (s4 * t33 - c4 * t32) * t53, t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60;
     residual[7 * stride] = t62;
-    const real t63 = k44 * (s5 * t45 - c5 * t48);
-    const real t64 = k44 * (c5 * t42 + s5 * t50);
+    const real t63 = k44 * (s5 * t45 - c5 * t48), t64 = k44 * (c5 * t42 + s5 * t50);
     const real t65 = k44 * (c5 * t49 - s5 * t51);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t66 = k38 * t44;
-    const real t67 = k38 * t43;
+    const real t66 = k38 * t44, t67 = k38 * t43;
     const real t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66;
     const real t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67;
     residual[6 * stride] = t69;
-    const real t70 = c4 * t63 - s4 * t65;
-    const real t71 = s4 * t63 + c4 * t65;
-    const real t72 = s4 * t62;
-    const real t73 = c4 * t68;
-    const real t74 = c4 * t62;
-    const real t75 = s4 * t68;
+    const real t70 = c4 * t63 - s4 * t65, t71 = s4 * t63 + c4 * t65;
+    const real t72 = s4 * t62, t73 = c4 * t68;
+    const real t74 = c4 * t62, t75 = s4 * t68;
 
     /* step from the base to link 1 */
-    const real t76 = base_arm_length * c3;
-    const real t77 = base_arm_length * s3;
+    const real t76 = base_arm_length * c3, t77 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t78 = t64 * t77;
-    const real t79 = t64 * t76;
-    const real t80 = t76 * t71;
-    const real t81 = t77 * t70;
+    const real t78 = t64 * t77, t79 = t64 * t76;
+    const real t80 = t76 * t71, t81 = t77 * t70;
 
     /* inertia of the base, turned by the joints */
-    const real t82 = k49 * c3;
-    const real t83 = k49 * s3;
-    const real t84 = k52 * s3;
-    const real t85 = s3 * t84;
-    const real t86 = k50 + t85;
-    const real t87 = c3 * t84;
+    const real t82 = k49 * c3, t83 = k49 * s3;
+    const real t84 = k52 * s3, t85 = s3 * t84;
+    const real t86 = k50 + t85, t87 = c3 * t84;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t88 = t18 * t83;
-    const real t89 = t26 * t87;
-    const real t90 = k53 * t16;
-    const real t91 = t28 * (k42 - t85);
-    const real t92 = k43 * t20;
-    const real t93 = t26 * t86;
-    const real t94 = t18 * t82;
-    const real t95 = t28 * t87;
-    const real t96 = t12 * t82;
-    const real t97 = t19 * t83;
-    const real t98 = t21 * t86;
-    const real t99 = t87 * (t25 - t27);
-    const real t100 = k49 * t29 - t70;
-    const real t101 = k49 * t30 - t71;
-    const real t102 = t64 + k49 * t31;
-    const real t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73;
+    const real t88 = t18 * t83, t89 = t26 * t87;
+    const real t90 = k53 * t16, t91 = t28 * (k42 - t85);
+    const real t92 = k43 * t20, t93 = t26 * t86;
+    const real t94 = t18 * t82, t95 = t28 * t87;
+    const real t96 = t12 * t82, t97 = t19 * t83;
+    const real t98 = t21 * t86, t99 = t87 * (t25 - t27);
+    const real t100 = k49 * t29 - t70, t101 = k49 * t30 - t71;
+    const real t102 = t64 + k49 * t31, t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73;
     const real t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93;
     residual[1 * stride] = t104;
     const real t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80;
     residual[2 * stride] = t105;
 
     /* inertia forces on attitude and position */
-    const real t106 = c2 * t102 - s2 * t100;
-    const real t107 = s2 * t102 + c2 * t100;
+    const real t106 = c2 * t102 - s2 * t100, t107 = s2 * t102 + c2 * t100;
     residual[8 * stride] = t107;
     const real t108 = s2 * t105 - c2 * t103;
     residual[0 * stride] = t108;
@@ -2609,17 +1925,14 @@ static INLINE void hybrid_residual_lane(const Constants *RESTRICT constants,
     residual[10 * stride] = t110;
 
     /* motion of the base */
-    const real t111 = v_theta_0 * c3 - s3 * t15;
-    const real t112 = (c3 * t15 + v_theta_0 * s3) * t111;
-    const real t113 = t17 + t112;
-    const real t114 = t112 - t17;
+    const real t111 = v_theta_0 * c3 - s3 * t15, t112 = (c3 * t15 + v_theta_0 * s3) * t111;
+    const real t113 = t17 + t112, t114 = t112 - t17;
 
     /* motion of base arm 2 */
     const real t115 = base_arm_length * (t24 + t111 * t111);
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t116 = k55 * (c3 * t19 + t115 - s3 * t12);
-    const real t117 = k8 * t114 - k14 * t113;
+    const real t116 = k55 * (c3 * t19 + t115 - s3 * t12), t117 = k8 * t114 - k14 * t113;
     const real t118 = t116 + t117;
     residual[3 * stride] = t118;
 
@@ -2665,8 +1978,7 @@ static WIDE void hybrid_residual_block(const Constants *RESTRICT constants, cons
 void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT residual)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_residual_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -2674,9 +1986,8 @@ void BATCH(hybrid_residual)(const Constants *RESTRICT constants, const size_t co
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         hybrid_residual_block(last_constants, last_q, last_v,
             residual + whole * (14 * LANES));
@@ -2689,12 +2000,8 @@ static INLINE void hybrid_input_matrix_angles(const Constants *RESTRICT constant
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
@@ -2702,22 +2009,13 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
     real *RESTRICT input_matrix, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k47 = CONSTANT(k47);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    input_matrix[13 * stride] = base_arm_length;
-    input_matrix[15 * stride] = base_arm_length;
-    input_matrix[19 * stride] = base_arm_length;
-    input_matrix[33 * stride] = base_arm_length;
-    input_matrix[40 * stride] = R(1.0);
-    input_matrix[47 * stride] = R(1.0);
-    input_matrix[48 * stride] = s2;
-    input_matrix[50 * stride] = s2;
+    const real base_arm_length = CONSTANT(base_arm_length), k47 = CONSTANT(k47);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    input_matrix[13 * stride] = base_arm_length; input_matrix[15 * stride] = base_arm_length;
+    input_matrix[19 * stride] = base_arm_length; input_matrix[33 * stride] = base_arm_length;
+    input_matrix[40 * stride] = R(1.0); input_matrix[47 * stride] = R(1.0);
+    input_matrix[48 * stride] = s2; input_matrix[50 * stride] = s2;
 
     /* composite inertia of the base and links 1 and 2 */
     const real t7 = k47 * c3;
@@ -2725,26 +2023,19 @@ static INLINE void hybrid_input_matrix_lane(const Constants *RESTRICT constants,
 
     /* thrust direction and generalised forces of motor 1 */
     const real t8 = s1 * c2;
-    input_matrix[54 * stride] = -t8;
-    input_matrix[56 * stride] = -t8;
+    input_matrix[54 * stride] = -t8; input_matrix[56 * stride] = -t8;
     const real t9 = c1 * c2;
-    input_matrix[60 * stride] = t9;
-    input_matrix[62 * stride] = t9;
+    input_matrix[60 * stride] = t9; input_matrix[62 * stride] = t9;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t10 = s2 * c3;
-    const real t11 = c2 * c3;
-    input_matrix[49 * stride] = t11;
-    input_matrix[51 * stride] = -t11;
+    const real t10 = s2 * c3, t11 = c2 * c3;
+    input_matrix[49 * stride] = t11; input_matrix[51 * stride] = -t11;
     const real t12 = base_arm_length * s2;
-    input_matrix[1 * stride] = t12;
-    input_matrix[3 * stride] = t12;
+    input_matrix[1 * stride] = t12; input_matrix[3 * stride] = t12;
     const real t13 = c1 * s3 + s1 * t10;
-    input_matrix[55 * stride] = t13;
-    input_matrix[57 * stride] = -t13;
+    input_matrix[55 * stride] = t13; input_matrix[57 * stride] = -t13;
     const real t14 = s1 * s3 - c1 * t10;
-    input_matrix[61 * stride] = t14;
-    input_matrix[63 * stride] = -t14;
+    input_matrix[61 * stride] = t14; input_matrix[63 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
     const real t15 = c2 * k47 * s3;
@@ -2787,8 +2078,7 @@ static WIDE void hybrid_input_matrix_block(const Constants *RESTRICT constants,
 void BATCH(hybrid_input_matrix)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT input_matrix)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         hybrid_input_matrix_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -2813,12 +2103,8 @@ static INLINE void constraint_torques_angles(const Constants *RESTRICT constants
     (void)v;
     (void)a;
     (void)u;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
 }
 
 static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
@@ -2827,51 +2113,33 @@ static INLINE void constraint_torques_lane(const Constants *RESTRICT constants,
     const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k8 = CONSTANT(k8);
-    const real k14 = CONSTANT(k14);
-    const real k55 = CONSTANT(k55);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real a_theta_m1 = a[0 * stride];
-    const real a_theta_1 = a[2 * stride];
-    const real a_x = a[5 * stride];
-    const real a_y = a[6 * stride];
-    const real a_z = a[7 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_4 = u[3 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real k8 = CONSTANT(k8), k14 = CONSTANT(k14), k55 = CONSTANT(k55);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real a_theta_m1 = a[0 * stride], a_theta_1 = a[2 * stride], a_x = a[5 * stride];
+    const real a_y = a[6 * stride], a_z = a[7 * stride];
+    const real F_2 = u[1 * stride], F_4 = u[3 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
 
     /* motion of the base */
-    const real t7 = v_theta_m1 * c2;
-    const real t8 = v_theta_1 + v_theta_m1 * s2;
-    const real t9 = v_theta_0 * c3 - s3 * t7;
-    const real t10 = (c3 * t7 + v_theta_0 * s3) * t9;
+    const real t7 = v_theta_m1 * c2, t8 = v_theta_1 + v_theta_m1 * s2;
+    const real t9 = v_theta_0 * c3 - s3 * t7, t10 = (c3 * t7 + v_theta_0 * s3) * t9;
 
     /* motion of base arm 2 */
     const real t11 = base_arm_length * (t8 * t8 + t9 * t9);
 
     /* motion of the base */
-    const real t12 = a_z + gravity;
-    const real t13 = a_y * c1 + s1 * t12;
+    const real t12 = a_z + gravity, t13 = a_y * c1 + s1 * t12;
     const real t14 = a_x * c2 - s2 * (c1 * t12 - a_y * s1);
-    const real t15 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
-    const real t16 = t10 + t15;
+    const real t15 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2, t16 = t10 + t15;
     const real t17 = t10 - t15;
 
     /* inertia forces of base arm 2, about joint 2 */
     const real t18 = k55 * (t11 - s3 * t13 - c3 * t14);
 
     /* constraint torque on base arm 2 */
-    const real t19 = k14 * t16 - k8 * t17;
-    const real t20 = t19 - base_arm_length * F_2 - t18;
+    const real t19 = k14 * t16 - k8 * t17, t20 = t19 - base_arm_length * F_2 - t18;
     torque[0 * stride] = t20;
 
     /* inertia forces of base arm 3, about joint 3 */
@@ -2917,8 +2185,7 @@ void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT a, const real *RESTRICT u,
     real *RESTRICT torque)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         constraint_torques_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -2927,13 +2194,10 @@ void BATCH(constraint_torques)(const Constants *RESTRICT constants, const size_t
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES], last_a[8 * LANES], last_u[6 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
-        real last_a[8 * LANES];
         fill_lanes(8, rest, a + whole * (8 * LANES), last_a);
-        real last_u[6 * LANES];
         fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
         constraint_torques_block(last_constants, last_q, last_v, last_a, last_u,
             torque + whole * (3 * LANES));
@@ -2947,19 +2211,13 @@ static INLINE void kinetic_energy_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
@@ -2967,93 +2225,58 @@ static INLINE void kinetic_energy_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT energy, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real k19 = CONSTANT(k19);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k42 = CONSTANT(k42);
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k50 = CONSTANT(k50);
-    const real k51 = CONSTANT(k51);
-    const real k52 = CONSTANT(k52);
-    const real k64 = CONSTANT(k64);
-    const real k65 = CONSTANT(k65);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real v_x = v[5 * stride];
-    const real v_y = v[6 * stride];
-    const real v_z = v[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), k19 = CONSTANT(k19);
+    const real k26 = CONSTANT(k26), k32 = CONSTANT(k32), k42 = CONSTANT(k42), k44 = CONSTANT(k44);
+    const real k49 = CONSTANT(k49), k50 = CONSTANT(k50), k51 = CONSTANT(k51), k52 = CONSTANT(k52);
+    const real k64 = CONSTANT(k64), k65 = CONSTANT(k65);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride], v_x = v[5 * stride];
+    const real v_y = v[6 * stride], v_z = v[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * c2;
-    const real t13 = v_theta_1 + v_theta_m1 * s2;
+    const real t12 = v_theta_m1 * c2, t13 = v_theta_1 + v_theta_m1 * s2;
 
     /* motion of link 1 */
-    const real t14 = v_theta_5 + t13;
-    const real t15 = c4 * t12 + v_theta_0 * s4;
+    const real t14 = v_theta_5 + t13, t15 = c4 * t12 + v_theta_0 * s4;
 
     /* motion of link 2 */
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* inertia of link 2, turned by the joints */
-    const real t17 = k44 * c5;
-    const real t18 = k44 * s5;
-    const real t19 = k51 * s5;
-    const real t20 = s5 * t19;
+    const real t17 = k44 * c5, t18 = k44 * s5;
+    const real t19 = k51 * s5, t20 = s5 * t19;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = k49 * c3;
-    const real t22 = k49 * s3;
-    const real t23 = k52 * s3;
-    const real t24 = s3 * t23;
-    const real t25 = k50 + t24;
-    const real t26 = k42 - t24;
+    const real t21 = k49 * c3, t22 = k49 * s3;
+    const real t23 = k52 * s3, t24 = s3 * t23;
+    const real t25 = k50 + t24, t26 = k42 - t24;
 
     /* motion of the base */
-    const real t27 = v_y * c1 + v_z * s1;
-    const real t28 = v_z * c1 - v_y * s1;
-    const real t29 = c2 * t28 + v_x * s2;
-    const real t30 = v_x * c2 - s2 * t28;
+    const real t27 = v_y * c1 + v_z * s1, t28 = v_z * c1 - v_y * s1;
+    const real t29 = c2 * t28 + v_x * s2, t30 = v_x * c2 - s2 * t28;
 
     /* motion of link 1 */
-    const real t31 = t30 - base_arm_length * s3 * t13;
-    const real t32 = t27 + base_arm_length * c3 * t13;
+    const real t31 = t30 - base_arm_length * s3 * t13, t32 = t27 + base_arm_length * c3 * t13;
     const real t33 = c4 * t32 - s4 * t31;
 
     /* Gibbs function of the base */
     const real t34 = t12 * t12 * t26;
 
     /* sum over the links */
-    const real t35 = v_theta_0 * c3 * t23 + k19 * t12 + t22 * t29;
-    const real t36 = t12 * t35;
+    const real t35 = v_theta_0 * c3 * t23 + k19 * t12 + t22 * t29, t36 = t12 * t35;
     const real t37 = k64 * (t27 * t27 + t29 * t29 + t30 * t30);
-    const real t38 = k65 * t14 + t17 * t33 - t15 * c5 * t19;
-    const real t39 = t14 * t38;
-    const real t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29);
-    const real t41 = t13 * (t21 * t27 - t22 * t30);
+    const real t38 = k65 * t14 + t17 * t33 - t15 * c5 * t19, t39 = t14 * t38;
+    const real t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29), t41 = t13 * (t21 * t27 - t22 * t30);
     const real t42 = t15 * (k65 * t15 - t18 * t33);
     const real t43 = t17 * (t29 - base_arm_length * (v_theta_0 * c3 - s3 * t12));
-    const real t44 = t16 * (t43 - t18 * (c4 * t31 + s4 * t32));
-    const real t45 = t16 * t16;
-    const real t46 = (k26 - t20) * (t14 * t14 + t45);
-    const real t47 = (k32 + t20) * (t15 * t15 + t45);
+    const real t44 = t16 * (t43 - t18 * (c4 * t31 + s4 * t32)), t45 = t16 * t16;
+    const real t46 = (k26 - t20) * (t14 * t14 + t45), t47 = (k32 + t20) * (t15 * t15 + t45);
     const real t48 = t13 * t13 * (t25 + t26);
-    const real t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48;
-    const real t50 = R(0.5) * t49;
+    const real t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48, t50 = R(0.5) * t49;
     const real t51 = t36 + t37 + t39 + t40 + t41 + t42 + t44 + t50;
     energy[0 * stride] = t51;
 }
@@ -3090,8 +2313,7 @@ static WIDE void kinetic_energy_block(const Constants *RESTRICT constants, const
 void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT energy)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         kinetic_energy_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -3099,9 +2321,8 @@ void BATCH(kinetic_energy)(const Constants *RESTRICT constants, const size_t cou
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         kinetic_energy_block(last_constants, last_q, last_v, energy + whole * (1 * LANES));
     }
@@ -3113,49 +2334,33 @@ static INLINE void potential_energy_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void potential_energy_lane(const Constants *RESTRICT constants,
     const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
     real *RESTRICT energy, const int stride)
 {
-    const real gravity = CONSTANT(gravity);
-    const real k44 = CONSTANT(k44);
-    const real k48 = CONSTANT(k48);
+    const real gravity = CONSTANT(gravity), k44 = CONSTANT(k44), k48 = CONSTANT(k48);
     const real k49 = CONSTANT(k49);
     const real z = q[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
     const real t12 = k44 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t13 = s2 * (k49 * c3 + c4 * t12);
-    const real t14 = s1 * (k49 * s3 + s4 * t12);
-    const real t15 = c1 * (c2 * k44 * s5 - t13) + t14;
-    const real t16 = gravity * (t15 + k48 * z);
+    const real t13 = s2 * (k49 * c3 + c4 * t12), t14 = s1 * (k49 * s3 + s4 * t12);
+    const real t15 = c1 * (c2 * k44 * s5 - t13) + t14, t16 = gravity * (t15 + k48 * z);
     energy[0 * stride] = t16;
 }
 
@@ -3190,8 +2395,7 @@ static WIDE void potential_energy_block(const Constants *RESTRICT constants, con
 void BATCH(potential_energy)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT energy)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         potential_energy_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -3211,19 +2415,13 @@ static INLINE void gravity_forces_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
@@ -3231,32 +2429,19 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k54 = CONSTANT(k54);
-    const real k62 = CONSTANT(k62);
-    const real k63 = CONSTANT(k63);
-    const real k67 = CONSTANT(k67);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real k44 = CONSTANT(k44), k49 = CONSTANT(k49), k54 = CONSTANT(k54), k62 = CONSTANT(k62);
+    const real k63 = CONSTANT(k63), k67 = CONSTANT(k67);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    force[5 * stride] = R(0.0);
-    force[6 * stride] = R(0.0);
-    force[7 * stride] = -k54;
+    force[5 * stride] = R(0.0); force[6 * stride] = R(0.0); force[7 * stride] = -k54;
 
     /* inertia of link 2, turned by the joints */
     const real t12 = k44 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t13 = c4 * t12;
-    const real t14 = s4 * t12;
+    const real t13 = c4 * t12, t14 = s4 * t12;
 
     /* centre of mass from the origin */
     const real t15 = k63 * s5;
@@ -3268,8 +2453,7 @@ static INLINE void gravity_forces_lane(const Constants *RESTRICT constants,
     const real t17 = k62 * (k49 * c3 + t13);
 
     /* columns of the base */
-    const real t18 = c2 * t17 + s2 * t15;
-    const real t19 = c1 * k62 * (k49 * s3 + t14);
+    const real t18 = c2 * t17 + s2 * t15, t19 = c1 * k62 * (k49 * s3 + t14);
     const real t20 = s1 * (c2 * t15 - s2 * t17) - t19;
 
     /* column of joint 6 */
@@ -3319,8 +2503,7 @@ static WIDE void gravity_forces_block(const Constants *RESTRICT constants, const
 void BATCH(gravity_forces)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         gravity_forces_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -3341,19 +2524,13 @@ static INLINE void wrench_forces_angles(const Constants *RESTRICT constants, con
 {
     (void)constants;
     (void)W;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
@@ -3361,62 +2538,35 @@ static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
     const real *RESTRICT W, real *RESTRICT force, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real W_base_fx = W[0 * stride];
-    const real W_base_fy = W[1 * stride];
-    const real W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride];
-    const real W_base_ty = W[4 * stride];
-    const real W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride];
-    const real W_tip_fy = W[7 * stride];
-    const real W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride];
-    const real W_tip_ty = W[10 * stride];
-    const real W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* step from the base to link 1 */
-    const real t12 = base_arm_length * c3;
-    const real t13 = base_arm_length * s3;
+    const real t12 = base_arm_length * c3, t13 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t14 = s1 * c2;
-    const real t15 = c1 * c2;
-    const real t16 = c2 * c3;
-    const real t17 = s1 * s2;
-    const real t18 = c1 * s2;
-    const real t19 = c1 * s3 + c3 * t17;
-    const real t20 = s1 * s3 - c3 * t18;
-    const real t21 = c2 * s3;
-    const real t22 = c1 * c3 - s3 * t17;
-    const real t23 = s1 * c3 + s3 * t18;
+    const real t14 = s1 * c2, t15 = c1 * c2;
+    const real t16 = c2 * c3, t17 = s1 * s2;
+    const real t18 = c1 * s2, t19 = c1 * s3 + c3 * t17;
+    const real t20 = s1 * s3 - c3 * t18, t21 = c2 * s3;
+    const real t22 = c1 * c3 - s3 * t17, t23 = s1 * c3 + s3 * t18;
 
     /* joint 5 and the axes of link 1 */
-    const real t24 = c2 * c4;
-    const real t25 = c1 * s4 + c4 * t17;
-    const real t26 = s1 * s4 - c4 * t18;
-    const real t27 = c2 * s4;
-    const real t28 = c1 * c4 - s4 * t17;
-    const real t29 = s1 * c4 + s4 * t18;
+    const real t24 = c2 * c4, t25 = c1 * s4 + c4 * t17;
+    const real t26 = s1 * s4 - c4 * t18, t27 = c2 * s4;
+    const real t28 = c1 * c4 - s4 * t17, t29 = s1 * c4 + s4 * t18;
 
     /* joint 6 and the axes of link 2 */
-    const real t30 = c5 * t24 + s2 * s5;
-    const real t31 = c5 * t25 - s5 * t14;
-    const real t32 = c5 * t26 + s5 * t15;
-    const real t33 = s2 * c5 - s5 * t24;
-    const real t34 = s5 * t25 + c5 * t14;
-    const real t35 = c5 * t15 - s5 * t26;
+    const real t30 = c5 * t24 + s2 * s5, t31 = c5 * t25 - s5 * t14;
+    const real t32 = c5 * t26 + s5 * t15, t33 = s2 * c5 - s5 * t24;
+    const real t34 = s5 * t25 + c5 * t14, t35 = c5 * t15 - s5 * t26;
 
     /* wrench on base, in the frame of its link */
     const real t36 = W_base_fx * t16 + W_base_fy * t19 + W_base_fz * t20;
@@ -3434,33 +2584,24 @@ static INLINE void wrench_forces_lane(const Constants *RESTRICT constants,
     const real t46 = W_tip_tx * t30 + W_tip_ty * t31 + W_tip_tz * t32;
     const real t47 = W_tip_tx * t33 + W_tip_tz * t35 - W_tip_ty * t34;
     const real t48 = W_tip_tx * t27 - W_tip_ty * t28 - W_tip_tz * t29;
-    const real t49 = t47 - link2_length * t45;
-    const real t50 = t48 + link2_length * t44;
+    const real t49 = t47 - link2_length * t45, t50 = t48 + link2_length * t44;
     force[4 * stride] = t50;
 
     /* wrenches carried in to the base */
-    const real t51 = c5 * t43 - s5 * t44;
-    const real t52 = s5 * t43 + c5 * t44;
-    const real t53 = c5 * t46 - s5 * t49;
-    const real t54 = s5 * t46 + c5 * t49;
+    const real t51 = c5 * t43 - s5 * t44, t52 = s5 * t43 + c5 * t44;
+    const real t53 = c5 * t46 - s5 * t49, t54 = s5 * t46 + c5 * t49;
     force[3 * stride] = t54;
-    const real t55 = c4 * t51 + s4 * t45;
-    const real t56 = c4 * t45 - s4 * t51;
-    const real t57 = c4 * t53 + s4 * t50 + t13 * t52;
-    const real t58 = c4 * t50 + t12 * t52 - s4 * t53;
-    const real t59 = t54 - t12 * t56 - t13 * t55;
-    const real t60 = c3 * t36 + t55 - s3 * t37;
-    const real t61 = s3 * t36 + c3 * t37 - t56;
-    const real t62 = t38 + t52;
+    const real t55 = c4 * t51 + s4 * t45, t56 = c4 * t45 - s4 * t51;
+    const real t57 = c4 * t53 + s4 * t50 + t13 * t52, t58 = c4 * t50 + t12 * t52 - s4 * t53;
+    const real t59 = t54 - t12 * t56 - t13 * t55, t60 = c3 * t36 + t55 - s3 * t37;
+    const real t61 = s3 * t36 + c3 * t37 - t56, t62 = t38 + t52;
     const real t63 = s3 * t39 + c3 * t42 - t58;
     force[1 * stride] = t63;
     const real t64 = t41 + base_arm_length * t37 + t59;
     force[2 * stride] = t64;
-    const real t65 = c2 * t62 - s2 * t60;
-    const real t66 = c2 * t60 + s2 * t62;
+    const real t65 = c2 * t62 - s2 * t60, t66 = c2 * t60 + s2 * t62;
     force[5 * stride] = t66;
-    const real t67 = c2 * (c3 * t39 + t57 - s3 * t42);
-    const real t68 = t67 + s2 * t64;
+    const real t67 = c2 * (c3 * t39 + t57 - s3 * t42), t68 = t67 + s2 * t64;
     force[0 * stride] = t68;
     const real t69 = c1 * t61 - s1 * t65;
     force[6 * stride] = t69;
@@ -3500,8 +2641,7 @@ static WIDE void wrench_forces_block(const Constants *RESTRICT constants, const 
 void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT W, real *RESTRICT force)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         wrench_forces_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -3509,9 +2649,8 @@ void BATCH(wrench_forces)(const Constants *RESTRICT constants, const size_t coun
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_W[12 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_W[12 * LANES];
         fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
         wrench_forces_block(last_constants, last_q, last_W, force + whole * (8 * LANES));
     }
@@ -3527,19 +2666,13 @@ static INLINE void forward_dynamics_with_wrenches_angles(const Constants *RESTRI
     (void)v;
     (void)u;
     (void)W;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT constants,
@@ -3548,198 +2681,119 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     real *RESTRICT acceleration, const int stride)
 {
     (void)q;
-    const real gravity = CONSTANT(gravity);
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real k26 = CONSTANT(k26);
-    const real k32 = CONSTANT(k32);
-    const real k38 = CONSTANT(k38);
-    const real k42 = CONSTANT(k42);
-    const real k43 = CONSTANT(k43);
-    const real k44 = CONSTANT(k44);
-    const real k48 = CONSTANT(k48);
-    const real k51 = CONSTANT(k51);
-    const real k53 = CONSTANT(k53);
-    const real k59 = CONSTANT(k59);
-    const real k60 = CONSTANT(k60);
-    const real k61 = CONSTANT(k61);
-    const real k66 = CONSTANT(k66);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real F_1 = u[0 * stride];
-    const real F_2 = u[1 * stride];
-    const real F_3 = u[2 * stride];
-    const real F_4 = u[3 * stride];
-    const real tau_5 = u[4 * stride];
-    const real tau_6 = u[5 * stride];
-    const real W_base_fx = W[0 * stride];
-    const real W_base_fy = W[1 * stride];
-    const real W_base_fz = W[2 * stride];
-    const real W_base_tx = W[3 * stride];
-    const real W_base_ty = W[4 * stride];
-    const real W_base_tz = W[5 * stride];
-    const real W_tip_fx = W[6 * stride];
-    const real W_tip_fy = W[7 * stride];
-    const real W_tip_fz = W[8 * stride];
-    const real W_tip_tx = W[9 * stride];
-    const real W_tip_ty = W[10 * stride];
-    const real W_tip_tz = W[11 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real gravity = CONSTANT(gravity), base_arm_length = CONSTANT(base_arm_length);
+    const real link2_length = CONSTANT(link2_length), k26 = CONSTANT(k26), k32 = CONSTANT(k32);
+    const real k38 = CONSTANT(k38), k42 = CONSTANT(k42), k43 = CONSTANT(k43), k44 = CONSTANT(k44);
+    const real k48 = CONSTANT(k48), k51 = CONSTANT(k51), k53 = CONSTANT(k53), k59 = CONSTANT(k59);
+    const real k60 = CONSTANT(k60), k61 = CONSTANT(k61), k66 = CONSTANT(k66);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real F_1 = u[0 * stride], F_2 = u[1 * stride], F_3 = u[2 * stride], F_4 = u[3 * stride];
+    const real tau_5 = u[4 * stride], tau_6 = u[5 * stride];
+    const real W_base_fx = W[0 * stride], W_base_fy = W[1 * stride], W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride], W_base_ty = W[4 * stride], W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride], W_tip_fy = W[7 * stride], W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride], W_tip_ty = W[10 * stride], W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t12;
-    const real t15 = v_theta_0 * t13;
-    const real t16 = t12 * t13;
-    const real t17 = R(2.0) * t14;
-    const real t18 = v_theta_1 + t12;
-    const real t19 = t18 * t18;
+    const real t12 = v_theta_m1 * s2, t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t12, t15 = v_theta_0 * t13;
+    const real t16 = t12 * t13, t17 = R(2.0) * t14;
+    const real t18 = v_theta_1 + t12, t19 = t18 * t18;
 
     /* motion of link 1 */
-    const real t20 = v_theta_5 + t18;
-    const real t21 = t17 - v_theta_0 * t20;
-    const real t22 = t16 - t13 * t20;
-    const real t23 = c4 * t13 + v_theta_0 * s4;
-    const real t24 = v_theta_0 * c4 - s4 * t13;
-    const real t25 = s4 * t21 + c4 * t22;
-    const real t26 = t20 * t23;
-    const real t27 = t25 - t26;
-    const real t28 = t15 - t23 * t24;
-    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t20 = v_theta_5 + t18, t21 = t17 - v_theta_0 * t20;
+    const real t22 = t16 - t13 * t20, t23 = c4 * t13 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t13, t25 = s4 * t21 + c4 * t22;
+    const real t26 = t20 * t23, t27 = t25 - t26;
+    const real t28 = t15 - t23 * t24, t29 = s4 * t22 + t20 * t24 - c4 * t21;
     const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t31 = v_theta_6 - t24;
-    const real t32 = t31 * t31;
-    const real t33 = t20 * t20 + t32;
-    const real t34 = t28 - R(2.0) * t31 * t23;
-    const real t35 = t23 * t23 + t32;
-    const real t36 = R(2.0) * t31 * t20 + t29;
+    const real t31 = v_theta_6 - t24, t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32, t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32, t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t37 = k44 * c5;
-    const real t38 = k44 * s5;
-    const real t39 = k51 * s5;
-    const real t40 = s5 * t39;
-    const real t41 = k26 - t40;
-    const real t42 = k32 + t40;
+    const real t37 = k44 * c5, t38 = k44 * s5;
+    const real t39 = k51 * s5, t40 = s5 * t39;
+    const real t41 = k26 - t40, t42 = k32 + t40;
     const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t44 = t42 * t36;
-    const real t45 = t34 * t41;
-    const real t46 = t43 * t36;
-    const real t47 = t43 * (t33 - t35);
-    const real t48 = t27 * t41;
-    const real t49 = t30 * t42;
-    const real t50 = k44 * (s5 * t30 - c5 * t33);
-    const real t51 = k44 * (c5 * t27 + s5 * t35);
+    const real t44 = t42 * t36, t45 = t34 * t41;
+    const real t46 = t43 * t36, t47 = t43 * (t33 - t35);
+    const real t48 = t27 * t41, t49 = t30 * t42;
+    const real t50 = k44 * (s5 * t30 - c5 * t33), t51 = k44 * (c5 * t27 + s5 * t35);
     const real t52 = k44 * (c5 * t34 - s5 * t36);
 
     /* articulated inertia and load of links 1 and 2, about joint 5 */
-    const real t53 = k38 * t29;
-    const real t54 = k38 * t28;
+    const real t53 = k38 * t29, t54 = k38 * t28;
 
     /* axes of the base */
-    const real t55 = s1 * c2;
-    const real t56 = c1 * c2;
+    const real t55 = s1 * c2, t56 = c1 * c2;
     const real t57 = c2 * c3;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t58 = R(1.0) / (t41 + t42);
-    const real t59 = t38 * t58;
-    const real t60 = t37 * t58;
-    const real t61 = t37 * t59;
+    const real t58 = R(1.0) / (t41 + t42), t59 = t38 * t58;
+    const real t60 = t37 * t58, t61 = t37 * t59;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t62 = R(1.0) / (k38 + t41);
-    const real t63 = t37 * t62;
-    const real t64 = t43 * t62;
-    const real t65 = t38 - t43 * t63;
+    const real t62 = R(1.0) / (k38 + t41), t63 = t37 * t62;
+    const real t64 = t43 * t62, t65 = t38 - t43 * t63;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t66 = k42 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t67 = k42 * (t16 - R(2.0) * t18 * t13);
+    const real t66 = k42 * (t17 - R(2.0) * t18 * v_theta_0), t67 = k42 * (t16 - R(2.0) * t18 * t13);
     const real t68 = k59 * t15;
 
     /* acceleration of the base, by LDL^T */
-    const real t69 = R(1.0) / (t42 + k66 - t43 * t64);
-    const real t70 = t65 * t69;
-    const real t71 = R(1.0) / (k48 - t37 * t63 - t65 * t70);
-    const real t72 = R(1.0) / (k48 - t37 * t60);
-    const real t73 = t61 * t72;
-    const real t74 = R(1.0) / (k48 - t38 * t59 - t61 * t73);
+    const real t69 = R(1.0) / (t42 + k66 - t43 * t64), t70 = t65 * t69;
+    const real t71 = R(1.0) / (k48 - t37 * t63 - t65 * t70), t72 = R(1.0) / (k48 - t37 * t60);
+    const real t73 = t61 * t72, t74 = R(1.0) / (k48 - t38 * t59 - t61 * t73);
 
     /* accelerations of the attitude angles */
     const real t75 = R(1.0) / c2;
 
     /* axes of the base */
-    const real t76 = s1 * s2;
-    const real t77 = c1 * s2;
-    const real t78 = c1 * s3 + c3 * t76;
-    const real t79 = s1 * s3 - c3 * t77;
-    const real t80 = c2 * s3;
-    const real t81 = c1 * c3 - s3 * t76;
+    const real t76 = s1 * s2, t77 = c1 * s2;
+    const real t78 = c1 * s3 + c3 * t76, t79 = s1 * s3 - c3 * t77;
+    const real t80 = c2 * s3, t81 = c1 * c3 - s3 * t76;
     const real t82 = s1 * c3 + s3 * t77;
 
     /* joint 5 and the axes of link 1 */
-    const real t83 = c2 * c4;
-    const real t84 = c1 * s4 + c4 * t76;
-    const real t85 = s1 * s4 - c4 * t77;
-    const real t86 = c2 * s4;
-    const real t87 = c1 * c4 - s4 * t76;
-    const real t88 = s1 * c4 + s4 * t77;
+    const real t83 = c2 * c4, t84 = c1 * s4 + c4 * t76;
+    const real t85 = s1 * s4 - c4 * t77, t86 = c2 * s4;
+    const real t87 = c1 * c4 - s4 * t76, t88 = s1 * c4 + s4 * t77;
 
     /* joint 6 and the axes of link 2 */
-    const real t89 = c5 * t83 + s2 * s5;
-    const real t90 = c5 * t84 - s5 * t55;
-    const real t91 = c5 * t85 + s5 * t56;
-    const real t92 = s2 * c5 - s5 * t83;
-    const real t93 = s5 * t84 + c5 * t55;
-    const real t94 = c5 * t56 - s5 * t85;
+    const real t89 = c5 * t83 + s2 * s5, t90 = c5 * t84 - s5 * t55;
+    const real t91 = c5 * t85 + s5 * t56, t92 = s2 * c5 - s5 * t83;
+    const real t93 = s5 * t84 + c5 * t55, t94 = c5 * t56 - s5 * t85;
 
     /* wrench on base, in the frame of its link */
-    const real t95 = W_base_fz * t79;
-    const real t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80;
-    const real t97 = W_base_fx * s2;
-    const real t98 = W_base_fz * t56;
-    const real t99 = W_base_fy * t55;
-    const real t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79;
-    const real t101 = W_base_tz * t56;
-    const real t102 = W_base_ty * t55;
+    const real t95 = W_base_fz * t79, t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80;
+    const real t97 = W_base_fx * s2, t98 = W_base_fz * t56;
+    const real t99 = W_base_fy * t55, t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79;
+    const real t101 = W_base_tz * t56, t102 = W_base_ty * t55;
 
     /* wrench on tip, in the frame of its link */
     const real t103 = W_tip_fx * t89 + W_tip_fy * t90 + W_tip_fz * t91;
     const real t104 = W_tip_fx * t92 + W_tip_fz * t94 - W_tip_fy * t93;
     const real t105 = W_tip_fx * t86 - W_tip_fy * t87 - W_tip_fz * t88;
-    const real t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91;
-    const real t107 = W_tip_tx * t86;
-    const real t108 = W_tip_ty * t87;
-    const real t109 = W_tip_tz * t88;
+    const real t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91, t107 = W_tip_tx * t86;
+    const real t108 = W_tip_ty * t87, t109 = W_tip_tz * t88;
     const real t110 = link2_length * t105;
     const real t111 = W_tip_tx * t92 + W_tip_tz * t94 - W_tip_ty * t93 - t110;
     const real t112 = link2_length * t104;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t113 = c5 * t103;
-    const real t114 = s5 * t104;
-    const real t115 = s5 * t103;
-    const real t116 = c5 * t104;
-    const real t117 = c5 * t106;
-    const real t118 = s5 * t111;
+    const real t113 = c5 * t103, t114 = s5 * t104;
+    const real t115 = s5 * t103, t116 = c5 * t104;
+    const real t117 = c5 * t106, t118 = s5 * t111;
     const real t119 = c5 * t111;
 
     /* thrusts and wrenches together */
@@ -3748,43 +2802,29 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t122 = W_base_ty * t81 + W_base_tz * t82 + t121 - W_base_tx * t80;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109;
-    const real t124 = t58 * t123;
-    const real t125 = t38 * t124;
-    const real t126 = t37 * t124;
+    const real t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109, t124 = t58 * t123;
+    const real t125 = t38 * t124, t126 = t37 * t124;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t127 = tau_5 + s5 * t106 + t46 + t119 - t45 - t54;
-    const real t128 = t62 * t127;
+    const real t127 = tau_5 + s5 * t106 + t46 + t119 - t45 - t54, t128 = t62 * t127;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t129 = s3 * t96 - c3 * t120;
-    const real t130 = c3 * t96 + s3 * t120;
+    const real t129 = s3 * t96 - c3 * t120, t130 = c3 * t96 + s3 * t120;
     const real t131 = k53 * t14 + t66 + c3 * t100 - s3 * t122;
-    const real t132 = k43 * t16 + t67 - s3 * t100 - c3 * t122;
-    const real t133 = s4 * t130;
-    const real t134 = c4 * t129;
-    const real t135 = s4 * t129;
-    const real t136 = c4 * t130;
-    const real t137 = c4 * t131;
-    const real t138 = s4 * t132;
-    const real t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126;
-    const real t140 = t43 * (t34 + t128);
-    const real t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138;
+    const real t132 = k43 * t16 + t67 - s3 * t100 - c3 * t122, t133 = s4 * t130;
+    const real t134 = c4 * t129, t135 = s4 * t129;
+    const real t136 = c4 * t130, t137 = c4 * t131;
+    const real t138 = s4 * t132, t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126;
+    const real t140 = t43 * (t34 + t128), t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138;
     const real t142 = base_arm_length * (F_2 + F_4);
     const real t143 = W_base_tx * s2 + t101 + t142 - tau_5 - t68 - t102;
 
     /* acceleration of the base, by LDL^T */
-    const real t144 = t70 * t141;
-    const real t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144;
-    const real t146 = t73 * t139;
-    const real t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133;
-    const real t148 = t74 * t147;
-    const real t149 = t73 * t148 + t72 * t139;
-    const real t150 = t71 * t145;
-    const real t151 = t69 * t141 - t70 * t150;
-    const real t152 = k61 * (tau_6 - s4 * t131 - c4 * t132);
-    const real t153 = k60 * t143;
+    const real t144 = t70 * t141, t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144;
+    const real t146 = t73 * t139, t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133;
+    const real t148 = t74 * t147, t149 = t73 * t148 + t72 * t139;
+    const real t150 = t71 * t145, t151 = t69 * t141 - t70 * t150;
+    const real t152 = k61 * (tau_6 - s4 * t131 - c4 * t132), t153 = k60 * t143;
 
     /* acceleration of joint 5 */
     const real t154 = t128 + t63 * t150 + t64 * t151 - t153;
@@ -3795,13 +2835,11 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     acceleration[4 * stride] = t155;
 
     /* acceleration of the base */
-    const real t156 = c4 * t151 - s4 * t152;
-    const real t157 = s4 * t151 + c4 * t152;
+    const real t156 = c4 * t151 - s4 * t152, t157 = s4 * t151 + c4 * t152;
     acceleration[1 * stride] = t157;
 
     /* acceleration of the origin from that of the base centre */
-    const real t158 = t15 + t153;
-    const real t159 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t158);
+    const real t158 = t15 + t153, t159 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t158);
     const real t160 = s3 * (t13 * t13 + t19) - c3 * (t15 + t158);
     const real t161 = s3 * (t17 - R(2.0) * v_theta_0 * t18 - t156);
     const real t162 = c3 * (t16 + t157 - R(2.0) * t13 * t18) + t161;
@@ -3810,8 +2848,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(const Constants *RESTRICT
     const real t165 = t149 + base_arm_length * t162;
 
     /* acceleration of the origin, in world axes */
-    const real t166 = s2 * t163 + c2 * t165;
-    const real t167 = s2 * t165 - c2 * t163;
+    const real t166 = s2 * t163 + c2 * t165, t167 = s2 * t165 - c2 * t163;
     acceleration[5 * stride] = t167;
     const real t168 = c1 * t164 - s1 * t166;
     acceleration[6 * stride] = t168;
@@ -3864,8 +2901,7 @@ void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, 
     const real *RESTRICT q, const real *RESTRICT v, const real *RESTRICT u, const real *RESTRICT W,
     real *RESTRICT acceleration)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         forward_dynamics_with_wrenches_block(OF_BLOCK(constants, block),
@@ -3874,13 +2910,10 @@ void BATCH(forward_dynamics_with_wrenches)(const Constants *RESTRICT constants, 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES], last_u[6 * LANES], last_W[12 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
-        real last_u[6 * LANES];
         fill_lanes(6, rest, u + whole * (6 * LANES), last_u);
-        real last_W[12 * LANES];
         fill_lanes(12, rest, W + whole * (12 * LANES), last_W);
         forward_dynamics_with_wrenches_block(last_constants, last_q, last_v, last_u, last_W,
             acceleration + whole * (8 * LANES));
@@ -3893,76 +2926,47 @@ static INLINE void positions_angles(const Constants *RESTRICT constants, const r
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void positions_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
     const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT position, const int stride)
 {
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
     const real k47 = CONSTANT(k47);
-    const real x = q[5 * stride];
-    const real y = q[6 * stride];
-    const real z = q[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real x = q[5 * stride], y = q[6 * stride], z = q[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    position[0 * stride] = x;
-    position[1 * stride] = y;
-    position[2 * stride] = z;
-    position[6 * stride] = x;
-    position[7 * stride] = y;
-    position[8 * stride] = z;
+    position[0 * stride] = x; position[1 * stride] = y; position[2 * stride] = z;
+    position[6 * stride] = x; position[7 * stride] = y; position[8 * stride] = z;
 
     /* axes of the base */
-    const real t12 = c2 * c3;
-    const real t13 = s1 * s2;
-    const real t14 = c1 * s2;
-    const real t15 = c1 * s3 + c3 * t13;
+    const real t12 = c2 * c3, t13 = s1 * s2;
+    const real t14 = c1 * s2, t15 = c1 * s3 + c3 * t13;
     const real t16 = s1 * s3 - c3 * t14;
 
     /* joint 6 and the axes of link 2 */
-    const real t17 = c5 * (c1 * s4 + c4 * t13);
-    const real t18 = c5 * (s1 * s4 - c4 * t14);
+    const real t17 = c5 * (c1 * s4 + c4 * t13), t18 = c5 * (s1 * s4 - c4 * t14);
 
     /* base centre and rotors */
-    const real t19 = base_arm_length * c2 * s3;
-    const real t20 = base_arm_length * (c1 * c3 - s3 * t13);
+    const real t19 = base_arm_length * c2 * s3, t20 = base_arm_length * (c1 * c3 - s3 * t13);
     const real t21 = base_arm_length * (s1 * c3 + s3 * t14);
 
     /* positions in the world */
     const real t22 = x + base_arm_length * t12;
-    position[3 * stride] = t22;
-    position[18 * stride] = t22;
-    position[21 * stride] = t22;
+    position[3 * stride] = t22; position[18 * stride] = t22; position[21 * stride] = t22;
     const real t23 = y + base_arm_length * t15;
-    position[4 * stride] = t23;
-    position[19 * stride] = t23;
-    position[22 * stride] = t23;
+    position[4 * stride] = t23; position[19 * stride] = t23; position[22 * stride] = t23;
     const real t24 = z + base_arm_length * t16;
-    position[5 * stride] = t24;
-    position[20 * stride] = t24;
-    position[23 * stride] = t24;
+    position[5 * stride] = t24; position[20 * stride] = t24; position[23 * stride] = t24;
     const real t25 = t19 + t22;
     position[9 * stride] = t25;
     const real t26 = t23 - t20;
@@ -4020,8 +3024,7 @@ static WIDE void positions_block(const Constants *RESTRICT constants, const real
 void BATCH(positions)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT position)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         positions_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4041,48 +3044,27 @@ static INLINE void frame_poses_angles(const Constants *RESTRICT constants, const
     real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const real *RESTRICT sine,
     const real *RESTRICT cosine, const real *RESTRICT q, real *RESTRICT poses, const int stride)
 {
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real x = q[5 * stride];
-    const real y = q[6 * stride];
-    const real z = q[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real x = q[5 * stride], y = q[6 * stride], z = q[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    poses[2 * stride] = s2;
-    poses[12 * stride] = R(0.0);
-    poses[13 * stride] = R(0.0);
-    poses[14 * stride] = R(0.0);
-    poses[15 * stride] = R(1.0);
-    poses[28 * stride] = R(0.0);
-    poses[29 * stride] = R(0.0);
-    poses[30 * stride] = R(0.0);
-    poses[31 * stride] = R(1.0);
+    poses[2 * stride] = s2; poses[12 * stride] = R(0.0); poses[13 * stride] = R(0.0);
+    poses[14 * stride] = R(0.0); poses[15 * stride] = R(1.0); poses[28 * stride] = R(0.0);
+    poses[29 * stride] = R(0.0); poses[30 * stride] = R(0.0); poses[31 * stride] = R(1.0);
 
     /* axes of the base */
     const real t12 = s1 * c2;
@@ -4091,8 +3073,7 @@ static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const r
     poses[10 * stride] = t13;
     const real t14 = c2 * c3;
     poses[0 * stride] = t14;
-    const real t15 = s1 * s2;
-    const real t16 = c1 * s2;
+    const real t15 = s1 * s2, t16 = c1 * s2;
     const real t17 = c1 * s3 + c3 * t15;
     poses[4 * stride] = t17;
     const real t18 = s1 * s3 - c3 * t16;
@@ -4105,10 +3086,8 @@ static INLINE void frame_poses_lane(const Constants *RESTRICT constants, const r
     poses[9 * stride] = t21;
 
     /* joint 5 and the axes of link 1 */
-    const real t22 = c2 * c4;
-    const real t23 = c1 * s4 + c4 * t15;
-    const real t24 = s1 * s4 - c4 * t16;
-    const real t25 = c2 * s4;
+    const real t22 = c2 * c4, t23 = c1 * s4 + c4 * t15;
+    const real t24 = s1 * s4 - c4 * t16, t25 = c2 * s4;
     poses[18 * stride] = t25;
     const real t26 = s4 * t15 - c1 * c4;
     poses[22 * stride] = t26;
@@ -4177,8 +3156,7 @@ static WIDE void frame_poses_block(const Constants *RESTRICT constants, const re
 void BATCH(frame_poses)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT poses)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_poses_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4198,19 +3176,13 @@ static INLINE void frame_jacobians_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
@@ -4218,49 +3190,27 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     real *RESTRICT jacobians, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    jacobians[5 * stride] = R(1.0);
-    jacobians[14 * stride] = R(1.0);
-    jacobians[23 * stride] = R(1.0);
-    jacobians[24 * stride] = R(1.0);
-    jacobians[26 * stride] = s2;
-    jacobians[33 * stride] = c1;
-    jacobians[41 * stride] = s1;
-    jacobians[53 * stride] = R(1.0);
-    jacobians[62 * stride] = R(1.0);
-    jacobians[71 * stride] = R(1.0);
-    jacobians[72 * stride] = R(1.0);
-    jacobians[74 * stride] = s2;
-    jacobians[75 * stride] = s2;
-    jacobians[81 * stride] = c1;
-    jacobians[89 * stride] = s1;
+    jacobians[5 * stride] = R(1.0); jacobians[14 * stride] = R(1.0);
+    jacobians[23 * stride] = R(1.0); jacobians[24 * stride] = R(1.0); jacobians[26 * stride] = s2;
+    jacobians[33 * stride] = c1; jacobians[41 * stride] = s1; jacobians[53 * stride] = R(1.0);
+    jacobians[62 * stride] = R(1.0); jacobians[71 * stride] = R(1.0);
+    jacobians[72 * stride] = R(1.0); jacobians[74 * stride] = s2; jacobians[75 * stride] = s2;
+    jacobians[81 * stride] = c1; jacobians[89 * stride] = s1;
 
     /* axes of the base */
     const real t12 = s1 * c2;
-    jacobians[34 * stride] = -t12;
-    jacobians[82 * stride] = -t12;
-    jacobians[83 * stride] = -t12;
+    jacobians[34 * stride] = -t12; jacobians[82 * stride] = -t12; jacobians[83 * stride] = -t12;
     const real t13 = c1 * c2;
-    jacobians[42 * stride] = t13;
-    jacobians[90 * stride] = t13;
-    jacobians[91 * stride] = t13;
-    const real t14 = s1 * s2;
-    const real t15 = c1 * s2;
+    jacobians[42 * stride] = t13; jacobians[90 * stride] = t13; jacobians[91 * stride] = t13;
+    const real t14 = s1 * s2, t15 = c1 * s2;
 
     /* joint 5 and the axes of link 1 */
-    const real t16 = base_arm_length * c2 * c3;
-    const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
+    const real t16 = base_arm_length * c2 * c3, t17 = base_arm_length * (c1 * s3 + c3 * t14);
     jacobians[16 * stride] = t17;
     const real t18 = base_arm_length * (c3 * t15 - s1 * s3);
     jacobians[8 * stride] = t18;
@@ -4276,8 +3226,7 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
 
     /* position of tip */
-    const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
-    const real t25 = t17 + link2_length * t22;
+    const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5), t25 = t17 + link2_length * t22;
     jacobians[64 * stride] = t25;
     const real t26 = t18 - link2_length * t23;
     jacobians[56 * stride] = t26;
@@ -4309,10 +3258,8 @@ static INLINE void frame_jacobians_lane(const Constants *RESTRICT constants,
     jacobians[66 * stride] = t38;
 
     /* column of joint 5 */
-    const real t39 = t24 - t16;
-    const real t40 = t25 - t17;
-    const real t41 = t26 - t18;
-    const real t42 = t12 * t41 - t13 * t40;
+    const real t39 = t24 - t16, t40 = t25 - t17;
+    const real t41 = t26 - t18, t42 = t12 * t41 - t13 * t40;
     jacobians[51 * stride] = t42;
     const real t43 = s2 * t41 + t13 * t39;
     jacobians[59 * stride] = t43;
@@ -4365,8 +3312,7 @@ static WIDE void frame_jacobians_block(const Constants *RESTRICT constants, cons
 void BATCH(frame_jacobians)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT jacobians)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_jacobians_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4387,19 +3333,13 @@ static INLINE void frame_velocities_angles(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
@@ -4407,70 +3347,47 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     const real *RESTRICT v, real *RESTRICT velocities, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real v_x = v[5 * stride];
-    const real v_y = v[6 * stride];
-    const real v_z = v[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride], v_x = v[5 * stride];
+    const real v_y = v[6 * stride], v_z = v[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * c2;
-    const real t13 = v_theta_1 + v_theta_m1 * s2;
+    const real t12 = v_theta_m1 * c2, t13 = v_theta_1 + v_theta_m1 * s2;
 
     /* motion of link 1 */
-    const real t14 = v_theta_5 + t13;
-    const real t15 = c4 * t12 + v_theta_0 * s4;
+    const real t14 = v_theta_5 + t13, t15 = c4 * t12 + v_theta_0 * s4;
 
     /* motion of link 2 */
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* motion of base in world axes */
-    const real t17 = base_arm_length * c3;
-    const real t18 = base_arm_length * s3;
+    const real t17 = base_arm_length * c3, t18 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t19 = s1 * c2;
-    const real t20 = c1 * c2;
+    const real t19 = s1 * c2, t20 = c1 * c2;
 
     /* motion of link 1 */
-    const real t21 = base_arm_length * s3 * t13;
-    const real t22 = base_arm_length * c3 * t13;
+    const real t21 = base_arm_length * s3 * t13, t22 = base_arm_length * c3 * t13;
 
     /* axes of the base */
-    const real t23 = s1 * s2;
-    const real t24 = c1 * s2;
+    const real t23 = s1 * s2, t24 = c1 * s2;
 
     /* joint 5 and the axes of link 1 */
-    const real t25 = c2 * c4;
-    const real t26 = c1 * s4 + c4 * t23;
-    const real t27 = s1 * s4 - c4 * t24;
-    const real t28 = c2 * s4;
-    const real t29 = c1 * c4 - s4 * t23;
-    const real t30 = s1 * c4 + s4 * t24;
+    const real t25 = c2 * c4, t26 = c1 * s4 + c4 * t23;
+    const real t27 = s1 * s4 - c4 * t24, t28 = c2 * s4;
+    const real t29 = c1 * c4 - s4 * t23, t30 = s1 * c4 + s4 * t24;
 
     /* motion of link 1 */
     const real t31 = s4 * t21 + c4 * t22;
 
     /* motion of base in world axes */
-    const real t32 = t13 * t18;
-    const real t33 = t13 * t17;
-    const real t34 = v_theta_0 * t17 - t12 * t18;
-    const real t35 = v_x - c2 * t32 - s2 * t34;
+    const real t32 = t13 * t18, t33 = t13 * t17;
+    const real t34 = v_theta_0 * t17 - t12 * t18, t35 = v_x - c2 * t32 - s2 * t34;
     velocities[0 * stride] = t35;
     const real t36 = v_y + c1 * t33 + t19 * t34 - t23 * t32;
     velocities[1 * stride] = t36;
@@ -4484,12 +3401,10 @@ static INLINE void frame_velocities_lane(const Constants *RESTRICT constants,
     velocities[5 * stride] = t40;
 
     /* motion of tip in world axes */
-    const real t41 = link2_length * c5;
-    const real t42 = link2_length * s5;
+    const real t41 = link2_length * c5, t42 = link2_length * s5;
     const real t43 = s4 * t22 - c4 * t21 - t16 * t42;
     const real t44 = base_arm_length * (v_theta_0 * c3 - s3 * t12) - t16 * t41;
-    const real t45 = t31 + t14 * t41 - t15 * t42;
-    const real t46 = v_x + t25 * t43 - s2 * t44 - t28 * t45;
+    const real t45 = t31 + t14 * t41 - t15 * t42, t46 = v_x + t25 * t43 - s2 * t44 - t28 * t45;
     velocities[6 * stride] = t46;
     const real t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45;
     velocities[7 * stride] = t47;
@@ -4535,8 +3450,7 @@ static WIDE void frame_velocities_block(const Constants *RESTRICT constants, con
 void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT velocities)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_velocities_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4544,9 +3458,8 @@ void BATCH(frame_velocities)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         frame_velocities_block(last_constants, last_q, last_v,
             velocities + whole * (12 * LANES));
@@ -4560,19 +3473,13 @@ static INLINE void frame_bias_accelerations_angles(const Constants *RESTRICT con
 {
     (void)constants;
     (void)v;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT constants,
@@ -4580,90 +3487,56 @@ static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT const
     const real *RESTRICT v, real *RESTRICT bias_accelerations, const int stride)
 {
     (void)q;
-    const real base_arm_length = CONSTANT(base_arm_length);
-    const real link2_length = CONSTANT(link2_length);
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real base_arm_length = CONSTANT(base_arm_length), link2_length = CONSTANT(link2_length);
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = v_theta_m1 * s2;
-    const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = t12 * t13;
-    const real t16 = R(2.0) * t14;
-    const real t17 = R(2.0) * v_theta_0 * t12;
-    const real t18 = v_theta_1 + t12;
-    const real t19 = t17 - v_theta_0 * t18;
-    const real t20 = t15 - t13 * t18;
-    const real t21 = t18 * t18;
-    const real t22 = v_theta_0 * v_theta_0 + t21;
-    const real t23 = R(2.0) * t18 * t13 - t15;
-    const real t24 = t13 * t13 + t21;
-    const real t25 = t17 - R(2.0) * t18 * v_theta_0;
+    const real t12 = v_theta_m1 * s2, t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t13, t15 = t12 * t13;
+    const real t16 = R(2.0) * t14, t17 = R(2.0) * v_theta_0 * t12;
+    const real t18 = v_theta_1 + t12, t19 = t17 - v_theta_0 * t18;
+    const real t20 = t15 - t13 * t18, t21 = t18 * t18;
+    const real t22 = v_theta_0 * v_theta_0 + t21, t23 = R(2.0) * t18 * t13 - t15;
+    const real t24 = t13 * t13 + t21, t25 = t17 - R(2.0) * t18 * v_theta_0;
 
     /* motion of link 1 */
-    const real t26 = base_arm_length * c3 * t22;
-    const real t27 = base_arm_length * (c3 * t16 - s3 * t24);
-    const real t28 = base_arm_length * (s3 * t25 - c3 * t23);
-    const real t29 = v_theta_5 + t18;
-    const real t30 = t17 - v_theta_0 * t29;
-    const real t31 = t15 - t13 * t29;
-    const real t32 = c4 * t13 + v_theta_0 * s4;
-    const real t33 = v_theta_0 * c4 - s4 * t13;
-    const real t34 = s4 * t30 + c4 * t31;
-    const real t35 = t29 * t32;
-    const real t36 = t14 - t32 * t33;
-    const real t37 = s4 * t31 + t29 * t33 - c4 * t30;
+    const real t26 = base_arm_length * c3 * t22, t27 = base_arm_length * (c3 * t16 - s3 * t24);
+    const real t28 = base_arm_length * (s3 * t25 - c3 * t23), t29 = v_theta_5 + t18;
+    const real t30 = t17 - v_theta_0 * t29, t31 = t15 - t13 * t29;
+    const real t32 = c4 * t13 + v_theta_0 * s4, t33 = v_theta_0 * c4 - s4 * t13;
+    const real t34 = s4 * t30 + c4 * t31, t35 = t29 * t32;
+    const real t36 = t14 - t32 * t33, t37 = s4 * t31 + t29 * t33 - c4 * t30;
 
     /* motion of link 2 */
-    const real t38 = v_theta_6 - t33;
-    const real t39 = t37 + t29 * t38;
-    const real t40 = t36 - t32 * t38;
-    const real t41 = t38 * t38;
+    const real t38 = v_theta_6 - t33, t39 = t37 + t29 * t38;
+    const real t40 = t36 - t32 * t38, t41 = t38 * t38;
 
     /* motion of base in world axes */
-    const real t42 = base_arm_length * c3;
-    const real t43 = base_arm_length * s3;
+    const real t42 = base_arm_length * c3, t43 = base_arm_length * s3;
 
     /* axes of the base */
-    const real t44 = s1 * c2;
-    const real t45 = c1 * c2;
-    const real t46 = s1 * s2;
-    const real t47 = c1 * s2;
+    const real t44 = s1 * c2, t45 = c1 * c2;
+    const real t46 = s1 * s2, t47 = c1 * s2;
 
     /* joint 5 and the axes of link 1 */
-    const real t48 = c2 * c4;
-    const real t49 = c1 * s4 + c4 * t46;
-    const real t50 = s1 * s4 - c4 * t47;
-    const real t51 = c2 * s4;
-    const real t52 = c1 * c4 - s4 * t46;
-    const real t53 = s1 * c4 + s4 * t47;
+    const real t48 = c2 * c4, t49 = c1 * s4 + c4 * t46;
+    const real t50 = s1 * s4 - c4 * t47, t51 = c2 * s4;
+    const real t52 = c1 * c4 - s4 * t46, t53 = s1 * c4 + s4 * t47;
 
     /* motion of tip in world axes */
-    const real t54 = link2_length * c5;
-    const real t55 = link2_length * s5;
+    const real t54 = link2_length * c5, t55 = link2_length * s5;
 
     /* motion of link 1 */
     const real t56 = s4 * t27 - c4 * t26;
 
     /* motion of base in world axes */
-    const real t57 = t22 * t42;
-    const real t58 = t16 * t42 - t24 * t43;
-    const real t59 = t23 * t42 - t25 * t43;
-    const real t60 = s2 * t59 - c2 * t57;
+    const real t57 = t22 * t42, t58 = t16 * t42 - t24 * t43;
+    const real t59 = t23 * t42 - t25 * t43, t60 = s2 * t59 - c2 * t57;
     bias_accelerations[0 * stride] = t60;
     const real t61 = c1 * t58 - t46 * t57 - t44 * t59;
     bias_accelerations[1 * stride] = t61;
@@ -4677,14 +3550,10 @@ static INLINE void frame_bias_accelerations_lane(const Constants *RESTRICT const
     bias_accelerations[5 * stride] = t65;
 
     /* motion of tip in world axes */
-    const real t66 = (t29 * t29 + t41) * t54;
-    const real t67 = t56 + (t34 + t35) * t55 - t66;
-    const real t68 = (t32 * t32 + t41) * t55;
-    const real t69 = t28 + (t34 - t35) * t54 + t68;
-    const real t70 = (t36 - R(2.0) * t38 * t32) * t54;
-    const real t71 = (t37 + R(2.0) * t38 * t29) * t55;
-    const real t72 = s4 * t26 + c4 * t27 + t70 - t71;
-    const real t73 = t48 * t67 - s2 * t69 - t51 * t72;
+    const real t66 = (t29 * t29 + t41) * t54, t67 = t56 + (t34 + t35) * t55 - t66;
+    const real t68 = (t32 * t32 + t41) * t55, t69 = t28 + (t34 - t35) * t54 + t68;
+    const real t70 = (t36 - R(2.0) * t38 * t32) * t54, t71 = (t37 + R(2.0) * t38 * t29) * t55;
+    const real t72 = s4 * t26 + c4 * t27 + t70 - t71, t73 = t48 * t67 - s2 * t69 - t51 * t72;
     bias_accelerations[6 * stride] = t73;
     const real t74 = t49 * t67 + t44 * t69 + t52 * t72;
     bias_accelerations[7 * stride] = t74;
@@ -4730,8 +3599,7 @@ static WIDE void frame_bias_accelerations_block(const Constants *RESTRICT consta
 void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT bias_accelerations)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         frame_bias_accelerations_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4739,9 +3607,8 @@ void BATCH(frame_bias_accelerations)(const Constants *RESTRICT constants, const 
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         frame_bias_accelerations_block(last_constants, last_q, last_v,
             bias_accelerations + whole * (12 * LANES));
@@ -4754,54 +3621,35 @@ static INLINE void centre_of_mass_angles(const Constants *RESTRICT constants,
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void centre_of_mass_lane(const Constants *RESTRICT constants,
     const real *RESTRICT sine, const real *RESTRICT cosine, const real *RESTRICT q,
     real *RESTRICT position, const int stride)
 {
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k62 = CONSTANT(k62);
-    const real k63 = CONSTANT(k63);
-    const real x = q[5 * stride];
-    const real y = q[6 * stride];
-    const real z = q[7 * stride];
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real k44 = CONSTANT(k44), k49 = CONSTANT(k49), k62 = CONSTANT(k62), k63 = CONSTANT(k63);
+    const real x = q[5 * stride], y = q[6 * stride], z = q[7 * stride];
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
     const real t12 = k44 * c5;
 
     /* centre of mass from the origin */
-    const real t13 = k63 * s5;
-    const real t14 = k62 * (k49 * c3 + c4 * t12);
+    const real t13 = k63 * s5, t14 = k62 * (k49 * c3 + c4 * t12);
     const real t15 = k62 * (k49 * s3 + s4 * t12);
 
     /* centre of mass in the world */
-    const real t16 = c2 * t13 - s2 * t14;
-    const real t17 = x + c2 * t14 + s2 * t13;
+    const real t16 = c2 * t13 - s2 * t14, t17 = x + c2 * t14 + s2 * t13;
     position[0 * stride] = t17;
     const real t18 = y + c1 * t15 - s1 * t16;
     position[1 * stride] = t18;
@@ -4840,8 +3688,7 @@ static WIDE void centre_of_mass_block(const Constants *RESTRICT constants, const
 void BATCH(centre_of_mass)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT position)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -4861,19 +3708,13 @@ static INLINE void centre_of_mass_jacobian_angles(const Constants *RESTRICT cons
     const real *RESTRICT q, real *RESTRICT angle, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride];
 
     /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
-    angle[0 * stride] = theta_m1;
-    angle[1 * stride] = theta_0;
-    angle[2 * stride] = theta_1;
-    angle[3 * stride] = t7;
-    angle[4 * stride] = theta_6;
+    angle[0 * stride] = theta_m1; angle[1 * stride] = theta_0; angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7; angle[4 * stride] = theta_6;
 }
 
 static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT constants,
@@ -4881,49 +3722,30 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     real *RESTRICT jacobian, const int stride)
 {
     (void)q;
-    const real k44 = CONSTANT(k44);
-    const real k49 = CONSTANT(k49);
-    const real k62 = CONSTANT(k62);
-    const real k63 = CONSTANT(k63);
-    const real s1 = sine[0 * stride];
-    const real c1 = cosine[0 * stride];
-    const real s2 = sine[1 * stride];
-    const real c2 = cosine[1 * stride];
-    const real s3 = sine[2 * stride];
-    const real c3 = cosine[2 * stride];
-    const real s4 = sine[3 * stride];
-    const real c4 = cosine[3 * stride];
-    const real s5 = sine[4 * stride];
+    const real k44 = CONSTANT(k44), k49 = CONSTANT(k49), k62 = CONSTANT(k62), k63 = CONSTANT(k63);
+    const real s1 = sine[0 * stride], c1 = cosine[0 * stride], s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride], s3 = sine[2 * stride], c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride], c4 = cosine[3 * stride], s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    jacobian[0 * stride] = R(0.0);
-    jacobian[5 * stride] = R(1.0);
-    jacobian[6 * stride] = R(0.0);
-    jacobian[7 * stride] = R(0.0);
-    jacobian[13 * stride] = R(0.0);
-    jacobian[14 * stride] = R(1.0);
-    jacobian[15 * stride] = R(0.0);
-    jacobian[21 * stride] = R(0.0);
-    jacobian[22 * stride] = R(0.0);
+    jacobian[0 * stride] = R(0.0); jacobian[5 * stride] = R(1.0); jacobian[6 * stride] = R(0.0);
+    jacobian[7 * stride] = R(0.0); jacobian[13 * stride] = R(0.0); jacobian[14 * stride] = R(1.0);
+    jacobian[15 * stride] = R(0.0); jacobian[21 * stride] = R(0.0); jacobian[22 * stride] = R(0.0);
     jacobian[23 * stride] = R(1.0);
 
     /* attitude */
-    const real t2 = -s1;
-    const real t3 = -c2;
+    const real t2 = -s1, t3 = -c2;
 
     /* inertia of link 2, turned by the joints */
     const real t12 = k44 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t13 = c4 * t12;
-    const real t14 = s4 * t12;
+    const real t13 = c4 * t12, t14 = s4 * t12;
 
     /* axes of the base */
-    const real t15 = t2 * t3;
-    const real t16 = c1 * t3;
+    const real t15 = t2 * t3, t16 = c1 * t3;
 
     /* column of joint 5 */
-    const real t17 = k62 * t13;
-    const real t18 = k62 * t14;
+    const real t17 = k62 * t13, t18 = k62 * t14;
 
     /* centre of mass from the origin */
     const real t19 = k63 * s5;
@@ -4932,16 +3754,13 @@ static INLINE void centre_of_mass_jacobian_lane(const Constants *RESTRICT consta
     const real t20 = k63 * c5;
 
     /* axes of the base */
-    const real t21 = t2 * s2;
-    const real t22 = c1 * s2;
+    const real t21 = t2 * s2, t22 = c1 * s2;
 
     /* centre of mass from the origin */
-    const real t23 = k62 * (k49 * c3 + t13);
-    const real t24 = k62 * (k49 * s3 + t14);
+    const real t23 = k62 * (k49 * c3 + t13), t24 = k62 * (k49 * s3 + t14);
 
     /* columns of the base */
-    const real t25 = t3 * t19 + s2 * t23;
-    const real t26 = t3 * t23 - s2 * t19;
+    const real t25 = t3 * t19 + s2 * t23, t26 = t3 * t23 - s2 * t19;
     const real t27 = c1 * t24 - t2 * t25;
     jacobian[16 * stride] = t27;
     const real t28 = c1 * t25 + t2 * t24;
@@ -5008,8 +3827,7 @@ static WIDE void centre_of_mass_jacobian_block(const Constants *RESTRICT constan
 void BATCH(centre_of_mass_jacobian)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, real *RESTRICT jacobian)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         centre_of_mass_jacobian_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -5031,22 +3849,12 @@ static INLINE void coordinate_rates_lane(const Constants *RESTRICT constants,
 {
     (void)constants;
     (void)q;
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real v_x = v[5 * stride];
-    const real v_y = v[6 * stride];
-    const real v_z = v[7 * stride];
-    rate[0 * stride] = v_theta_m1;
-    rate[1 * stride] = v_theta_0;
-    rate[2 * stride] = v_theta_1;
-    rate[3 * stride] = v_theta_5;
-    rate[4 * stride] = v_theta_6;
-    rate[5 * stride] = v_x;
-    rate[6 * stride] = v_y;
-    rate[7 * stride] = v_z;
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride], v_x = v[5 * stride];
+    const real v_y = v[6 * stride], v_z = v[7 * stride];
+    rate[0 * stride] = v_theta_m1; rate[1 * stride] = v_theta_0; rate[2 * stride] = v_theta_1;
+    rate[3 * stride] = v_theta_5; rate[4 * stride] = v_theta_6; rate[5 * stride] = v_x;
+    rate[6 * stride] = v_y; rate[7 * stride] = v_z;
 }
 
 #ifndef EACH
@@ -5070,8 +3878,7 @@ static WIDE void coordinate_rates_block(const Constants *RESTRICT constants, con
 void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT rate)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         coordinate_rates_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -5079,9 +3886,8 @@ void BATCH(coordinate_rates)(const Constants *RESTRICT constants, const size_t c
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         coordinate_rates_block(last_constants, last_q, last_v, rate + whole * (8 * LANES));
     }
@@ -5093,22 +3899,12 @@ static INLINE void integrate_lane(const Constants *RESTRICT constants, const rea
     const real *RESTRICT v, real *RESTRICT coordinates, const int stride)
 {
     (void)constants;
-    const real theta_m1 = q[0 * stride];
-    const real theta_0 = q[1 * stride];
-    const real theta_1 = q[2 * stride];
-    const real theta_5 = q[3 * stride];
-    const real theta_6 = q[4 * stride];
-    const real x = q[5 * stride];
-    const real y = q[6 * stride];
-    const real z = q[7 * stride];
-    const real v_theta_m1 = v[0 * stride];
-    const real v_theta_0 = v[1 * stride];
-    const real v_theta_1 = v[2 * stride];
-    const real v_theta_5 = v[3 * stride];
-    const real v_theta_6 = v[4 * stride];
-    const real v_x = v[5 * stride];
-    const real v_y = v[6 * stride];
-    const real v_z = v[7 * stride];
+    const real theta_m1 = q[0 * stride], theta_0 = q[1 * stride], theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride], theta_6 = q[4 * stride], x = q[5 * stride];
+    const real y = q[6 * stride], z = q[7 * stride];
+    const real v_theta_m1 = v[0 * stride], v_theta_0 = v[1 * stride], v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride], v_theta_6 = v[4 * stride], v_x = v[5 * stride];
+    const real v_y = v[6 * stride], v_z = v[7 * stride];
 
     /* attitude and position after the displacement */
     const real t1 = theta_m1 + v_theta_m1;
@@ -5152,8 +3948,7 @@ static WIDE void integrate_block(const Constants *RESTRICT constants, const real
 void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q, const real *RESTRICT v, real *RESTRICT coordinates)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         integrate_block(OF_BLOCK(constants, block), q + block * (8 * LANES),
@@ -5161,9 +3956,8 @@ void BATCH(integrate)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q[8 * LANES];
+        real last_q[8 * LANES], last_v[8 * LANES];
         fill_lanes(8, rest, q + whole * (8 * LANES), last_q);
-        real last_v[8 * LANES];
         fill_lanes(8, rest, v + whole * (8 * LANES), last_v);
         integrate_block(last_constants, last_q, last_v, coordinates + whole * (8 * LANES));
     }
@@ -5175,21 +3969,13 @@ static INLINE void difference_lane(const Constants *RESTRICT constants, const re
     const real *RESTRICT q1, real *RESTRICT displacement, const int stride)
 {
     (void)constants;
-    const real q0_theta_m1 = q0[0 * stride];
-    const real q0_theta_0 = q0[1 * stride];
-    const real q0_theta_1 = q0[2 * stride];
-    const real q0_theta_5 = q0[3 * stride];
-    const real q0_theta_6 = q0[4 * stride];
-    const real q0_x = q0[5 * stride];
-    const real q0_y = q0[6 * stride];
+    const real q0_theta_m1 = q0[0 * stride], q0_theta_0 = q0[1 * stride];
+    const real q0_theta_1 = q0[2 * stride], q0_theta_5 = q0[3 * stride];
+    const real q0_theta_6 = q0[4 * stride], q0_x = q0[5 * stride], q0_y = q0[6 * stride];
     const real q0_z = q0[7 * stride];
-    const real q1_theta_m1 = q1[0 * stride];
-    const real q1_theta_0 = q1[1 * stride];
-    const real q1_theta_1 = q1[2 * stride];
-    const real q1_theta_5 = q1[3 * stride];
-    const real q1_theta_6 = q1[4 * stride];
-    const real q1_x = q1[5 * stride];
-    const real q1_y = q1[6 * stride];
+    const real q1_theta_m1 = q1[0 * stride], q1_theta_0 = q1[1 * stride];
+    const real q1_theta_1 = q1[2 * stride], q1_theta_5 = q1[3 * stride];
+    const real q1_theta_6 = q1[4 * stride], q1_x = q1[5 * stride], q1_y = q1[6 * stride];
     const real q1_z = q1[7 * stride];
 
     /* displacement of attitude and position */
@@ -5234,8 +4020,7 @@ static WIDE void difference_block(const Constants *RESTRICT constants, const rea
 void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
     const real *RESTRICT q0, const real *RESTRICT q1, real *RESTRICT displacement)
 {
-    const size_t whole = count / LANES;
-    const size_t rest = count % LANES;
+    const size_t whole = count / LANES, rest = count % LANES;
     PARALLEL
     for (size_t block = 0; block < whole; ++block) {
         difference_block(OF_BLOCK(constants, block), q0 + block * (8 * LANES),
@@ -5243,9 +4028,8 @@ void BATCH(difference)(const Constants *RESTRICT constants, const size_t count,
     }
     if (rest > 0) {
         OF_LAST_BLOCK(constants, whole, rest);
-        real last_q0[8 * LANES];
+        real last_q0[8 * LANES], last_q1[8 * LANES];
         fill_lanes(8, rest, q0 + whole * (8 * LANES), last_q0);
-        real last_q1[8 * LANES];
         fill_lanes(8, rest, q1 + whole * (8 * LANES), last_q1);
         difference_block(last_constants, last_q0, last_q1,
             displacement + whole * (8 * LANES));

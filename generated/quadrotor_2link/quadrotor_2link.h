@@ -184,38 +184,9 @@ enum {
 
 /** What the functions need of the parameters, computed once. */
 typedef struct quadrotor_2link_constants {
-    quadrotor_2link_real gravity;
-    quadrotor_2link_real base_arm_length;
-    quadrotor_2link_real k8;
-    quadrotor_2link_real k14;
-    quadrotor_2link_real k19;
-    quadrotor_2link_real link2_length;
-    quadrotor_2link_real k26;
-    quadrotor_2link_real k32;
-    quadrotor_2link_real k38;
-    quadrotor_2link_real k42;
-    quadrotor_2link_real k43;
-    quadrotor_2link_real k44;
-    quadrotor_2link_real k47;
-    quadrotor_2link_real k48;
-    quadrotor_2link_real k49;
-    quadrotor_2link_real k50;
-    quadrotor_2link_real k51;
-    quadrotor_2link_real k52;
-    quadrotor_2link_real k53;
-    quadrotor_2link_real k54;
-    quadrotor_2link_real k55;
-    quadrotor_2link_real k56;
-    quadrotor_2link_real k57;
-    quadrotor_2link_real k59;
-    quadrotor_2link_real k60;
-    quadrotor_2link_real k61;
-    quadrotor_2link_real k62;
-    quadrotor_2link_real k63;
-    quadrotor_2link_real k64;
-    quadrotor_2link_real k65;
-    quadrotor_2link_real k66;
-    quadrotor_2link_real k67;
+    quadrotor_2link_real gravity, base_arm_length, k8, k14, k19, link2_length, k26, k32, k38, k42,
+        k43, k44, k47, k48, k49, k50, k51, k52, k53, k54, k55, k56, k57, k59, k60, k61, k62, k63,
+        k64, k65, k66, k67;
 } quadrotor_2link_constants;
 
 /** Parameters of the robot file. */
@@ -234,8 +205,7 @@ extern const quadrotor_2link_constants
  * @return 0, or 1 if the constants are of no use: the robot has no mass, or a parameter or a
  *     constant is not finite, as where nothing resists an acceleration
  */
-int quadrotor_2link_init_constants(
-    const quadrotor_2link_real *parameters,
+int quadrotor_2link_init_constants(const quadrotor_2link_real *parameters,
     quadrotor_2link_constants *constants);
 
 /**
@@ -246,11 +216,8 @@ int quadrotor_2link_init_constants(
  * @param[in] rows count x width
  * @param[out] blocks room for whole blocks
  */
-void quadrotor_2link_pack(
-    size_t count,
-    size_t width,
-    const quadrotor_2link_real *rows,
-    quadrotor_2link_real *blocks);
+void quadrotor_2link_pack(size_t count, size_t width,
+    const quadrotor_2link_real *rows, quadrotor_2link_real *blocks);
 
 /**
  * @brief Unpack blocks into states that follow each other.
@@ -260,11 +227,8 @@ void quadrotor_2link_pack(
  * @param[in] blocks as the _batch functions write them
  * @param[out] rows count x width
  */
-void quadrotor_2link_unpack(
-    size_t count,
-    size_t width,
-    const quadrotor_2link_real *blocks,
-    quadrotor_2link_real *rows);
+void quadrotor_2link_unpack(size_t count, size_t width,
+    const quadrotor_2link_real *blocks, quadrotor_2link_real *rows);
 
 /*
  * The functions that have _batch_each at the end of their names, and the next one, are in
@@ -279,10 +243,8 @@ void quadrotor_2link_unpack(
  * @param[out] constants 32 of each state, for functions with _batch_each
  * @return 0, or 1 + the number of the first state whose constants are of no use
  */
-size_t quadrotor_2link_init_constants_batch(
-    size_t count,
-    const quadrotor_2link_real *parameters,
-    quadrotor_2link_real *constants);
+size_t quadrotor_2link_init_constants_batch(size_t count,
+    const quadrotor_2link_real *parameters, quadrotor_2link_real *constants);
 
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.

@@ -1,8 +1,5 @@
 /* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
-static void fill_lanes(
-    const size_t width,
-    const size_t filled,
-    const real *RESTRICT block,
+static void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
     real *RESTRICT whole_block)
 {
     for (size_t i = 0; i < width; ++i) {
@@ -13,10 +10,7 @@ static void fill_lanes(
 }
 
 #ifndef EACH
-void MODULE(pack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT rows,
+void MODULE(pack)(const size_t count, const size_t width, const real *RESTRICT rows,
     real *RESTRICT blocks)
 {
     for (size_t first = 0; first < count; first += LANES) {
@@ -30,10 +24,7 @@ void MODULE(pack)(
     }
 }
 
-void MODULE(unpack)(
-    const size_t count,
-    const size_t width,
-    const real *RESTRICT blocks,
+void MODULE(unpack)(const size_t count, const size_t width, const real *RESTRICT blocks,
     real *RESTRICT rows)
 {
     for (size_t state = 0; state < count; ++state) {

@@ -11,8 +11,9 @@
 #define RESTRICT restrict
 #endif
 
+/* Not every source calls all of these functions. */
 #ifdef __GNUC__
-#define INLINE inline __attribute__((always_inline))
+#define INLINE inline __attribute__((always_inline, unused))
 #else
 #define INLINE inline
 #endif

@@ -76,11 +76,8 @@ static COLD void library_sine_cosine(const int count, const real *angle, real *s
 }
 
 /* Up to four angles. */
-static INLINE void sine_cosine_few(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_few(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
 #ifdef QUAD
@@ -112,11 +109,8 @@ static INLINE void sine_cosine_few(
 }
 
 /* Any number of angles. */
-static INLINE void sine_cosine_many(
-    const int count,
-    const real *RESTRICT angle,
-    real *RESTRICT sine,
-    real *RESTRICT cosine)
+static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
+    real *RESTRICT sine, real *RESTRICT cosine)
 {
     bits beyond = 0;
     VECTORISE

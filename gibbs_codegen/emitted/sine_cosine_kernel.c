@@ -1,9 +1,5 @@
 /* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
-static INLINE void KERNEL(
-    const NUMBER *angle,
-    NUMBER *sine,
-    NUMBER *cosine,
-    BITS *beyond)
+static INLINE void KERNEL(const NUMBER *angle, NUMBER *sine, NUMBER *cosine, BITS *beyond)
 {
     AS_WRITTEN
     const NUMBER x = *angle;

@@ -44,23 +44,64 @@ TEMPLATES = (
     *("blocks.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
-# C that is compiled with a flight, and the tests that fly in it.
-_FLYING_IN_C = (
-    "tests/flight/integration/test_compiled_loop.py",
-    "tests/flight/integration/test_compiled_limits.py",
-    "tests/flight/integration/test_block_loop.py",
+# Functions that stand in every MATLAB package.
+MATLAB = ("changed_parameters.m", "check_constants.m", "product.m", "states.m")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Tests by name, in two goes: most faults are found by the first."""
+
+    quick: tuple[str, ...]
+    rest: tuple[str, ...]
+
+
+_FLYING = Suite(
+    (
+        "tests/flight/integration/test_compiled_loop.py",
+        "tests/flight/integration/test_compiled_limits.py",
+        "tests/flight/integration/test_block_loop.py",
+    ),
+    ("tests/flight/test_any_robot.py", "tests/flight/test_many.py"),
 )
-NATIVE = (
-    *("allocation.c", "curves.c", "engine.c", "lanes.c", "numbers.c"),
-    "sine_cosine_numbers.c",
-    "smallest_thrusts.c",
+_ROLLING = Suite(
+    (
+        "tests/flight/rollouts/test_c_rollout.py",
+        "tests/flight/rollouts/test_rollout.py",
+        "tests/flight/rollouts/test_c_program.py",
+    ),
+    ("tests/flight/rollouts", "tests/verification/test_verify.py"),
 )
+# C that runs in flights and rollouts, and the back ends' own, with the tests that run it.
+NATIVE = {
+    "allocation.c": _FLYING,
+    "curves.c": _FLYING,
+    "engine.c": _FLYING,
+    "lanes.c": _FLYING,
+    "numbers.c": _FLYING,
+    "sine_cosine_numbers.c": _FLYING,
+    "smallest_thrusts.c": _FLYING,
+    "rollout.c": _ROLLING,
+    "rows.c": _ROLLING,
+    "runtime/native/rows.c": Suite(
+        ("tests/runtime/test_c_backend.py", "tests/runtime/test_constants_per_state.py"),
+        ("tests/runtime/test_not_finite.py", "tests/runtime/test_own_law.py"),
+    ),
+    "runtime/native/caller.c": Suite(
+        ("tests/runtime/test_c_backend.py", "tests/runtime/test_not_finite.py"),
+        ("tests/runtime/test_arguments.py", "tests/runtime/test_constants_per_state.py"),
+    ),
+    "runtime/native/jax_call.c": Suite(
+        ("tests/runtime/test_jax_backend.py",), ("tests/flight/rollouts/test_jax_rollout.py",)
+    ),
+}
 NAMED = {
     "derivation": DERIVATION,
     "combine": COMBINE,
     "emission": EMISSION,
     "templates": TEMPLATES,
-    "native": NATIVE,
+    "matlab": MATLAB,
+    "native": tuple(NATIVE),
 }
 _ALL_NAMED = {module for modules in NAMED.values() for module in modules}
 
@@ -243,18 +284,12 @@ QUICK_TESTS = frozenset(
 _QUICK_SECONDS, _QUICK_TESTS = 60.0, 500
 
 
-@dataclass(frozen=True)
-class Suite:
-    """Tests by name, in two goes: most faults are found by the first."""
-
-    quick: tuple[str, ...]
-    rest: tuple[str, ...]
-
-
 def suite_of(module: str, line: int, recorded: Mapping[str, Record]) -> Suite:
     """The tests that concern a line of a module or a template."""
     if module in NATIVE:
-        return Suite(_FLYING_IN_C, ("tests/flight/test_any_robot.py", "tests/flight/test_many.py"))
+        return NATIVE[module]
+    if module in MATLAB:
+        return Suite(("tests/targets/test_matlab.py",), ("tests/runtime/test_matlab_programs.py",))
     if module in _ALL_NAMED:
         usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
         return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))

@@ -36,11 +36,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from mutation.mutants import Mutant, python_mutants
-from mutation.record import LIBRARIES, records
+from mutation.record import LIBRARIES, PACKAGE, ROOT, records
 from mutation.suites import GROUPS, suite_of
 from mutation.templates import template_mutants
 
-ROOT = Path(__file__).parents[2]
 COPIED = (
     *("gibbs_codegen", "templates", "tests", "generated", "benchmarks", "docs", "notebooks"),
     *("pyproject.toml", "setup.py", "README.md"),
@@ -84,7 +83,8 @@ class Copy:
         for name in COPIED:
             source = ROOT / name
             if source.is_dir():
-                ignored = shutil.ignore_patterns("__pycache__")
+                # The extension that is installed has no fault: each copy compiles its own.
+                ignored = shutil.ignore_patterns("__pycache__", "*.so")
                 shutil.copytree(source, folder / name, ignore=ignored)
             else:
                 shutil.copy(source, folder / name)
@@ -163,19 +163,20 @@ def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
 
 
 def source_path(module: str) -> Path:
-    """File of a module, of a template, or of C that is emitted whole."""
+    """File of a module, of a template, or of C or MATLAB that is emitted whole."""
     if module.endswith(".jinja"):
         return ROOT / "templates" / module
-    if module.endswith((".c", ".h")):
-        folder = "" if "/" in module else "emitted"
-        return ROOT / "gibbs_codegen" / folder / module
-    return ROOT / "gibbs_codegen" / f"{module.replace('.', '/')}.py"
+    if module.endswith(".m"):
+        return PACKAGE / "emitted" / "matlab" / module
+    if module.endswith(".c"):
+        return PACKAGE / ("" if "/" in module else "emitted") / module
+    return PACKAGE / f"{module.replace('.', '/')}.py"
 
 
 def mutants(module: str) -> list[Callable[[], Mutant]]:
-    """All mutants of a module, a template, or C that is emitted whole."""
+    """All mutants of a module, a template, or C or MATLAB that is emitted whole."""
     source = source_path(module).read_text(encoding="utf-8")
-    is_template = module.endswith((".jinja", ".c", ".h"))
+    is_template = module.endswith((".jinja", ".c", ".m"))
     return template_mutants(source) if is_template else python_mutants(source)
 
 

@@ -30,6 +30,7 @@ from support.compiled import (
     compile_only,
     finds_leaks,
 )
+from support.derived import derived
 from support.random_robots import random_robot
 from support.tools import compiled, run, tool
 
@@ -40,6 +41,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.targets.registry import find_targets, render_module
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -189,6 +191,15 @@ def test_small_robot_compiles_silently(
     small = emitted(SMALL)
     options = [level, *([small.single] if real == "float" else [])]
     compile_only(compiler, options, small.functions, tmp_path)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_functions_without_sines_compile_silently(compiler: str, tmp_path: Path) -> None:
+    robot, text = read_robot(SMALL)
+    model = derived(robot, functions=("coordinate_rates",))
+    for name, content in render_module(model, text, find_targets(["c"])).items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    compile_only(compiler, ["-O0"], [str(tmp_path / f"{SMALL}.c")], tmp_path)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from gibbs_codegen.targets.c.statements import (
     loop,
     place_in_loop,
     read_arrays,
+    side_by_side,
     spill,
     unused,
     vector_loop,
@@ -62,6 +63,29 @@ def test_a_helper_has_constants_arrays_and_stride() -> None:
     ]
     assert helper("f", [], ["a;"])[-4:] == ["{", "    (void)stride;", "    a;", "}"]
     assert read_arrays(["q"], "toy_real", "") == ["const toy_real *q"]
+
+
+def test_short_statements_of_a_kind_stand_side_by_side() -> None:
+    """Numbers that are copied fill lines; of those that are computed a line has two."""
+    loads = [load(f"x{i}", "q", i) for i in range(6)]
+    copied = side_by_side(loads)
+    assert " ".join(copied).replace("; const real", ",") == (
+        "const real " + ", ".join(f"x{i} = q[{i} * stride]" for i in range(6)) + ";"
+    )
+    assert [line.count("=") for line in copied] == [4, 2]
+    sums = [f"const real t{i} = x{i} + x0;" for i in range(3)]
+    stores = ["a[0 * stride] = t0;", "a[1 * stride] = -t1;"]
+    assert side_by_side([*loads[:1], *sums, *stores, "", "/* words */", *sums[:1]]) == [
+        "const real x0 = q[0 * stride];",
+        "const real t0 = x0 + x0, t1 = x1 + x0;",
+        "const real t2 = x2 + x0;",
+        "a[0 * stride] = t0; a[1 * stride] = -t1;",
+        "",
+        "/* words */",
+        "const real t0 = x0 + x0;",
+    ]
+    broken = ["const real t3 = x0 +", "    x1;", "a[2 * stride] = t3 *", "    x1;"]
+    assert side_by_side([*sums[:1], *broken, *stores[:1]]) == [*sums[:1], *broken, *stores[:1]]
 
 
 def test_loops_hold_their_body() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
@@ -44,8 +44,8 @@ def function_text(
     constants, count = "const Constants *RESTRICT constants", "const size_t count"
     parameters = c.read_arrays(signature.arguments) + c.written_arrays(names)
     of_block = [c.from_block(name, width, "block") for name, width in (inputs | outputs).items()]
-    last = [f"last_{name}" for name in inputs]
-    last += [c.from_block(name, width, "whole") for name, width in outputs.items()]
+    last = {name: f"last_{name}" for name in inputs}
+    rest = [c.from_block(name, width, "whole") for name, width in outputs.items()]
     return {
         "name": own,
         "documentation": documentation,
@@ -57,8 +57,8 @@ def function_text(
         "block": block,
         "batch_head": c.head(f"void BATCH({own})", [constants, count, *parameters]),
         "whole_block": c.call(block_name, ["OF_BLOCK(constants, block)", *of_block]),
-        "last_inputs": [line for array in inputs.items() for line in _last_block(*array)],
-        "last_block": c.call(block_name, ["last_constants", *last]),
+        "last_inputs": _last_block(inputs, last),
+        "last_block": c.call(block_name, ["last_constants", *last.values(), *rest]),
     }
 
 
@@ -81,11 +81,14 @@ def declarations(
     ]
 
 
-def _last_block(name: str, width: int) -> Lines:
-    """Lines that make the last block of an input whole."""
-    last, start = f"last_{name}", c.from_block(name, width, "whole")
-    declared = c.local_arrays([last], c.array_size(width or 1, lanes=True))
-    return [declared, *c.call("fill_lanes", [str(width), "rest", start, last])]
+def _last_block(widths: Mapping[str, int], last: Mapping[str, str]) -> Lines:
+    """Lines that make the last blocks of inputs whole, by the names of these."""
+    sizes = {last[name]: c.array_size(width or 1, lanes=True) for name, width in widths.items()}
+    lines = c.local_arrays(sizes)
+    for name, width in widths.items():
+        start = c.from_block(name, width, "whole")
+        lines += c.call("fill_lanes", [str(width), "rest", start, last[name]])
+    return lines
 
 
 # The arrays that helpers hand values on in.
@@ -177,8 +180,8 @@ class CFunction:
         nodes = [*(s.value for s in gathered.angle_statements), *gathered.angles]
         lines, idle = self._loads({name for node in nodes for name in names_in(node)})
         lines += self._statements.assign_all(gathered.angle_statements)
-        for i, angle in enumerate(gathered.angles):
-            lines += self._statements.store(ANGLE, i, angle)
+        stores = [self._statements.store(ANGLE, i, x) for i, x in enumerate(gathered.angles)]
+        lines += c.side_by_side(line for store in stores for line in store)
         parameters = c.read_arrays(self._inputs) + c.written_arrays([ANGLE])
         return c.helper(name, parameters, [*map(c.unused, idle), *lines])
 
@@ -212,10 +215,11 @@ class CFunction:
         self, steps: Sequence[Step], section: Section, allocation: Allocation
     ) -> list[str]:
         """Lines of steps that are done once."""
-        lines = [
+        loads = [
             c.load(name, SCRATCH, slot, allocation.sign(name))
             for name, slot in section.reloads.items()
         ]
+        lines: list[str] = []
         for words, step in headed(steps):
             lines += self._statements.comment(words)
             if isinstance(step, Store):
@@ -225,7 +229,7 @@ class CFunction:
             if step.name in section.spills:
                 slot = section.spills[step.name]
                 lines.append(c.spill(SCRATCH, slot, step.name, allocation.sign(step.name)))
-        return lines
+        return [*c.side_by_side(loads), *c.side_by_side(lines)]
 
     def _loop(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
         """Lines of a loop."""
@@ -263,28 +267,32 @@ class CFunction:
 
     def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
         """Lines that load what is read and no step computes, and the arguments not used."""
-        lines = [c.load_constant(name) for name in self._function.constants if name in read]
-        idle = [] if lines else ["constants"]
+        loads = {
+            "constants": [
+                c.load_constant(name) for name in self._function.constants if name in read
+            ]
+        }
         for argument, names in self._inputs.items():
-            loads = [c.load(name, argument, i) for i, name in enumerate(names) if name in read]
-            lines += loads
-            idle += [] if loads else [argument]
-        for i in range(len(self._gathered.angles)):
-            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i))):
-                if entry in read:
-                    lines.append(c.load(entry, array, i))
-        return lines, idle
+            loads[argument] = [
+                c.load(name, argument, i) for i, name in enumerate(names) if name in read
+            ]
+        idle = [argument for argument, lines in loads.items() if not lines]
+        loads[SINE] = [
+            c.load(entry, array, i)
+            for i in range(len(self._gathered.angles))
+            for array, entry in ((SINE, sine_name(i)), (COSINE, cosine_name(i)))
+            if entry in read
+        ]
+        return [x for lines in loads.values() for x in c.side_by_side(lines)], idle
 
     def _body(self, sections: _Sections, lanes: bool) -> Lines:
         """Body of the function, for a block of states (`lanes`), one a lane, or for one state."""
         angles, slots = len(self._gathered.angles), sections.allocation.slots
         inputs = self._signature.arguments
         arrays = [*inputs, *self._outputs]
-        lines = []
-        if angles:
-            lines.append(c.local_arrays([ANGLE, SINE, COSINE], c.array_size(angles, lanes)))
-        if slots:
-            lines.append(c.local_arrays([SCRATCH], c.array_size(slots, lanes)))
+        local = dict.fromkeys([ANGLE, SINE, COSINE] if angles else [], c.array_size(angles, lanes))
+        local |= {SCRATCH: c.array_size(slots, lanes)} if slots else {}
+        lines = c.local_arrays(local)
         for name, shape, cleared in zip(
             self._outputs, self._signature.shapes, self._cleared, strict=True
         ):

@@ -109,10 +109,9 @@ def program_texts(model: Model) -> list[Context]:
 def _body(signature: Signature, text: LaneProgram, lanes: bool) -> Lines:
     """Body of a function, for a block of states (`lanes`), or for one state."""
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
-    scratch = [SCRATCH] if text.entries else []
+    scratch = {SCRATCH: c.array_size(text.entries, lanes)} if text.entries else {}
     arrays = ["constants", *signature.arguments, *outputs, *scratch]
-    declared = [c.local_arrays([SCRATCH], c.array_size(text.entries, lanes))] if scratch else []
-    return [*declared, *c.call(text.name, [*arrays, "LANES" if lanes else "1"])]
+    return [*c.local_arrays(scratch), *c.call(text.name, [*arrays, "LANES" if lanes else "1"])]
 
 
 def _stack(model: Model, text: LaneProgram) -> int:

@@ -64,7 +64,7 @@ def _sparse_text(
     prefix = f"{robot}_"
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     whole = {name: f"whole_{name}" for name in of_matrices}
-    body = [c.local_arrays([whole[name]], str(of_matrices[name].size or 1)) for name in whole]
+    body = c.local_arrays({whole[name]: str(of_matrices[name].size or 1) for name in whole})
     written = [whole.get(name, name) for name in outputs]
     body += c.call(prefix + signature.name, ["constants", *signature.arguments, *written])
     for name, pattern in of_matrices.items():

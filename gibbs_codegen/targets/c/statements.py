@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from gibbs_codegen.program.nodes import Node
+from gibbs_codegen.program.nodes import Node, Statement
 from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
 WIDTH = 100
@@ -17,6 +17,11 @@ WIDTH = 100
 _INDENT = 4
 # A space where no line is broken.
 _KEPT = "\0"
+# A short statement: what begins a declaration, and whether its value is copied, not computed.
+_SHORT = re.compile(
+    r"(?P<declared>const (?:\w+ )?real )?\w+(?:\[[^]]*\]|\(\w+\))? = "
+    r"(?:(?P<copied>-?\w+(?:\[[^]]*\]|\(\w+\)))|.*);"
+)
 
 
 class CStatements(StatementPrinter):
@@ -40,6 +45,10 @@ class CStatements(StatementPrinter):
     def assign(self, name: str, value: Node) -> list[str]:
         """A local constant."""
         return self._assignment(f"const {self._kind} {name}", self._expressions.expression(value))
+
+    def assign_all(self, statements: Iterable[Statement]) -> list[str]:
+        """Local constants, short ones side by side, with a comment above each group."""
+        return side_by_side(super().assign_all(statements))
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
         """An assignment to an entry of an array; `place` may be of `statements.place_in_loop`."""
@@ -136,6 +145,30 @@ def broken(line: str, width: int = WIDTH) -> list[str]:
     return [part.replace(_KEPT, " ") for part in lines]
 
 
+def side_by_side(lines: Iterable[str]) -> list[str]:
+    """Lines of a function's body, short statements of a kind in one.
+
+    Of constants that are computed a line has two, so that a reader finds them.
+    """
+    found: list[str] = []
+    before: re.Match[str] | None = None
+    count = 0
+    for line in lines:
+        short = _SHORT.fullmatch(line)
+        if short and before and short["declared"] == before["declared"]:
+            declared = short["declared"] or ""
+            rest = f", {line.removeprefix(declared)}" if declared else f"; {line}"
+            same = bool(short["copied"]) == bool(before["copied"]) or not declared
+            room = count < 2 or short["copied"] or not declared
+            if same and room and len(found[-1]) + len(rest) <= WIDTH - _INDENT + 1:
+                found[-1] = f"{found[-1][:-1]}{rest}"
+                count += 1
+                continue
+        found.append(line)
+        before, count = short, 1
+    return found
+
+
 def indented(lines: Iterable[str]) -> list[str]:
     """Lines of a block."""
     return [f"{' ' * _INDENT}{line}".rstrip() for line in lines]
@@ -171,9 +204,10 @@ def array_size(entries: int | str, lanes: bool) -> str:
     return f"{entries} * LANES" if lanes else str(entries)
 
 
-def local_arrays(names: Sequence[str], size: str) -> str:
-    """A declaration of local arrays, all of one size, as `array_size` returns it."""
-    return f"real {', '.join(f'{name}[{size}]' for name in names)};"
+def local_arrays(sizes: Mapping[str, str]) -> list[str]:
+    """A declaration of local arrays by their sizes, as `array_size` returns them, or none."""
+    arrays = [f"{name}[{size}]" for name, size in sizes.items()]
+    return _listed("real ", arrays, ";", WIDTH - 2 * _INDENT) if arrays else []
 
 
 def from_entry(array: str, entry: int) -> str:

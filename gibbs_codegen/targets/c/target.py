@@ -15,7 +15,7 @@ from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
-from gibbs_codegen.targets.c.statements import WIDTH, CStatements, load
+from gibbs_codegen.targets.c.statements import WIDTH, CStatements, broken, load, side_by_side
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 # Of more derivatives that are left out nobody reads the names.
@@ -64,11 +64,16 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
             )
         ],
         "places": _places(model),
-        "constants": list(program.constants),
+        "constants": program.constants,
+        "fields": broken(f"{robot.name}_real {', '.join(program.constants)};", WIDTH - 4),
         "default_constants": _in_braces(printer.number(values[name]) for name in program.constants),
-        "parameter_loads": [load(name, "parameters", place) for name, place in loads],
+        "parameter_loads": side_by_side(load(name, "parameters", place) for name, place in loads),
         "prepare": CStatements(printer, kind="STEPWISE real").assign_all(program.prepare),
         "total_mass": printer.expression(model.total_mass),
+        "kept": side_by_side(f"CONSTANT({name}) = {name};" for name in program.constants),
+        "finite": broken(
+            f"good &= {' & '.join(f'is_finite({name})' for name in program.constants)};", WIDTH - 4
+        ),
         "support": c_source("support.c"),
         "functions": functions,
         "patterns": pattern_texts(model),
