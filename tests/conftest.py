@@ -85,15 +85,14 @@ def _kept_folders(pytestconfig: pytest.Config, shared: Path, kept: Path) -> None
 
 
 @pytest.fixture(scope="module")
-def jax_in_double_precision(_kept_folders: None) -> Iterator[None]:
-    """JAX computes in double precision, and keeps what XLA compiles for later runs."""
-    import jax
-
+def jax_in_double_precision(_kept_folders: None) -> Iterator[ModuleType]:
+    """JAX, which computes in double precision, and keeps what XLA compiles for later runs."""
+    jax = pytest.importorskip("jax")
     compiled = Path(os.environ[KEPT_OBJECTS]).with_name("jax")
     jax.config.update("jax_compilation_cache_dir", str(compiled))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_enable_x64", True)
-    yield
+    yield jax
     jax.config.update("jax_enable_x64", False)
 
 
@@ -101,7 +100,8 @@ def jax_in_double_precision(_kept_folders: None) -> Iterator[None]:
 def derived_once() -> Iterator[None]:
     """What the tests of a module generate in this process is derived once for all runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gibbs_codegen.pipeline.derive", derived)
+        for module in ("gibbs_codegen.pipeline", "gibbs_codegen.derivation.derive"):
+            patch.setattr(f"{module}.derive", derived)
         yield
 
 

@@ -202,6 +202,7 @@ def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
     assert run("new", "my_uav.toml", cwd=tmp_path).returncode == 0
     text = (tmp_path / "my_uav.toml").read_text()
     rods = parse_robot(text)
+    assert (rods.rotors, len(rods.links)) == (6, 3)
     head, _, last = text.rpartition("mass_per_length = 1.0\nsection_inertia")
     last = last.partition("\n")[2]
     kept = [line for line in head.splitlines() if not line.startswith("arm = ")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -261,8 +262,10 @@ def test_impossible_inertias_are_warned_of(
     path = tmp_path / "machine.toml"
     text = MACHINE.replace("inertia = [0.01,", "inertia = [0.1,")
     path.write_text(f"allow_impossible_inertia = true\n{text}")
-    assert main(["export", str(path), "--format", "urdf", "--out", str(tmp_path / "m.urdf")]) == 0
+    with contextlib.chdir(tmp_path):
+        assert main(["export", str(path), "--format", "urdf"]) == 0
     assert "warning: the base: its inertia violates" in capsys.readouterr().err
+    assert (tmp_path / f"{parse_robot(MACHINE).name}.urdf").is_file()
 
 
 def test_mujoco_s_limits_are_told() -> None:

@@ -29,10 +29,6 @@ from typing import Any
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-from support import kept
-
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "gibbs_codegen"
 # Imported once, for all the processes that are forked to run tests.
@@ -146,6 +142,9 @@ def _run(file: str, marks: str, cache: str) -> tuple[str, int, float]:
 def _record(file: str, marks: str, cache: str) -> None:
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+    # Not before: a process that tries faults in a copy of the package has the copy's.
+    from support import kept
+
     # Each test is to execute what it needs, whatever another has left.
     kept.kept_folder = lambda *_: Path(tempfile.mkdtemp(dir=cache)) / "new"
     recorder = Recorder()

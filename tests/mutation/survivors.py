@@ -150,7 +150,7 @@ class Copy:
 def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
     """Run tests of a copy in a process that has the libraries, but nothing of ours, imported."""
     os.setsid()
-    assert "gibbs_codegen" not in sys.modules
+    assert not {"gibbs_codegen", "support"} & sys.modules.keys()
     with said.open("w") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)

@@ -335,3 +335,15 @@ def test_a_module_keeps_its_laws(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
     assert main([*words, "--laws", "none"]) == 0
     assert not (folder / "quadrotor_laws.c").exists()
+
+
+def test_a_target_that_this_version_lacks_is_no_more_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = "--target=numpy --target=old --functions=kinematics"
+    monkeypatch.setattr("gibbs_codegen.cli.generate.kept_options", lambda _: kept)
+    assert main(["generate", "quadrotor", "--out", str(tmp_path), "--no-verify"]) == 0
+    said = capsys.readouterr()
+    assert "generated with --target old, which this version does not have" in said.err
+    assert "as before, with --target=numpy --functions=kinematics\n" in said.out
+    assert not (tmp_path / "quadrotor" / "quadrotor.c").exists()
