@@ -289,6 +289,19 @@ def spinning(name: str, bounds: str, kind: str = "revolute") -> str:
     )
 
 
+@pytest.mark.parametrize(("root", "done"), [("World", "left out"), ("mast", "base")])
+def test_a_massless_root_is_left_out_where_it_is_the_world(
+    root: str, done: str, tmp_path: Path
+) -> None:
+    """That a file hangs a machine up is no part of it; a frame of its own above it is."""
+    hub = spinning("hub", "", "fixed").replace('hub"/><child', f'{root}"/><child')
+    text = f'<robot name="r"><link name="{root}"/>{hub}{spinning("arm", "")}</robot>'
+    _, report = imported(text, tmp_path)
+    assert root in told(report, done)
+    other = {"left out": "base", "base": "left out"}[done]
+    assert root not in told(report, other)
+
+
 def test_limits_that_nothing_reaches_let_a_rotor_spin_as_none_do(tmp_path: Path) -> None:
     """Of the iris made from PX4's model: revolute joints with limits of 1e16 for its propellers."""
     hub = spinning("hub", "").partition("<joint")[0].replace('"0.01"', '"1.5"')

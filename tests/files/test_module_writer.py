@@ -93,12 +93,14 @@ def test_a_swap_that_fails_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_what_an_outright_kill_left_is_removed_and_what_it_took_is_put_back(tmp_path: Path) -> None:
     stale, young = (tmp_path / f".gibbs_codegen_new_{name}" for name in ("abc", "def"))
-    for folder in (stale / "_new", stale / "taken", young):
+    for folder in (stale / "_new", stale / "taken", stale / "there", tmp_path / "there", young):
         folder.mkdir(parents=True)
     (stale / "taken" / "__init__.py").write_text("")
+    (tmp_path / "there" / "__init__.py").write_text("")
     os.utime(stale, (0, 0))
     write_module(tmp_path / "robot", FILES)
-    assert sorted(os.listdir(tmp_path)) == [young.name, "robot", "taken"]
+    assert sorted(os.listdir(tmp_path)) == [young.name, "robot", "taken", "there"]
+    assert os.listdir(tmp_path / "there") == ["__init__.py"]
 
 
 def test_foreign_files_are_not_replaced(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@settings(max_examples=3)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_power_balance(robot: Robot) -> None:
     """The energy changes at the rate vᵀBu, whatever the inputs."""

@@ -90,10 +90,11 @@ def test_motions_that_the_weights_leave_free_are_named(differentiated: Load) -> 
     found = trim(module)
     weights = np.ones(18)
     weights[[6, 15]] = 0.0
-    with pytest.raises(
-        UsageError, match=r"Q leaves free what does not decay by itself: x and the "
-    ):
-        lqr(module, found, Q=weights, R=np.ones(9))
+    for dt in (None, 0.01):
+        with pytest.raises(
+            UsageError, match=r"Q leaves free what does not decay by itself: x and the "
+        ):
+            lqr(module, found, Q=weights, R=np.ones(9), dt=dt)
 
 
 @pytest.mark.parametrize(
