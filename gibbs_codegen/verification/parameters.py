@@ -186,11 +186,13 @@ class InOwnUnits:
         thrusts = np.full(len(self.tree.motors), energy / self._length)
         u = states.u / np.concatenate([thrusts, efforts])
         found = self._inner.at(States(q, v, a, u, states.W / wrench))
-        found.poses[..., :3, 3] *= self._length
+        pose = np.ones((4, 4))
+        pose[:3, 3] = self._length
         scales = {
             "mass_matrix": energy * time**2 / np.outer(units, units),
             "residual": energy / units,
             "inverse_dynamics": energy / units,
+            "poses": pose,
             "jacobians": twist[:, None] / units,
             "kinetic_energy": energy,
             "potential_energy": energy,
@@ -202,8 +204,8 @@ class InOwnUnits:
             "gravity_forces": energy / units,
             "joint_wrenches": wrench,
         }
-        known = {name: scale for name, scale in scales.items() if getattr(found, name) is not None}
-        return found._replace(**{n: getattr(found, n) * scale for n, scale in known.items()})
+        values = {name: x for name, x in found._asdict().items() if x is not None}
+        return found._replace(**{name: x * scales[name] for name, x in values.items()})
 
 
 def _power_of_two(value: float) -> float:
