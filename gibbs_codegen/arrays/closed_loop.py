@@ -62,13 +62,14 @@ class Instant:
 class Surroundings:
     """Which kinds of things act on which frames of the plant; their figures are inputs.
 
-    `walls` and `payloads` have the frame of each, `spins` rotor and frame of each.
+    `walls` have the frame of each, its surface and how many figures that has, `payloads` the frame
+    of each, `spins` rotor and frame of each.
     """
 
     pushes: bool = False
     drag: bool = False
     gusts: int = 0
-    walls: tuple[int, ...] = ()
+    walls: tuple[tuple[int, surroundings.Surface, int], ...] = ()
     spins: tuple[tuple[int, int], ...] = ()
     payloads: tuple[int, ...] = ()
 
@@ -463,10 +464,11 @@ class ClosedLoop:
         pressed: list[Node] = []
         if around.walls or around.spins:
             poses = plant.frame_poses(q)
-        for k, frame in enumerate(around.walls):
-            wall = self.given("walls", len(around.walls), 8)[k]
-            pressed.append(surroundings.wall_force(wall, poses[frame], velocities[frame]))
-            parts.append((frame, join(pressed[k] * wall[3:6], zeros(3))))
+        for k, (frame, surface, figures) in enumerate(around.walls):
+            wall, moving = self.given(f"wall_{k}", 2 + figures), (poses[frame], velocities[frame])
+            force, normal = surroundings.wall_force(surface, wall, *moving)
+            pressed.append(force)
+            parts.append((frame, join(force * normal, zeros(3))))
         for k, (rotor, frame) in enumerate(around.spins):
             spin = self.given("spins", len(around.spins), 4)[k]
             moving = poses[frame], velocities[frame]

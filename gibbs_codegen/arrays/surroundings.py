@@ -7,7 +7,7 @@ given by their numbers. `flight.plant.environment` says more on each.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,6 +30,10 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 
+# Of figures of a wall and a place (3), how deep that is behind its surface, m, and the unit normal
+# (3) out of it there.
+Surface = Callable[[Node, Node], tuple[Node, Node]]
+
 
 def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
     """Velocity (3) of the wind, m/s, with gusts (g, 5) that rise and fall as 1 - cos.
@@ -49,16 +53,14 @@ def drag(coefficients: Node, wind: Node, velocities: Node) -> Node:
     return coefficients * (reshaped(join(wind, zeros(3)), (1, 6)) - velocities)
 
 
-def wall_force(wall: Node, pose: Node, velocity: Node) -> Node:
-    """Force of a wall along its normal on a frame with a pose (4, 4) and a velocity (6).
+def wall_force(surface: Surface, wall: Node, pose: Node, velocity: Node) -> tuple[Node, Node]:
+    """Force of a wall on a frame with a pose (4, 4) and a velocity (6), and its direction (3).
 
-    The wall (8) is a point (3), a unit normal (3), stiffness, N/m, and damping, N s/m.
+    The wall is its stiffness, N/m, its damping, N s/m, and the figures of its surface.
     """
-    normal = wall[3:6]
-    depth = dot(normal, wall[:3] - _origin(pose))
-    speed = -dot(normal, velocity[:3])
-    pressed = maximum(wall[6] * depth + wall[7] * speed, 0.0)
-    return choose(depth, 0.0, pressed, 0.0)
+    depth, normal = surface(wall[2:], _origin(pose))
+    pressed = maximum(wall[0] * depth - wall[1] * dot(normal, velocity[:3]), 0.0)
+    return choose(depth, 0.0, pressed, 0.0), normal
 
 
 def spin_torque(axis: Node, momentum: Node, thrust: Node, pose: Node, velocity: Node) -> Node:

@@ -460,12 +460,14 @@ class Kinds:
     """Metadata of what a file gives as one of several tables, as their key `kind` tells.
 
     `what` says in words what it is a kind of; `default` is the kind of a table without the key,
-    None where it is required. In Python it is anything that can be called as they can.
+    None where it is required. In Python it is one of the tables or, where they are `functions` of
+    time, anything that can be called as they can.
     """
 
     tables: tuple[type[Table], ...]
     what: str
     default: str | None = None
+    functions: bool = True
 
     def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
         any_table = core_schema.union_schema([handler.generate_schema(t) for t in self.tables])
@@ -485,10 +487,11 @@ class Kinds:
 
     def _chosen(self, value: Any, _: object, info: pydantic.ValidationInfo) -> Any:
         if info.context is None:
-            if callable(value):
+            if isinstance(value, self.tables) or (self.functions and callable(value)):
                 return value
             names = " or ".join(table.__name__ for table in self.tables)
-            raise fault(f"must be a function of time, such as {names}, not {kind_of(value)}")
+            what = "a function of time, such as " if self.functions else ""
+            raise fault(f"must be {what}{names}, not {kind_of(value)}")
         if not isinstance(value, dict):
             raise fault(f"must be a table, not {kind_of(value)}")
         known = {table.kind: table for table in self.tables}  # type: ignore[attr-defined]

@@ -23,8 +23,9 @@ from gibbs_codegen.figures.scene import (
     set_scene,
 )
 from gibbs_codegen.figures.style import COLOURS, DARK, FULL, style
-from gibbs_codegen.flight.figures.curves import add_legend, ring_of, thrust_directions
+from gibbs_codegen.flight.figures.curves import add_legend, thrust_directions
 from gibbs_codegen.flight.record.flight import Array, Flight
+from gibbs_codegen.flight.scenario.walls import patches
 
 _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 
@@ -274,9 +275,20 @@ def snapshots_panels(flight: Flight) -> Figure:
 
 
 def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
-    """Draw the walls within a box, m."""
-    for rank, wall in enumerate(flight.walls):
-        draw_plane(axes, box, wall[:3], wall[3:], "" if rank else "wall")
+    """Draw the walls within a box, m, behind all else."""
+    low, high = box
+    reach = float(np.linalg.norm(high - low))
+    walls = patches(flight.wall_kinds, flight.walls, 0.5 * (low + high), reach)
+    for rank, patch in enumerate(walls):
+        corners = patch[:-1, :-1], patch[1:, :-1], patch[1:, 1:], patch[:-1, 1:]
+        faces = np.stack(corners, axis=2).reshape(-1, 4, 3)
+        rings = [ring for face in faces if len(ring := _clipped(face, low, high))]
+        if not rings:
+            continue
+        axes.add_collection3d(Poly3DCollection(rings, facecolor=_WALL, alpha=0.25, zorder=-1))
+        edges = [np.vstack([ring, ring[:1], np.full((1, 3), np.nan)]) for ring in rings]
+        label = None if rank else "wall"
+        axes.plot(*np.vstack(edges)[:-1].T, color=_WALL, linewidth=0.8, label=label, zorder=-1)
 
 
 def _instants(flight: Flight, count: int) -> list[int]:
@@ -410,24 +422,16 @@ class ThrustArrows:
         self._line.set_data_3d(*points.reshape(-1, 3).T)
 
 
-def draw_plane(
-    axes: Any, box: tuple[Array, Array], point: Array, normal: Array, label: str
-) -> None:
-    """Draw as much of a plane as is in a box, behind all else.
-
-    `box` has the lowest and highest coordinates (3); the plane's normal (3) may have any length.
-    """
-    corners = np.array(list(itertools.product(*np.transpose(box))))
-    heights = (corners - point) @ normal
-    # An edge joins corners that differ in one coordinate, and crosses the plane or does not.
-    crossings = [
-        corners[i] + heights[i] / (heights[i] - heights[j]) * (corners[j] - corners[i])
-        for i, j in itertools.combinations(range(8), 2)
-        if (i ^ j) in (1, 2, 4) and heights[i] * heights[j] < 0.0
-    ]
-    if not crossings:
-        return
-    ring = ring_of(np.array(crossings))
-    axes.add_collection3d(Poly3DCollection([ring], facecolor=_WALL, alpha=0.25, zorder=-1))
-    edge = np.vstack([ring, ring[:1]]).T
-    axes.plot(*edge, color=_WALL, linewidth=0.8, label=label or None, zorder=-1)
+def _clipped(polygon: Array, low: Array, high: Array) -> Array:
+    """What of a convex polygon (k, 3) is in a box with these lowest and highest coordinates (3)."""
+    for axis, side in itertools.product(range(3), (1.0, -1.0)):
+        heights = side * (polygon[:, axis] - (low if side > 0.0 else high)[axis])
+        kept = []
+        for k, (end, height) in enumerate(zip(polygon, heights, strict=True)):
+            start, before = polygon[k - 1], heights[k - 1]
+            if height * before < 0.0:
+                kept.append(start + before / (before - height) * (end - start))
+            if height >= 0.0:
+                kept.append(end)
+        polygon = np.reshape(kept, (-1, 3))
+    return polygon

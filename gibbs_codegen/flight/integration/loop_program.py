@@ -96,9 +96,8 @@ def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings,
         values["push"] = np.multiply.outer(loads.push, environment.pushing)
     if drag is not None:
         values |= {"drag": drag.coefficients, "wind": drag.velocity, "gusts": drag.gusts}
-    if len(walls.places):
-        columns = (walls.points, walls.normals, walls.stiffness, walls.damping)
-        values["walls"] = np.column_stack(columns)
+    for k, wall in enumerate(walls.walls):
+        values[f"wall_{k}"] = np.array([wall.stiffness, wall.damping, *wall.figures])
     if spin is not None:
         values["spins"] = np.column_stack((spin.axes, spin.spins))
     if len(there):
@@ -107,7 +106,10 @@ def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings,
         pushes,
         drag is not None,
         0 if drag is None else len(drag.gusts),
-        tuple(walls.places.tolist()),
+        tuple(
+            (frame, wall.surface, len(wall.figures))
+            for frame, wall in zip(walls.places.tolist(), walls.walls, strict=True)
+        ),
         () if spin is None else tuple(zip(spin.rotors.tolist(), spin.places.tolist(), strict=True)),
         tuple(payloads.places[there].tolist()),
     )

@@ -24,10 +24,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays import Program, evaluate, variable
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
-from gibbs_codegen.flight.scenario.parts import Payload, Push, Wall, Wind
+from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.flight.scenario.walls import Wall
 
 
 class Payloads:
@@ -88,20 +90,26 @@ class Walls:
         self.places: NDArray[np.intp] = np.array(
             [vehicle.frames.index(wall.frame) for wall in walls], dtype=np.intp
         )
-        normals = np.array([wall.normal for wall in walls], dtype=np.float64).reshape(-1, 3)
-        self.normals: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        points = np.array([wall.point for wall in walls], dtype=np.float64)
-        self.points: Array = points.reshape(-1, 3)
-        self.stiffness: Array = np.array([wall.stiffness for wall in walls], dtype=np.float64)
-        self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
 
     def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
         """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).
 
         The robot is free to move.
         """
+        places = vehicle.frame_poses(q)[..., :3, 3][..., self.places, :]
+        normals = np.empty(places.shape)
+        for k, wall in enumerate(self.walls):
+            figures, place = (
+                variable("figures", len(wall.figures), uniform=True),
+                variable("place", 3),
+            )
+            program = Program(
+                "surface", (figures, place), {"normal": wall.surface(figures, place)[1]}
+            )
+            values = {"figures": np.array(wall.figures), "place": places[..., k, :]}
+            normals[..., k, :] = evaluate(program, values, {})["normal"]
         jacobians = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
-        across = np.einsum("wi,...wij->...wj", self.normals, jacobians)
+        across = np.einsum("...wi,...wij->...wj", normals, jacobians)
         yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
         return 1.0 / np.einsum("...wj,...jw->...w", across, yielding)
 

@@ -63,7 +63,7 @@ class Recording:
             (("positions",), self._positions),
             (("parents", "thrust_directions"), self._connections),
             (("centre_desired", "tip_desired"), self._paths),
-            (("weight", "walls", "gusts", "joint_limits"), self._surroundings),
+            (("weight", "walls", "wall_kinds", "gusts", "joint_limits"), self._surroundings),
             (("wall_forces",), self._wall_forces),
             (("kinetic_energy", "potential_energy"), self._energies),
         )
@@ -185,11 +185,15 @@ class Recording:
 def _surroundings(vehicle: Vehicle, scenario: Scenario) -> dict[str, Any]:
     """Weight, walls, and times of gusts, by the names of the fields."""
     gusts = scenario.wind.gusts if scenario.wind else ()
-    walls = [[*wall.point, *wall.normal] for wall in scenario.walls]
+    figures = [wall.figures for wall in scenario.walls]
+    walls = np.zeros((len(figures), max(map(len, figures), default=6)))
+    for row, found in zip(walls, figures, strict=True):
+        row[: len(found)] = found
     blowing = [[gust.begin, gust.begin + gust.duration] for gust in gusts]
     return {
         "weight": weight_of(vehicle),
-        "walls": np.array(walls, dtype=np.float64).reshape(-1, 6),
+        "walls": walls,
+        "wall_kinds": tuple(wall.kind for wall in scenario.walls),
         "gusts": np.array(blowing, dtype=np.float64).reshape(-1, 2),
     }
 

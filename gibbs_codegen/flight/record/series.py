@@ -76,9 +76,11 @@ class Flight:
     times, or where inputs came from step to step.
     `timing` says how the desired motion was timed, "" where the paths did; `binding` (b) names the
     limits that it reaches, from and to `binding_times` (b, 2), s.
-    `walls` (w, 6) are a point, m, and the normal of each wall, and `wall_forces` (s, w) what it
-    pushes with along that, N, NaN in files of before flights said so; `gusts` (g, 2) are from when
-    to when each gust of the wind blows, s.
+    `walls` (w, figures) have of each wall a point, m, and a direction: of a plane the normal, of a
+    cylinder the axis, and then the radius, m; `wall_kinds` (w) say which it is, all are planes in
+    files that have none. `wall_forces` (s, w) are what it pushes with out of its surface, N, NaN in
+    files of before flights said so; `gusts` (g, 2) are from when to when each gust of the wind
+    blows, s.
     `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
     inputs that motors and joints give, infinite without limits. `joint_limits` (2, n) are those of
     the joints, rad or m, (2, 0) in files of before flights had them.
@@ -131,6 +133,7 @@ class Flight:
     binding: tuple[str, ...] = field(default=(), repr=False)
     binding_times: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     walls: Array = field(default_factory=lambda: np.zeros((0, 6)), repr=False)
+    wall_kinds: tuple[str, ...] = field(default=(), repr=False)
     gusts: Array = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
     wall_forces: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)

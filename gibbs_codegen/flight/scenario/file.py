@@ -35,6 +35,7 @@ from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
 from gibbs_codegen.flight.scenario.paths import AnyPath, Path, Sum
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Limits, Scenario, order_faults
+from gibbs_codegen.flight.scenario.walls import AnyWall
 
 _FOLDER = "scenarios"
 _MIN_DURATION = 1e-3
@@ -259,9 +260,9 @@ class ScenarioTable(Table):
     ] = ()
     wind: parts.Wind | None = optional("wind, and the drag of frames; default: none")
     wall: Annotated[
-        tuple[parts.Wall, ...],
+        tuple[AnyWall, ...],
         Tables("wall", 20, "walls"),
-        key("planes that frames may lean on; default: none"),
+        key("walls that frames may lean on; default: none"),
     ] = ()
     timing: Annotated[parts.Timing, key("how fast the paths are flown")] = parts.Timing()
     integration: Annotated[parts.Settings, key("method, tolerances and samples")] = parts.Settings()

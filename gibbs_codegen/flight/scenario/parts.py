@@ -29,7 +29,6 @@ from gibbs_codegen.flight.scenario.numbers import (
     IN_DEGREES,
     LEAST,
     Angles,
-    Direction,
     Endless,
     JointName,
     NotNegative,
@@ -51,7 +50,7 @@ _Frequency = Annotated[Number, Bounds(LEAST, 1e4)]
 _Rate = Annotated[Number, Bounds(0.0, 1e4)]
 _Delay = Annotated[Number, Bounds(0.0, 10.0, " s")]
 _ZERO = (0.0, 0.0, 0.0)
-_FRAME = "a name in the module's FRAMES"
+FRAME = "a name in the module's FRAMES"
 
 
 @table
@@ -256,7 +255,7 @@ class Push(TipForce):
     frame: Annotated[
         str,
         key(
-            f"the frame at whose origin they act: {_FRAME}, such as base, tip, or that of a "
+            f"the frame at whose origin they act: {FRAME}, such as base, tip, or that of a "
             "[[frame]] of the robot file"
         ),
     ] = "tip"
@@ -266,7 +265,7 @@ class Push(TipForce):
 class Payload(_ForATime, Table):
     """A point mass at a frame, for a time. The controller does not know of it."""
 
-    frame: Annotated[str, key(f"the frame at whose origin it is: {_FRAME}")]
+    frame: Annotated[str, key(f"the frame at whose origin it is: {FRAME}")]
     mass: Annotated[NotNegative, key("the mass, kg")]
     begin: Annotated[NotNegative, key("when it is there first, s")] = 0.0
     end: Annotated[Endless, key("when it is there no more, s; default: it stays")] = math.inf
@@ -303,22 +302,6 @@ class Wind(Table):
     rotational_drag: Annotated[
         Mapping[str, NotNegative], key("coefficients of drag against turning, N m s/rad, by frame")
     ] = field(default_factory=dict)
-
-
-@table
-class Wall(Table):
-    """A plane that a frame may lean on: a spring and a damper, without friction.
-
-    At a depth of d behind the plane it pushes with stiffness · d + damping · ḋ, and never pulls.
-    """
-
-    frame: Annotated[str, key(f"the frame whose origin meets the wall: {_FRAME}")]
-    point: Annotated[Vector, key("a point of the plane, [x, y, z] in m")]
-    normal: Annotated[
-        Direction, key("the direction in which the wall pushes, out of it, [x, y, z]")
-    ]
-    stiffness: Annotated[Positive, key("force for each metre of depth, N/m")]
-    damping: Annotated[NotNegative, key("force for each m/s of speed into the wall, N s/m")] = 0.0
 
 
 @table

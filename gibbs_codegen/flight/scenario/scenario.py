@@ -16,6 +16,7 @@ from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
 from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level, Turn
 from gibbs_codegen.flight.scenario.paths import ORDERS, AnyPath, Array, Path
+from gibbs_codegen.flight.scenario.walls import AnyWall
 
 Limits = Annotated[
     tuple[Number, Number],
@@ -98,7 +99,7 @@ class Scenario(Table):
     push: parts.Push | None = None
     payloads: tuple[parts.Payload, ...] = ()
     wind: parts.Wind | None = None
-    walls: tuple[parts.Wall, ...] = ()
+    walls: tuple[AnyWall, ...] = ()
     integration: parts.Settings = parts.Settings()
     parameters: Mapping[str, Number] = field(default_factory=dict)
     plant: Mapping[str, Number] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from gibbs_codegen.figures.style import COLOURS
 from gibbs_codegen.flight.figures.curves import thrust_directions
 from gibbs_codegen.flight.figures.snapshots import bounds, samples_at, usual_size
 from gibbs_codegen.flight.record.flight import Array, Flight
-from gibbs_codegen.flight.scenario.paths import plane
+from gibbs_codegen.flight.scenario.walls import patches
 from gibbs_codegen.flight.viewer import page
 from gibbs_codegen.flight.viewer.machine import MachineScene, rgb, set_stage
 
@@ -120,14 +120,15 @@ class FlightScene:
     def _draw_walls(self) -> None:
         low, high = bounds(self.flight)
         middle, half = 0.5 * (low + high), 0.6 * float(np.linalg.norm(high - low))
-        for number, wall in enumerate(self.flight.walls, start=1):
-            point, normal = wall[:3], wall[3:]
-            foot = middle - normal * ((middle - point) @ normal) / (normal @ normal)
-            square = half * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        walls = patches(self.flight.wall_kinds, self.flight.walls, middle, half)
+        for number, patch in enumerate(walls, start=1):
+            grid = np.arange(patch[..., 0].size).reshape(patch.shape[:2])
+            near, far = (grid[:-1, :-1], grid[1:, 1:])
+            sides = (np.stack([near, x, far], axis=-1) for x in (grid[1:, :-1], grid[:-1, 1:]))
             self._scene.add_mesh_simple(
                 f"/flight/wall {number}",
-                square @ np.array(plane(normal)) + foot,
-                np.array([[0, 1, 2], [0, 2, 3]]),
+                patch.reshape(-1, 3),
+                np.concatenate([side.reshape(-1, 3) for side in sides]),
                 color=rgb(_WALL),
                 opacity=0.35,
                 side="double",

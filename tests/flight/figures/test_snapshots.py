@@ -234,3 +234,16 @@ def test_a_wall_is_drawn_where_it_is(paper: Flight) -> None:
     on_side = np.isclose(corners[..., np.newaxis], limits).any(axis=2)
     assert np.all(on_side.sum(axis=1) >= 2)  # on edges of the box
     assert "wall" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_cylinder_is_drawn_around_its_axis(paper: Flight) -> None:
+    walls = np.array([[0.3, 0.2, 1.0, 0.0, 0.6, 0.8, 0.25]])
+    figure = snapshots(replace(paper, walls=walls, wall_kinds=("cylinder",)))
+    (edge,) = [line for line in figure.axes[0].get_lines() if line.get_label() == "wall"]
+    corners = np.transpose(edge.get_data_3d())
+    corners = corners[np.isfinite(corners).all(axis=1)] - walls[0, :3]
+    away = np.linalg.norm(np.cross(corners, walls[0, 3:6]), axis=1)
+    # On the sides of a polygon in place of a circle.
+    assert len(away) > 30
+    assert away.max() == pytest.approx(0.25)
+    assert away.min() > 0.24

@@ -27,7 +27,8 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wall, Wind
+from gibbs_codegen.flight.scenario.parts import Gust, Payload, Push, Wind
+from gibbs_codegen.flight.scenario.walls import Cylinder, Plane
 from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.file import parse_robot
 
@@ -207,6 +208,25 @@ def test_a_wall_gives_back_what_it_takes_and_never_pulls(fast: Load) -> None:
     assert pushed.min() == 0.0
     assert np.any((depth > 0.0) & (pushed == 0.0))
     assert np.all(pushed[depth <= 0.0] == 0.0)
+
+
+def test_a_cylinder_pushes_away_from_its_axis(fast: Load) -> None:
+    """A base that falls beside the highest line of a pipe slides off: by numbers, and by energy."""
+    pipe = {"kind": "cylinder", "frame": "base", "point": [4, 0.1, 1], "axis": [2, 0, 0]}
+    pipe |= {"radius": 0.5, "stiffness": 3000}
+    flight = flown(fast("hexarotor"), control={"law": "off"}, duration=0.6, wall=[pipe])
+    away = flight.point(flight.centre) - [4, 0.1, 1]
+    distance = np.hypot(away[:, 1], away[:, 2])
+    depth = np.maximum(0.5 - distance, 0.0)
+    assert depth.max() > 0.05
+    assert depth[-1] == 0.0
+    expected = 3000.0 * depth[:, np.newaxis] * away * [0, 1, 1] / distance[:, np.newaxis]
+    assert flight.frame_wrench("base")[:, :3] == pytest.approx(expected, abs=1e-6)
+    assert flight.wall_forces[:, 0] == pytest.approx(3000.0 * depth, abs=1e-6)
+    assert flight.v[-1, flight.layout.v.position][1] < -0.5
+    speed = np.linalg.norm(flight.v[-1, flight.layout.v.position])
+    fallen = flight.point(flight.centre)[0, 2] - flight.point(flight.centre)[-1, 2]
+    assert speed == pytest.approx(np.sqrt(2.0 * GRAVITY * fallen), rel=1e-6)
 
 
 def test_steps_that_are_too_long_for_a_wall_are_refused_with_those_that_serve(fast: Load) -> None:
@@ -506,7 +526,10 @@ def test_every_compiled_step_is_that_of_python(name: str, fast: Load) -> None:
         Push((1, 2, 3), 0.0, 1.0, (0.1, 0.2, 0.1), "base"),
         (Payload("base", 0.5), Payload(frame, 0.2), Payload("base", 0.0)),
         Wind({"base": 0.4, frame: 0.1}, (3, 1, 0), (Gust((2, 0, 1), 0.01),), {"base": 0.01}),
-        (Wall(frame, tuple(place + 0.05), (-1, 0.2, -3), 200.0, 3.0),),
+        (
+            Plane(frame, tuple(place + 0.05), (-1, 0.2, -3), 200.0, 3.0),
+            Cylinder(frame, tuple(place + 0.2), (1, 2, -3), 0.4, 30.0, 1.0),
+        ),
         np.array([0.01, -0.02, 0.03, 0.01, 0.0, 0.01]),
     )
     closed = replace(closed, environment=environment)

@@ -13,7 +13,8 @@ import pytest
 from conftest import ROOT
 
 from gibbs_codegen import Scenario, UsageError, load, read_scenario, rollout, simulate
-from gibbs_codegen.flight.scenario.parts import Push, Sensors, Wall
+from gibbs_codegen.flight.scenario.parts import Push, Sensors
+from gibbs_codegen.flight.scenario.walls import Plane
 
 LENGTH = "link2_mass_per_length"
 STEPS, DT, EVERY = 120, 0.0025, 20
@@ -114,7 +115,7 @@ def test_steps_must_be_short_enough_for_every_state(
     masses: list[float], machine: ModuleType, scenario: Scenario
 ) -> None:
     """Which of them feels the wall most is not known by the lag."""
-    wall = Wall("base", (9.0, 0.0, 0.0), (-1.0, 0.0, 0.0), stiffness=1.4e6, damping=1.0)
+    wall = Plane("base", (9.0, 0.0, 0.0), (-1.0, 0.0, 0.0), stiffness=1.4e6, damping=1.0)
     at_wall = replace(scenario, walls=(wall,))
     light = masses.index(0.3)
     with pytest.raises(UsageError, match=f"dt: state {light}: in steps of .* the wall at base"):

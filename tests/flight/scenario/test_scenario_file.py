@@ -30,11 +30,11 @@ from gibbs_codegen.flight.scenario.parts import (
     Sensors,
     Settings,
     StartOffset,
-    Wall,
     Wind,
 )
 from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario
+from gibbs_codegen.flight.scenario.walls import Cylinder, Plane
 
 LEAST = """
 name = "test"
@@ -107,7 +107,16 @@ FULL: dict[str, Any] = {
             "normal": [-1, 3, 2],
             "stiffness": 400,
             "damping": 30,
-        }
+        },
+        {
+            "kind": "cylinder",
+            "frame": "base",
+            "point": [1, 2, 3],
+            "axis": [0, 0, 2],
+            "radius": 0.4,
+            "stiffness": 500,
+            "damping": 20,
+        },
     ],
 }
 
@@ -193,7 +202,10 @@ def test_all_keys() -> None:
         plant={"link_2_mass": 1.7},
         payloads=(Payload("tip", 0.3, 1, 3),),
         wind=Wind({"base": 0.4}, (3, -1, 2), (Gust((1, 2, 4), 1.5, 2),), {"base": 0.02}),
-        walls=(Wall("tip", (5, 1, 2), (-1, 3, 2), 400, 30),),
+        walls=(
+            Plane("tip", (5, 1, 2), (-1, 3, 2), 400, 30),
+            Cylinder("base", (1, 2, 3), (0, 0, 2), 0.4, 500, 20),
+        ),
         description="all that can be said",
     )
 
@@ -249,7 +261,8 @@ def test_no_key_is_read_in_vain(path: tuple[str | int, ...]) -> None:
         other = not value if isinstance(value, bool) else 0.9 * value + 0.003
     if path[-1] == "kind":
         # Another kind has other keys: those that are there are now unknown, so this one is read.
-        other = {"circle": "fixed", "line": "fixed", "level": "tangent"}[value]
+        others = {"circle": "fixed", "line": "fixed", "level": "tangent", "cylinder": "plane"}
+        other = others[value]
         assert "unknown key" in "\n".join(faults(document(with_change(path, other))))
         return
     changed = parse(with_change(path, other))
