@@ -184,8 +184,9 @@ class _Batches(Evaluation):
         xp = self.xp
         match x.operation:
             case nodes.Constant():
-                numbers = nodes.numbers_of(x)
-                return lambda: xp.asarray(numbers)
+                numbers: Any = nodes.numbers_of(x)
+                # JAX takes a number of Python in the precision of what is beside it.
+                return lambda: xp.asarray(numbers if x.shape else numbers.item())
             case nodes.Elementary(name):
                 function = _choice(xp) if name == "choose" else getattr(xp, name)
                 lacking = [len(x.shape) - len(shape) for shape in shapes]
@@ -195,15 +196,15 @@ class _Batches(Evaluation):
             case nodes.Product():
                 left, right = shapes
                 flat = (math.prod(left[:-1]), left[-1]), (right[0], math.prod(right[1:]))
-                return lambda one, two: _shaped(
-                    _shaped(one, left, flat[0]) @ _shaped(two, right, flat[1]),
+                return lambda one, two: shaped(
+                    shaped(one, left, flat[0]) @ shaped(two, right, flat[1]),
                     (flat[0][0], flat[1][1]),
                     x.shape,
                 )
             case nodes.Solution():
                 wide = (*shapes[1], 1)[:2]
-                return lambda matrix, given: _shaped(
-                    xp.linalg.solve(matrix, _shaped(given, shapes[1], wide)), wide, x.shape
+                return lambda matrix, given: shaped(
+                    xp.linalg.solve(matrix, shaped(given, shapes[1], wide)), wide, x.shape
                 )
             case nodes.Transposition(order):
 
@@ -213,7 +214,7 @@ class _Batches(Evaluation):
 
                 return transposed
             case nodes.Reshaping():
-                return lambda given: _shaped(given, shapes[0], x.shape)
+                return lambda given: shaped(given, shapes[0], x.shape)
             case nodes.Part(begin, end):
                 return operator.itemgetter(
                     (..., slice(begin, end), *[slice(None)] * (len(x.shape) - 1))
@@ -238,7 +239,7 @@ def _choice(xp: Any) -> Callable[..., Any]:
     return lambda a, b, above, otherwise: xp.where(a > b, above, otherwise)
 
 
-def _shaped(array: Any, shape: Shape, new: Shape) -> Any:
+def shaped(array: Any, shape: Shape, new: Shape) -> Any:
     """The same entries of every state in another shape."""
     return array.reshape((*array.shape[: array.ndim - len(shape)], *new))
 
@@ -423,7 +424,7 @@ class _Casadi(Evaluation):
         rows, columns = _matrix(x.shape)
         match x.operation:
             case nodes.Constant(data):
-                return casadi.MX(casadi.DM(np.frombuffer(data).reshape(rows, columns)))
+                return casadi.DM(np.frombuffer(data).reshape(rows, columns))
             case nodes.Elementary(name):
                 pairs = zip(given, shapes, strict=True)
                 given = [a if a.is_scalar() else _spread_rows(a, s, x.shape) for a, s in pairs]

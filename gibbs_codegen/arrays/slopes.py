@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from gibbs_codegen.arrays.nodes import (
     Node,
     Space,
     Value,
+    beside,
     choose,
     constant,
     cosine,
@@ -72,12 +74,16 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     by direction, what one gives with products.
     """
     row = FUNCTIONS[call.name]
-    if call.name in _JACOBIANS:
-        return {0: call.functions.outputs(_JACOBIANS[call.name], *x.arguments)[0]}
-    names = [name for kind in _KINDS if (name := derivative(call.name, kind))]
+    if row.kind == "vjp" and derivative(row.derivative_of, "hessian"):
+        return _second_slopes(call, x, places)
+    if row.kind == "jacobian" and not row.outputs[call.output].by:
+        row = FUNCTIONS[row.derivative_of]  # What a function gives is there with its derivatives.
+    if row.name in _JACOBIANS:
+        return {0: call.functions.outputs(_JACOBIANS[row.name], *x.arguments)[0]}
+    names = [name for kind in _KINDS if (name := derivative(row.name, kind))]
     if not names or len(row.outputs) > 1:
         argument = row.arguments[places[0]]
-        raise UsageError(f"no function of a module gives derivatives of {call.name} by {argument}")
+        raise UsageError(f"no function of a module gives derivatives of {row.name} by {argument}")
     # Of none of them the module says which option brings the first.
     name = next((name for name in names if name in call.functions.signatures), names[0])
     if FUNCTIONS[name].kind == "jvp":
@@ -105,6 +111,61 @@ def _by_products(call: Call, x: Node, place: int, name: str) -> Node:
         rows.append(reshaped(product, (1, *x.tangent)))
     axes = (*range(1, len(x.tangent) + 1), 0)
     return transposed(join(*rows), axes)
+
+
+def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
+    """Derivatives of a gradient of wᵀ f: second derivatives of f, and the first by the weights.
+
+    Displacements one after the other differ from their sum by half their commutator, that of SE(3),
+    along which the first derivative acts: so much a symmetric second derivative lacks.
+    """
+    function = FUNCTIONS[FUNCTIONS[call.name].derivative_of]
+    *arguments, w = x.arguments
+    (value,) = call.functions.outputs(function.name, *arguments)
+    first = call_slopes(replace(call, name=function.name, output=0), value, [call.output])
+    by_weights = first[call.output].transposed
+    found = {place: by_weights for place in places if place == len(arguments)}
+    if found.keys() == {*places}:
+        return found
+    name = derivative(function.name, "hessian")
+    outputs = call.functions.outputs(name, *arguments, w)
+    blocks = {y.name: block for y, block in zip(FUNCTIONS[name].outputs, outputs, strict=True)}
+    if "hessian" in blocks:
+        blocks = _split(blocks["hessian"], function.arguments, [y.tangent[0] for y in arguments])
+    for place in {*places} - found.keys():
+        row, column = function.arguments[call.output], function.arguments[place]
+        if row + column in blocks:
+            found[place] = blocks[row + column]
+        elif column + row in blocks:
+            found[place] = blocks[column + row].transposed
+        else:
+            found[place] = zeros(*x.tangent, arguments[place].tangent[0])
+        if row == column and arguments[place].space and call.functions.space.has_quaternion:
+            found[place] = found[place] + _commutator(by_weights @ w)
+    return found
+
+
+def _split(whole: Node, names: Sequence[str], sizes: Sequence[int]) -> dict[str, Node]:
+    """Blocks of a symmetric matrix, on its diagonal and above, by the names of rows and columns."""
+    places, blocks = np.cumsum([0, *sizes]).tolist(), {}
+    for i, row in enumerate(names):
+        rows = whole[places[i] : places[i + 1]].transposed
+        for j, column in enumerate(names[i:], start=i):
+            blocks[row + column] = rows[places[j] : places[j + 1]].transposed
+    return blocks
+
+
+def _commutator(gradient: Node) -> Node:
+    """Half the commutator of displacements (nv, nv), the second in columns, along a gradient."""
+    linear, angular = (0.5 * _skew(gradient[k : k + 3]) for k in (0, 3))
+    rest = gradient.size - 6
+    rows = ((zeros(3, 3), linear, zeros(3, rest)), (linear, angular, zeros(3, rest)))
+    return join(*(beside(*row) for row in rows), zeros(rest, gradient.size))
+
+
+def _skew(x: Node) -> Node:
+    """The matrix whose product with a vector (3) is the cross product of x (3) and that."""
+    return _rows(((zeros(), -x[2], x[1]), (x[2], zeros(), -x[0]), (-x[1], x[0], zeros())))
 
 
 def entries_slope(entries: Node, space: Space) -> Node | None:

@@ -12,11 +12,13 @@ from types import ModuleType
 from typing import Any
 
 import casadi
-import numpy as np
 
+from gibbs_codegen.arrays.evaluation import evaluate_casadi
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.emitted.preparation import real_numbers
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
-from gibbs_codegen.runtime.kernels import Kernels, Objects, objects
+from gibbs_codegen.runtime.kernels import Kernels
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 _ELEMENTARY = {
@@ -77,18 +79,6 @@ class CasadiFunction(casadi.Function):
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> CasadiFunction:
         return self
-
-
-class _Symbols(np.ndarray[Any, np.dtype[np.object_]]):
-    """An array of symbols and numbers, whose matrix products are without the terms that vanish."""
-
-    def __matmul__(self, other: Any) -> Objects:
-        product = casadi.mtimes(_matrix(self), _matrix(other))
-        return _symbols(casadi.vertsplit(casadi.vec(product.T))).reshape(product.shape)
-
-
-def _symbols(entries: Sequence[Any]) -> Objects:
-    return objects(entries).view(_Symbols)
 
 
 class CasadiModule(LoadedModule):
@@ -155,10 +145,14 @@ class CasadiModule(LoadedModule):
             self._normalised(argument, symbol)
             for argument, symbol in zip(names, symbols, strict=True)
         ]
-        found = self._kernels.outputs(name, casadi.vertsplit(constants), *values, array=_symbols)
-        outputs = [_matrix(output) for output in found]
         if FUNCTIONS[name].composed:
-            outputs = [casadi.sparsify(output) for output in outputs]
+            columns = {x: casadi.vertcat(*value) for x, value in zip(names, values, strict=True)}
+            of_calls = {"robot": self}, {"robot": constants}
+            step = evaluate_casadi(emitted_step(Functions(self), name), columns, *of_calls)
+            outputs = [casadi.sparsify(step[output.name]) for output in FUNCTIONS[name].outputs]
+        else:
+            found = self._kernels.outputs(signature, casadi.vertsplit(constants), *values)
+            outputs = [*map(_matrix, found, signature.shapes)]
         results = [output.name for output in FUNCTIONS[name].outputs]
         every = casadi.Function(
             name, [*symbols, constants], outputs, [*names, "constants"], results
@@ -167,34 +161,35 @@ class CasadiModule(LoadedModule):
         default = casadi.Function(name, symbols, known, names, results)
         return CasadiFunction(default, every, getattr(self._module, name).__doc__)
 
-    def _normalised(self, argument: str, symbol: Any) -> Objects:
+    def _normalised(self, argument: str, symbol: Any) -> list[Any]:
         """Entries of an argument, row by row, those of a quaternion divided by its length.
 
         The module's functions expect a unit quaternion. A solver's iterates are none, and its
         derivatives by a quaternion's entries are to be those of what is defined beside them.
         """
-        entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
+        entries = casadi.vertsplit(casadi.vec(symbol.T))
         if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
             places = [self.COORDINATES.index(name) for name in _QUATERNION]
-            squared = casadi.sumsqr(casadi.vertcat(*entries[places]))
+            squared = casadi.sumsqr(casadi.vertcat(*(entries[place] for place in places)))
             scale = casadi.sqrt(squared) * (1 / squared)  # Not finite where the square is not.
-            entries[places] = objects([entry * scale for entry in entries[places]])
+            for place in places:
+                entries[place] = entries[place] * scale
         return entries
 
 
-def _matrix(output: Objects) -> Any:
+def _matrix(entries: Sequence[Any], shape: tuple[int, ...]) -> Any:
     """An output as CasADi's SX: a vector dense, all else without the zeros of every state.
 
     Blocks of an array of more than two axes are one below the other.
     """
-    is_matrix = output.ndim > 1
-    *above, columns = output.shape if is_matrix else (*output.shape, 1)
-    table = output.reshape(math.prod(above), columns)
+    *above, width = shape if len(shape) > 1 else (*shape, 1)
     # Those that are zero in the emitted code; CasADi may find more than PATTERNS has.
-    is_zero = [is_matrix and not isinstance(e, casadi.SX) and e == 0.0 for e in table.T.flat]
     kept = [
-        (i, j) for (j, i), zero in zip(np.ndindex(table.T.shape), is_zero, strict=True) if not zero
+        place
+        for place, x in enumerate(entries)
+        if len(shape) < 2 or isinstance(x, casadi.SX) or x != 0.0
     ]
-    rows, places = [i for i, _ in kept], [j for _, j in kept]
-    pattern = casadi.Sparsity.triplet(*table.shape, rows, places)
-    return casadi.SX(pattern, casadi.SX(casadi.vertcat(*(table[place] for place in kept))))
+    kept.sort(key=lambda place: (place % width, place // width))
+    rows, columns = [place // width for place in kept], [place % width for place in kept]
+    pattern = casadi.Sparsity.triplet(math.prod(above), width, rows, columns)
+    return casadi.SX(pattern, casadi.SX(casadi.vertcat(*(entries[place] for place in kept))))

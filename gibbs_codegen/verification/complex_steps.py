@@ -107,7 +107,7 @@ class ComplexSteps:
         self._values: dict[str, Any] = {name: values[name] for name in module.PARAMETERS}
         self._kernels = Kernels(module, _ELEMENTARY)
         self._width = len(module.VELOCITIES)
-        self._shapes = {s.name: s.shapes[0] for s in module_signatures(module)}
+        self._signatures = {s.name: s for s in module_signatures(module)}
 
     def __call__(self, name: str, *arguments: Any) -> Any:
         """The result (…, *shape) of a function that has one, for any batch."""
@@ -115,7 +115,8 @@ class ComplexSteps:
         batch = np.broadcast_shapes(*(shape[:-1] for shape in shapes))
         pairs = zip(arguments, shapes, strict=True)
         columns = [[x[..., i] for i in range(size[-1])] for x, size in pairs]
-        shape = (*batch, *self._shapes[name])
+        signature = self._signatures[name]
+        shape = (*batch, *signature.shapes[0])
 
         def stacked(parts: Sequence[Any]) -> Array:
             whole = [np.broadcast_to(part, batch) for part in parts]
@@ -124,7 +125,7 @@ class ComplexSteps:
         try:
             with np.errstate(all="ignore"):
                 constants = self._kernels.constants(self._values)
-                entries = self._kernels.entries(name, constants, *columns)
+                (entries,) = self._kernels.outputs(signature, constants, *columns)
                 if not any(isinstance(entry, Dual) for entry in entries):
                     return stacked(entries)
                 duals = [_dual(entry) for entry in entries]

@@ -35,6 +35,7 @@ EMISSION = (
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
     *_in("runtime", "kernels casadi_backend jax_backend"),
+    "arrays.rules",
     "emitted.evaluation",
     "emitted.preparation",
 )
@@ -222,6 +223,7 @@ _QUICK = {
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
+    "arrays.rules": _QUICK_JAX,
     "blocks.c": _QUICK_BLOCKS,
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.comparison import assert_close
 from support.differences import rate
 from support.kept import kept_folder, made_once
 from support.random_robots import random_tree
@@ -53,6 +54,7 @@ from gibbs_codegen.arrays.slopes import ELEMENTARY_SLOPES
 from gibbs_codegen.arrays.steps import METHODS, step_program
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
@@ -256,6 +258,46 @@ def test_derivatives_are_those_of_complex_steps(
         assert np.max(np.abs(bars[f"{name}_bar"][-1].ravel() - whole)) < 1e-10 * np.max(
             np.abs(whole)
         ), name
+
+
+@pytest.mark.parametrize("name", ["forward_dynamics", "inverse_dynamics"])
+def test_gradients_have_second_derivatives(name: str) -> None:
+    """They are differences of eighth order, though displacements of a quaternion do not commute."""
+    robot = paper_family(2, 1)
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    functions = [f"{name}_{kind}" for kind in ("vjp", "hessian", "derivatives")]
+    folder = kept_folder(robot, " ".join(functions))
+
+    def make() -> None:
+        generate_robot(robot, robot_text(robot), folder, verify=False, derivatives=functions)
+
+    module = load(made_once(folder / robot.name, make))
+    calls = Functions(module)
+    w = variable("w", calls.space.velocities)
+    q, v = calls.state()
+    last = variable(name[0], calls.inputs if name[0] == "f" else calls.space.velocities)
+    bars = getattr(calls, f"{name}_vjp")(q, v, last, w)
+    program = Program("pull", (q, v, last, w), {"bars": join(*bars)})
+    rng = np.random.default_rng(3)
+    at = [rng.normal(size=x.size) for x in program.inputs]
+    at[0] = module.integrate(at[0] / np.linalg.norm(at[0][3:7]), np.zeros(calls.space.velocities))
+    found = evaluate(
+        jacobian(program, program.names),
+        dict(zip(program.names, at, strict=True)),
+        {"robot": module},
+    )
+    for place, (by, x) in enumerate(zip(program.names, program.inputs, strict=True)):
+
+        def moved(steps: Array, place: int = place) -> Array:
+            given = [*at]
+            given[place] = module.integrate(at[0], steps) if place == 0 else at[place] + steps
+            return np.concatenate(getattr(module, f"{name}_vjp")(*given), axis=-1)
+
+        columns = [
+            rate(lambda t, unit=unit, moved=moved: moved(t[:, None] * unit), np.zeros(1), 2e-3)[0]
+            for unit in np.eye(x.tangent[0])
+        ]
+        assert_close(by, found[f"bars_by_{by}"], np.stack(columns, axis=-1), 1e-9)
 
 
 @pytest.mark.parametrize("attitude", ROOTS)
