@@ -18,10 +18,10 @@ from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.scenario import ArmTask
 from gibbs_codegen.flight.simulation import flight_start
-from gibbs_codegen.interface import LANES
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.rollouts import Feedback
 
@@ -127,7 +127,7 @@ def closed_loop(ours: Machine, compensation: bool) -> Measure:
     begin = flight_start(
         ours.module, replace(scenario, motors=motors), lambda what, share: None, own=False
     )
-    loop = steps_of(begin.loop, np.inf, NOTHING, STATES, lanes=LANES)
+    loop = steps_of(begin.loop, np.inf, NOTHING, STATES, Blocks.widest())
     states = np.tile(begin.loop.start(begin.q, begin.v), (STATES, 1))
 
     def seconds() -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -16,12 +15,10 @@ from gibbs_codegen.arrays.c_text import CProgram, externals_of, functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import LANES
-from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
-from gibbs_codegen.runtime.programs import c_text
+from gibbs_codegen.runtime.blocks import Blocks
+from gibbs_codegen.runtime.programs import c_text, called, library
 
 Array = NDArray[np.floating[Any]]
-_ALIGNMENT = 64
 
 
 class BlockProgram:
@@ -34,10 +31,9 @@ class BlockProgram:
     def __init__(self, program: Program, module: ModuleType, *, single: bool = False) -> None:
         self.program = program
         self._module = module
-        self._real: type[np.floating[Any]] = np.float32 if single else np.float64
-        self._lanes = 2 * LANES if single else LANES
+        self._blocks = Blocks.widest(single=single)
         self._text = CProgram(program)
-        self._function = self._compiled(single)
+        self._function = self._compiled()
 
     def __call__(
         self, inputs: Mapping[str, Any], constants: Mapping[str, Any] | None = None
@@ -64,28 +60,24 @@ class BlockProgram:
             raise UsageError(f"{program.name}: {counts} states do not go together") from None
         count = math.prod(batch)
         # One block at least, for what all states share.
-        blocks = max(-(-count // self._lanes), 1)
-        given = [self._laid(arrays[name], x, batch, blocks) for name, x in pairs]
-        found = [
-            self._aligned((1 if self._text.uniform(x) else blocks * self._lanes) * x.size)
-            for x in program.outputs.values()
-        ]
+        lanes, blocks = self._blocks.lanes, max(self._blocks.count(count), 1)
+        given = [self._laid(arrays[name], x, batch) for name, x in pairs]
+        shapes = {
+            name: (x.size,) if self._text.uniform(x) else (blocks, x.size, lanes)
+            for name, x in program.outputs.items()
+        }
+        found = {name: self._blocks.filled(*shape) for name, shape in shapes.items()}
         owned = self._owned(constants or {})
-        pointers = (ctypes.c_void_p * (len(given) + len(found)))(
-            *(x.ctypes.data for x in (*given, *found))
-        )
+        arrays_given = (*given, *found.values())
+        pointers = (ctypes.c_void_p * len(arrays_given))(*(x.ctypes.data for x in arrays_given))
         own = (ctypes.c_void_p(x.ctypes.data) for x in owned)
         self._function(ctypes.c_size_t(blocks), pointers, *own)
         results = {}
-        for values, (name, x) in zip(found, program.outputs.items(), strict=True):
+        for name, x in program.outputs.items():
             if self._text.uniform(x):
-                results[name] = values.reshape(x.shape)
-                continue
-            shape = (blocks, x.size, self._lanes)
-            rows = (
-                values.reshape(shape).swapaxes(1, 2).reshape(blocks * self._lanes, x.size)[:count]
-            )
-            results[name] = rows.reshape((*batch, *x.shape))
+                results[name] = found[name].reshape(x.shape)
+            else:
+                results[name] = self._blocks.to_rows(found[name], count).reshape((*batch, *x.shape))
         return results
 
     def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
@@ -104,35 +96,24 @@ class BlockProgram:
                     "states"
                 )
         given = (constants.get(owner, default) for owner in self._text.owners)
-        return [np.frombuffer(values).astype(self._real) for values in given]
+        return [np.frombuffer(values).astype(self._blocks.real) for values in given]
 
     def _checked(self, name: str, x: Node, value: Any) -> Array:
-        array = np.asarray(value, dtype=self._real)
+        array = np.asarray(value, dtype=self._blocks.real)
         axes = array.ndim - len(x.shape)
         if axes < 0 or array.shape[axes:] != x.shape or (x.is_uniform and axes):
             wanted = "it is shared by all states" if x.is_uniform else "leading axes are states"
             raise UsageError(f"{name} has the shape {array.shape}, not {x.shape}; {wanted}")
         return array
 
-    def _laid(self, array: Array, x: Node, batch: tuple[int, ...], blocks: int) -> Array:
+    def _laid(self, array: Array, x: Node, batch: tuple[int, ...]) -> Array:
         """An input as C takes it: in blocks, the last filled up with its last state."""
         if x.is_uniform:
             return np.ascontiguousarray(array.ravel())
         rows = np.broadcast_to(array, (*batch, *x.shape)).reshape(math.prod(batch), x.size)
-        rows = rows if len(rows) else np.zeros((1, x.size), dtype=self._real)
-        rows = np.pad(rows, ((0, blocks * self._lanes - len(rows)), (0, 0)), mode="edge")
-        laid = self._aligned(rows.size)
-        laid[:] = rows.reshape(blocks, self._lanes, x.size).swapaxes(1, 2).ravel()
-        return laid
+        return self._blocks.of_rows(rows if len(rows) else np.zeros((1, x.size)))
 
-    def _aligned(self, size: int) -> Array:
-        """Room for numbers that begins where blocks may begin."""
-        width = np.dtype(self._real).itemsize
-        room = np.empty(size * width + _ALIGNMENT, dtype=np.uint8)
-        begin = -room.ctypes.data % _ALIGNMENT
-        return room[begin : begin + size * width].view(self._real)
-
-    def _compiled(self, single: bool) -> Any:
+    def _compiled(self) -> Any:
         program, name = self.program, self._module.NAME
         if by_hand := sorted(externals_of(program)):
             raise UsageError(
@@ -143,24 +124,16 @@ class BlockProgram:
             raise UsageError(
                 f"{program.name} calls functions of {', '.join(sorted(others))}, not of {name}"
             )
-        functions = list(dict.fromkeys(function for _, function in functions_of(program)))
-        for function in functions:
-            getattr(self._module, function)  # It says how the module gets one that it lacks.
-        source = c_text(program, Functions(self._module), self._lanes) + self._blocks()
-        path = compiled_files(
-            Path(self._module.__path__[0]),
-            name,
-            [f"{name}.h", f"{name}.c"],
-            chosen_compiler(),
-            ["-fno-math-errno", *([f"-D{name.upper()}_FLOAT"] if single else [])],
-            {f"_{program.name}.c": source.encode()},
-            functions=functions,
+        source = (
+            c_text(program, Functions(self._module), self._blocks.lanes) + self._through_blocks()
         )
-        blocks = opened(path).program_blocks
+        sources = {f"_{program.name}.c": source}
+        single = self._blocks.single
+        blocks = library(self._module, called([program]), sources, single=single).program_blocks
         blocks.restype = None
         return blocks
 
-    def _blocks(self) -> str:
+    def _through_blocks(self) -> str:
         """The function that takes the program through blocks of states, one after the other."""
         text, given = self._text, []
         for place, x in enumerate(self.program.inputs):

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import math
+import ctypes
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.c_text import owners_of
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.runtime.programs import compiled_steps
+from gibbs_codegen.runtime.blocks import ONE, Blocks
+from gibbs_codegen.runtime.programs import c_text, called, library
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-# Bytes to a multiple of which blocks are laid, so that a number of them is one load.
-_ALIGNMENT = 64
 
 
 class Taken(NamedTuple):
@@ -38,7 +38,7 @@ class Taken(NamedTuple):
 
 
 class ProgramSteps:
-    """Steps of a program of `count` states, in blocks of `lanes`.
+    """Steps of a program of `count` states, in `blocks`.
 
     The program's inputs are time, h and x, and then those of `values` by their names, with an axis
     of the states in front where these differ. `constants` by owner are what the module's `prepare`
@@ -57,26 +57,23 @@ class ProgramSteps:
         tables: Sequence[Array],
         guesses: int,
         count: int = 1,
-        *,
-        lanes: int = 1,
-        single: bool = False,
+        blocks: Blocks = ONE,
     ) -> None:
         """Compile the program, and lay out what it is given."""
-        self.count, self.lanes = count, lanes
-        self.real = np.dtype(np.float32 if single else np.float64)
+        self.count, self.blocks, self.real = count, blocks, blocks.real
         self.size = program.inputs[2].size
         self.ranged = program.outputs["inputs"].size
         owners = {owner: constants[owner] for owner in owners_of(program)}
-        each = lanes > 1 and any(isinstance(x, np.ndarray) for x in owners.values())
-        self._run = compiled_steps(module, program, lanes, single=single, each=each)
-        self._blocks = -(-count // lanes)
+        each = blocks.lanes > 1 and any(isinstance(x, np.ndarray) for x in owners.values())
+        self._run = _compiled(module, program, blocks, each=each)
+        self._count = blocks.count(count)
         # The array of each input by its name, in blocks where states have one each.
         self.given: dict[str, NDArray[Any]] = {}
         known = [self._constants(x, each) for x in owners.values()]
         columns = [*map(self._column, known)]
         context = [np.ascontiguousarray(table, dtype=self.real) for table in tables]
-        found = self._filled((self._blocks, guesses, lanes))
-        addresses = np.empty((self._blocks, len(tables) + 1), dtype=np.uint64)
+        found = blocks.filled(self._count, guesses, blocks.lanes)
+        addresses = np.empty((self._count, len(tables) + 1), dtype=np.uint64)
         for k, table in enumerate(context):
             addresses[:, k] = table.ctypes.data
         addresses[:, -1] = self._column(found)
@@ -85,7 +82,7 @@ class ProgramSteps:
             value = np.asarray(values[name], dtype=np.float64)
             if not x.is_uniform:
                 value = np.broadcast_to(value, (count, *x.shape)).reshape(count, -1)
-                self.given[name] = self.in_blocks(value)
+                self.given[name] = self.blocks.of_rows(value)
             else:
                 self.given[name] = value.reshape(1, -1).astype(self.real)
             columns.append(self._column(self.given[name]))
@@ -112,14 +109,14 @@ class ProgramSteps:
         before. `going` (count): those that are flown. `ranges` (s + 1, 2, inputs) take the least
         and the greatest inputs of the first state from sample to sample.
         """
-        blocks, kept = self._blocks, (number + steps) // every - number // every
-        state = self.in_blocks(states)
-        samples = self._filled((blocks, kept + 1, self.size, self.lanes))
-        progress = np.zeros((blocks, 3, self.lanes), dtype=np.int32)
+        blocks, kept = self._count, (number + steps) // every - number // every
+        state = self.blocks.of_rows(states)
+        samples = self.blocks.filled(blocks, kept + 1, self.size, self.blocks.lanes)
+        progress = np.zeros((blocks, 3, self.blocks.lanes), dtype=np.int32)
         if self.count == 1:
             progress[0, 0, 0] = 1 if going is None else going[0]
         else:
-            flown = np.zeros(blocks * self.lanes, dtype=np.int32)
+            flown = np.zeros(blocks * self.blocks.lanes, dtype=np.int32)
             flown[: self.count] = 1 if going is None else going
             progress[:, 0] = flown.reshape(blocks, -1)
         inputs = None if ranges is None else ranges.ctypes.data
@@ -139,8 +136,10 @@ class ProgramSteps:
         else:
             with ThreadPoolExecutor(workers) as pool:
                 list(pool.map(fly, (range(k, blocks, workers) for k in range(workers))))
-        last, found = self._out_of_blocks(state), self._out_of_blocks(samples[:, :kept])
-        _, refused, taken = self._out_of_blocks(progress).T
+        last, found, ended = (
+            self.blocks.to_rows(x, self.count) for x in (state, samples[:, :kept], progress)
+        )
+        _, refused, taken = ended.T
         if taken.min() < steps:
             ends = (number + taken) // every - number // every
             for k in np.flatnonzero(ends < kept):
@@ -152,39 +151,23 @@ class ProgramSteps:
         numbers = np.frombuffer(constants) if isinstance(constants, bytes) else constants
         numbers = np.asarray(numbers, dtype=self.real)
         if each and numbers.ndim == 1:
-            return self.in_blocks(np.broadcast_to(numbers, (self.lanes, len(numbers))))
-        return self.in_blocks(numbers) if each else np.atleast_2d(numbers)
+            return self.blocks.of_rows(np.broadcast_to(numbers, (self.blocks.lanes, len(numbers))))
+        return self.blocks.of_rows(numbers) if each else np.atleast_2d(numbers)
 
     def _column(self, array: NDArray[Any]) -> NDArray[np.uint64]:
         """Addresses (blocks) of the parts of an array that has one for each block, or one."""
         stride = array.strides[0] if len(array) > 1 else 0
         return np.uint64(array.ctypes.data) + np.uint64(stride) * np.arange(
-            self._blocks, dtype=np.uint64
+            self._count, dtype=np.uint64
         )
 
-    def _filled(self, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Zeros that begin where a block may."""
-        if self.lanes == 1:
-            return np.zeros(shape, dtype=self.real)
-        size = self.real.itemsize * math.prod(shape)
-        memory = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
-        begin = -memory.ctypes.data % _ALIGNMENT
-        return memory[begin : begin + size].view(self.real).reshape(shape)
 
-    def in_blocks(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """Rows (n, entries) in blocks (blocks, entries, lanes); the last row fills up the last."""
-        count, entries = rows.shape
-        if self.lanes == 1:
-            return np.array(rows, dtype=self.real, order="C")[..., np.newaxis]
-        blocks = self._filled((-(-count // self.lanes), entries, self.lanes))
-        places = np.minimum(np.arange(len(blocks) * self.lanes), count - 1)
-        blocks[...] = np.swapaxes(rows[places].reshape(len(blocks), self.lanes, entries), 1, 2)
-        return blocks
-
-    def _out_of_blocks(self, blocks: NDArray[Any]) -> NDArray[Any]:
-        """Rows (count, …) of blocks (blocks, …, lanes)."""
-        if self.lanes == 1:
-            return blocks[..., 0]
-        rows = np.moveaxis(blocks, -1, 1)
-        rows = rows.reshape(len(blocks) * self.lanes, *rows.shape[2:])
-        return np.ascontiguousarray(rows[: self.count])
+def _compiled(module: ModuleType, program: Program, blocks: Blocks, *, each: bool) -> Any:
+    """The function that takes many steps; with `each` states have constants of their own."""
+    source = c_text(program, Functions(module), blocks.lanes, each=each, steps=True)
+    sources = {f"_{program.name}.c": source}
+    own = library(module, called([program]), sources, single=blocks.single, each=each)
+    real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
+    own.program_run.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
+    own.program_run.restype = None
+    return own.program_run

@@ -160,59 +160,41 @@ def _block(module: str, function: str, ending: str) -> list[str]:
     ]
 
 
-def compiled(module: ModuleType, program: Program, lanes: int = 1, *, single: bool = False) -> Any:
-    """The function of a program that is compiled with those of a module.
-
-    It takes addresses of constants by owner, of inputs and of outputs, in the program's order. With
-    more than one lane entry e of a lane is at [e * lanes + lane], at multiples of 64 bytes.
-
-    Raises `CompilerError`, or `CacheError` where the cache cannot be used.
-    """
-    return _library(module, program, lanes, single=single)[PREFIX + program.name]
-
-
-def compiled_steps(
-    module: ModuleType, program: Program, lanes: int, *, single: bool = False, each: bool = False
-) -> Any:
-    """The function that takes many steps of a program, of blocks of so many states.
-
-    With `each` these have constants of their own. Raises as `compiled` does.
-    """
-    function = _library(module, program, lanes, single=single, each=each, steps=True).program_run
-    real, whole, address = ctypes.c_double, ctypes.c_int, ctypes.c_void_p
-    function.argtypes = [address, real, real, whole, whole, whole, *[address] * 4]
-    function.restype = None
-    return function
-
-
-def _library(
+def library(
     module: ModuleType,
-    program: Program,
-    lanes: int,
+    functions: Sequence[str],
+    sources: Mapping[str, str],
     *,
-    single: bool,
+    single: bool = False,
     each: bool = False,
-    steps: bool = False,
+    files: Sequence[str] = (),
+    flags: Sequence[str] = (),
 ) -> ctypes.CDLL:
+    """The library of C sources by their names, with the functions of a module that they call.
+
+    With `each` these take constants of each state too. `files` of the module are compiled as well.
+    Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
+    """
     name = module.NAME
-    functions = list(dict.fromkeys(function for _, function in functions_of(program)))
     for function in functions:
         getattr(module, function)  # It says how the module is to be generated, if it lacks one.
-    source = c_text(program, Functions(module), lanes, each=each, steps=steps)
-    files = [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if each else [])]
-    # Nobody asks what square roots leave in errno; with it they are not taken side by side.
-    flags = ["-fno-math-errno", *([f"-D{name.upper()}_FLOAT"] if single else [])]
     path = compiled_files(
         Path(module.__path__[0]),
         name,
-        files,
+        [f"{name}.h", f"{name}.c", *([f"{name}_each.c"] if each else []), *files],
         chosen_compiler(),
-        flags,
-        {f"_{program.name}.c": source.encode()},
+        # Nobody asks what square roots leave in errno; with it they are not taken side by side.
+        ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
+        {file: text.encode() for file, text in sources.items()},
         included=[f"{name}.c"] if each else [],
         functions=functions,
     )
     return opened(path)
+
+
+def called(programs: Sequence[Program]) -> list[str]:
+    """The functions of the module that programs call."""
+    return list(dict.fromkeys(name for program in programs for _, name in functions_of(program)))
 
 
 class CompiledProgram:
@@ -248,7 +230,8 @@ class CompiledProgram:
             *map(_address, self.outputs.values()),
         ]
         self._owned = kept, context
-        self._function = compiled(module, program)
+        source = {f"_{program.name}.c": c_text(program, Functions(module))}
+        self._function = library(module, called([program]), source)[PREFIX + program.name]
 
     def run(self) -> None:
         """Compute the outputs of the inputs."""

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from gibbs_codegen.arrays.c_text import c_functions, functions_of, literal
+from gibbs_codegen.arrays.c_text import c_functions, literal
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
@@ -43,11 +43,6 @@ def rollout_programs(robot: Functions) -> list[Program]:
         for method in METHODS
         for word, parts in _PARTS.items()
     ]
-
-
-def called(programs: Sequence[Program]) -> list[str]:
-    """The functions of the module that programs call."""
-    return list(dict.fromkeys(name for program in programs for _, name in functions_of(program)))
 
 
 def rollout_files(

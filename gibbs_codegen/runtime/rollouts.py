@@ -29,8 +29,9 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.rollout_steps import ALL, Parts, given, rollout_step
 from gibbs_codegen.arrays.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool
-from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler, compiled_files, opened
-from gibbs_codegen.runtime.rollout_source import called, rollout_files, rollout_programs
+from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
+from gibbs_codegen.runtime.programs import called, library
+from gibbs_codegen.runtime.rollout_source import rollout_files, rollout_programs
 
 Array = NDArray[np.float64]
 Method = Literal["euler", "rk4"]
@@ -505,29 +506,16 @@ def _loaded(
     flags: tuple[str, ...],
 ) -> Callable[..., None]:
     """The compiled function of programs, or of the source that was generated with a module."""
-    name, robot, folder = module.NAME, functions_of(module), Path(module.__path__[0])
-    files = [f"{name}{ending}" for ending in (".h", ".c", "_each.c")]
-    made: dict[str, bytes] = {}
+    name, robot = module.NAME, functions_of(module)
+    made: dict[str, str] = {}
     if programs:
-        text = (folder / f"{name}.h").read_text(encoding="utf-8").partition("\n\n")[0]
-        header = [line[3:-3] for line in text.splitlines()]
-        made = {
-            file: source.encode() for file, source in rollout_files(robot, programs, header).items()
-        }
-    else:
-        files += [f"{name}_rollout.h", f"{name}_rollout.c"]
-    path = compiled_files(
-        folder,
-        name,
-        files,
-        compiler,
-        # Nobody asks what square roots leave in errno; with it they are not taken side by side.
-        ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
-        made,
-        included=[f"{name}.c"],
-        functions=called(programs or rollout_programs(robot)),
-    )
-    function = opened(path)[f"{name}_rollout{'_float' if single else ''}"]
+        text = (Path(module.__path__[0]) / f"{name}.h").read_text(encoding="utf-8")
+        header = [line[3:-3] for line in text.partition("\n\n")[0].splitlines()]
+        made = rollout_files(robot, programs, header)
+    own = called(programs or rollout_programs(robot))
+    files = [] if made else [f"{name}_rollout.h", f"{name}_rollout.c"]
+    opened = library(module, own, made, single=single, each=True, files=files, flags=flags)
+    function = opened[f"{name}_rollout{'_float' if single else ''}"]
     address, size = ctypes.c_void_p, ctypes.c_size_t
     function.argtypes = [address, ctypes.c_double, address, *[size] * 4]
     function.restype = None

@@ -20,7 +20,7 @@ from gibbs_codegen.flight.integration.state_history import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
 from gibbs_codegen.flight.scenario.parts import Settings
-from gibbs_codegen.interface import LANES
+from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.program_steps import ProgramSteps, Taken
@@ -64,8 +64,7 @@ class BlockIntegration:
         """The steps of all while something acts; None where module, law or loop is not compiled."""
         try:
             if is_compiled(self.loop, loads):
-                lanes = 2 * LANES if self.single else LANES
-                return steps_of(self.loop, bounds, loads, count, lanes=lanes, single=self.single)
+                return steps_of(self.loop, bounds, loads, count, Blocks.widest(single=self.single))
         except (CompilerError, CacheError) as error:
             _log.warning("flights are taken one by one: %s", error)
         return None

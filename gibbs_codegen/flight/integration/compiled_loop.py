@@ -20,6 +20,7 @@ from gibbs_codegen.flight.integration.loop_program import (
 )
 from gibbs_codegen.flight.integration.state_history import NOTHING, InputRanges, Loads
 from gibbs_codegen.flight.plant.vehicle import Array
+from gibbs_codegen.runtime.blocks import ONE, Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.program_steps import ProgramSteps
@@ -39,9 +40,7 @@ def steps_of(
     bounds: Array | float,
     loads: Loads = NOTHING,
     count: int = 1,
-    *,
-    lanes: int = 1,
-    single: bool = False,
+    blocks: Blocks = ONE,
 ) -> ProgramSteps:
     """Steps of `count` closed loops that share times, desired motion, and what surrounds them.
 
@@ -50,7 +49,7 @@ def steps_of(
     knows. `bounds` of errors, then their rates, are (2 nv), (count, 2 nv) or one number. Raises
     `CompilerError`, or `CacheError` where the cache of libraries cannot be used.
     """
-    values = loop_values(closed, bounds, loads, SINGLE if single else DOUBLE)
+    values = loop_values(closed, bounds, loads, SINGLE if blocks.single else DOUBLE)
     program = loop_program(closed, loads).step()
     shapes = {name: x.shape for name, x in zip(program.names, program.inputs, strict=True)}
     each = [name for name in shapes if np.ndim(values.get(name, 0.0)) > len(shapes[name])]
@@ -64,8 +63,7 @@ def steps_of(
         loop_tables(closed),
         closed.vehicle.rotors,
         count,
-        lanes=lanes,
-        single=single,
+        blocks,
     )
 
 

@@ -20,7 +20,7 @@ from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start
-from gibbs_codegen.interface import LANES
+from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.program_steps import ProgramSteps
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def starts(closed: ClosedLoop, count: int = COUNT, scatter: float = 0.02) -> Arr
 def block_of(
     closed: ClosedLoop, loads: Loads, count: int, bounds: Array | float = np.inf
 ) -> ProgramSteps:
-    return steps_of(closed, bounds, loads, count, lanes=LANES)
+    return steps_of(closed, bounds, loads, count, Blocks.widest())
 
 
 def varied(closed: ClosedLoop, factors: Array) -> ClosedLoop:
