@@ -27,7 +27,14 @@ from gibbs_codegen.emitted.evaluation import NotFiniteReport, batch_shape, state
 from gibbs_codegen.emitted.preparation import first_of, real_numbers
 from gibbs_codegen.errors import printable
 from gibbs_codegen.interface import LANES, LISTS, Signature, entry_labels, module_signatures
-from gibbs_codegen.runtime.c_library import Compiler, CompilerError, ModuleLibrary, opened_core
+from gibbs_codegen.runtime.c_library import (
+    BATCH,
+    EACH,
+    Compiler,
+    CompilerError,
+    ModuleLibrary,
+    opened_core,
+)
 from gibbs_codegen.runtime.cache import CacheError
 from gibbs_codegen.runtime.caller import caller_type
 from gibbs_codegen.runtime.loaded_module import LoadedModule
@@ -135,19 +142,15 @@ class CompiledFunction:
         self,
         core: ctypes.CDLL,
         library: ModuleLibrary,
-        of_states: ModuleLibrary,
         module: ModuleType,
         signature: Signature,
         constants: CompiledConstants,
         pool: Pool,
         in_numpy: Callable[..., Any],
     ) -> None:
-        """Take the libraries of a module; `in_numpy` is its function in NumPy.
-
-        `of_states` has the functions that take constants of each state.
-        """
+        """Take the libraries of a module; `in_numpy` is its function in NumPy."""
         self._signature = signature
-        self._library, self._of_states, self._in_numpy = library, of_states, in_numpy
+        self._library, self._in_numpy = library, in_numpy
         self._caller: Any = None
         self._is_lost = False
         self._constants = constants
@@ -232,10 +235,7 @@ class CompiledFunction:
         are filled, and constants of each state, all in C order.
         """
         count = math.prod(batch)
-        library, form = self._library, "_batch"
-        if constants is None:
-            library, form = self._of_states, "_batch_each"
-        found = library.function(self._signature.name, form)
+        found = self._library.function(self._signature.name, EACH if constants is None else BATCH)
         function = ctypes.cast(found, ctypes.c_void_p)
         flat = [a.reshape(-1) for a in arrays]
         parts = min(self._pool.threads, count // _MIN_ROWS)
@@ -347,23 +347,18 @@ def c_module(
     others. `of_each` are flags for the functions that take constants of each state. Raises
     `CompilerError`, and `CacheError` if the library cannot be kept.
     """
-    signatures = module_signatures(module)
-    names = [signature.name for signature in signatures]
-    library = ModuleLibrary(folder, module.NAME, names, compiler, whole=whole)
+    library = ModuleLibrary(folder, module, compiler, of_each, whole=whole)
     core = opened_core(library.core, module.NAME)
     made = LoadedModule(module, "c")
     made.__file__ = str(library.core)
     made.compiled = library  # type: ignore[attr-defined]
     constants = CompiledConstants(core, module)
     prepare = GeneralFunction(lambda by_name: constants.prepare(**by_name), module.prepare)
-    of_states = ModuleLibrary(folder, module.NAME, names, compiler, of_each, each=True)
     made.prepare = prepare  # type: ignore[attr-defined]
     pool = Pool(threads)
     caller = caller_type(compiler)
-    for signature in signatures:
+    for signature in module_signatures(module):
         in_numpy = getattr(module, signature.name)
-        function = CompiledFunction(
-            core, library, of_states, module, signature, constants, pool, in_numpy
-        )
+        function = CompiledFunction(core, library, module, signature, constants, pool, in_numpy)
         setattr(made, signature.name, function.fast(caller))
     return made

@@ -22,11 +22,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.runtime.cache import cached_library
 
 # Sixty-four links take minutes.
@@ -166,30 +166,35 @@ NATIVE = Path(__file__).parent / "native"
 _ROWS = "_rows.c"
 
 
+# The name that a unit of compilation has, and whether it takes constants of each state.
+Unit = tuple[str, bool]
+# The end of the names in C of functions for blocks of states, and for such as have constants each.
+BATCH, EACH = "_batch", "_batch_each"
+
+
 class ModuleLibrary:
     """The compiled functions of a generated module, each compiled when it is first asked for.
 
     With it are compiled those of its group; a function on request stands alone, and time steps are
-    together. There is one library of everything where that is asked for by `whole`. With `each`
-    they are the functions that take constants of each state.
+    together. There is one library of everything where that is asked for by `whole`. Functions that
+    take constants of each state are in libraries of their own.
     """
 
     def __init__(
         self,
         folder: Path,
-        name: str,
-        functions: Collection[str],
+        module: ModuleType,
         compiler: Compiler,
-        flags: Sequence[str] = (),
+        of_each: Sequence[str] = (),
         *,
-        each: bool = False,
         whole: bool = False,
     ) -> None:
-        """Take what is compiled later; `flags` come after the compiler's."""
-        self._folder, self._name, self._functions = folder, name, functions
-        self._compiler, self._flags, self._each = compiler, tuple(flags), each
-        self._locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
-        self._units: dict[str, ctypes.CDLL] = {}
+        """Take what is compiled later; `of_each` are flags for constants of each state."""
+        self._folder, self._name, self._compiler = folder, module.NAME, compiler
+        self._functions = [signature.name for signature in module_signatures(module)]
+        self._of_each = tuple(of_each)
+        self._locks: defaultdict[Unit, threading.Lock] = defaultdict(threading.Lock)
+        self._units: dict[Unit, ctypes.CDLL] = {}
         self._is_whole = whole
 
     @functools.cached_property
@@ -199,8 +204,10 @@ class ModuleLibrary:
         Raises `CompilerError`, `CacheError` and `UsageError` as `compiled_files` does.
         """
         if self._is_whole:
-            return compiled_library(self._folder, self._name, self._compiler, self._flags)
-        return self._compiled((), {_ROWS: (NATIVE / "rows.c").read_bytes()})
+            return compiled_library(self._folder, self._name, self._compiler)
+        rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
+        files = c_files(self._name)
+        return compiled_files(self._folder, self._name, files, self._compiler, (), rows, (), ())
 
     @functools.cached_property
     def digest(self) -> str:
@@ -213,7 +220,7 @@ class ModuleLibrary:
 
         Raises as `core` does, and `CompilerError` where the library lacks it.
         """
-        library = self._library(self._unit(name))
+        library = self._library(self._unit(name, each=form == EACH))
         own = f"{self._name}_{name}{form}"
         if not hasattr(library, own):
             raise CompilerError(f"the library has no {own}; do flags in CC hide or rename it?")
@@ -221,39 +228,35 @@ class ModuleLibrary:
 
     def build(self, names: Iterable[str]) -> None:
         """Compile functions that will be asked for, side by side. Raises as `function` does."""
-        units = {self._unit(name) for name in names}
+        units = {self._unit(name, each=False) for name in names}
         with ThreadPoolExecutor(max(1, len(units))) as pool:
             for done in [pool.submit(self._library, unit) for unit in units]:
                 done.result()
 
-    def _library(self, unit: str) -> ctypes.CDLL:
+    def _library(self, unit: Unit) -> ctypes.CDLL:
         with self._locks[unit]:
             library = self._units.get(unit)
             if library is None:
-                library = self._units[unit] = opened(self._path(unit))
+                library = self._units[unit] = opened(self._path(*unit))
             return library
 
-    def _unit(self, name: str) -> str:
+    def _unit(self, name: str, *, each: bool) -> Unit:
         row = FUNCTIONS[name]
-        if self._is_whole:
-            return "whole"
+        if self._is_whole and not each:
+            return "", each
         if row.composed:
-            return "steps"
-        return name if row.on_request else row.group
+            return "steps", each
+        return name if row.on_request else row.group, each
 
-    def _path(self, unit: str) -> Path:
-        if self._is_whole:
+    def _path(self, unit: str, each: bool) -> Path:
+        if not unit:
             return self.core
-        own = [name for name in self._functions if self._unit(name) == unit]
+        own = [name for name in self._functions if self._unit(name, each=each) == (unit, each)]
         parts = {part for name in own for part in FUNCTIONS[name].composed}
-        return self._compiled([*parts, *own], {})
-
-    def _compiled(self, functions: Collection[str], others: Mapping[str, bytes]) -> Path:
-        files, included = c_files(self._name), []
-        if self._each:
-            files, included = [*files, f"{self._name}_each.c"], [f"{self._name}.c"]
-        where = self._folder, self._name, files, self._compiler, self._flags
-        return compiled_files(*where, others, included, functions)
+        files = [*c_files(self._name), *([f"{self._name}_each.c"] if each else [])]
+        included, flags = ([f"{self._name}.c"], self._of_each) if each else ([], ())
+        where = self._folder, self._name, files, self._compiler, flags
+        return compiled_files(*where, {}, included, [*parts, *own])
 
 
 def compiled_library(

@@ -19,7 +19,7 @@ from typing import Any
 import jax
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.interface import Signature, module_signatures
+from gibbs_codegen.interface import Signature
 from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 
@@ -34,23 +34,19 @@ class CompiledCalls:
     """Calls of a module's compiled functions in programs of XLA."""
 
     def __init__(
-        self,
-        module: ModuleType,
-        library: c_library.ModuleLibrary,
-        caller: ctypes.CDLL,
-        of_states: c_library.ModuleLibrary,
+        self, module: ModuleType, library: c_library.ModuleLibrary, caller: ctypes.CDLL
     ) -> None:
         """Take the compiled functions of a module, which XLA is told of when they are called.
 
-        `caller` is the library of `native/jax_call.c`, `of_states` has the functions for constants
-        of each state. Raises `CompilerError` if the constants are lacking.
+        `caller` is the library of `native/jax_call.c`. Raises `CompilerError` if the constants are
+        lacking.
         """
         self._library = library
         self._core = c_library.opened_core(library.core, module.NAME)
         # Another module of this name has another text.
         self._prefix = f"{module.NAME}/{library.digest}/"
         self._constants = len(module.prepare({}))
-        self._module, self._caller, self._of_states = module.NAME, caller, of_states
+        self._module, self._caller = module.NAME, caller
         self._reasons: dict[str, str] = {}
         self._known: set[str] = set()
 
@@ -69,7 +65,7 @@ class CompiledCalls:
     def _add(self, signature: Signature) -> None:
         """Add a function to those that XLA can call. Raises `CompilerError` or `CacheError`."""
         sizes = [*signature.widths, *map(math.prod, signature.shapes), self._constants]
-        batch = self._library.function(signature.name, "_batch")
+        batch = self._library.function(signature.name, c_library.BATCH)
         failed = self._caller.gibbs_codegen_jax_add(
             f"{self._prefix}{signature.name}".encode(),
             ctypes.cast(self._core["gibbs_codegen_rows"], ctypes.c_void_p),
@@ -110,7 +106,7 @@ class CompiledCalls:
                 return
             self._known.add(name)
             try:
-                found = self._of_states.function(name, "_batch_each")
+                found = self._library.function(name, c_library.EACH)
             except (c_library.CompilerError, CacheError, UsageError) as error:
                 if len(self._known) == 1:
                     _log.warning(_ONE_BY_ONE, self._module, printable(error, 400))
@@ -132,14 +128,9 @@ def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
         _log.warning(_SLOW, module.NAME, reason)
         return reason
     try:
-        compiler = c_library.chosen_compiler()
-        names = [signature.name for signature in module_signatures(module)]
-        library, of_states = (
-            c_library.ModuleLibrary(folder, module.NAME, names, compiler, each=each)
-            for each in (False, True)
-        )
+        library = c_library.ModuleLibrary(folder, module, c_library.chosen_compiler())
         with _adding:
-            return CompiledCalls(module, library, _caller(), of_states)
+            return CompiledCalls(module, library, _caller())
     except (c_library.CompilerError, CacheError, OSError) as error:
         reason = printable(error, 400)
         _log.warning(_SLOW, module.NAME, reason)
