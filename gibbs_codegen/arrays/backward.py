@@ -66,7 +66,7 @@ def _gradient(program: Program, by: tuple[str, ...]) -> Program:
             *(inputs[name].tangent if name in inputs else _owners(program)[name])
         )
     name = f"{program.name}_gradient_by_{'_'.join(by)}"
-    return Program(name, (*program.inputs, *weights.values()), outputs)
+    return Program(name, (*program.inputs, *weights.values()), outputs, program.labels)
 
 
 @lru_cache(maxsize=256)

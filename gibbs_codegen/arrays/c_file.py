@@ -25,11 +25,11 @@ from gibbs_codegen.arrays.c_text import (
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.version import __version__
 
-_WIDTH = 100
 # Endings of the names of files that modules have.
 _OF_MODULES = ("each", "laws", "rollout")
 # What is written by hand, with the paragraphs that others need before them.
@@ -160,7 +160,7 @@ def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]
     lines = []
     for member in structure.members:
         size = f"[{values[member.value].size}]" if values[member.value].shape else ""
-        lines += [f"    {line}" for line in _comment(member.words, width=_WIDTH - 4).splitlines()]
+        lines += [f"    {line}" for line in _comment(member.words, width=WIDTH - 4).splitlines()]
         lines.append(f"    {robot.name}_real {member.name}{size};")
     return "\n".join([f"{_comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
 
@@ -174,7 +174,7 @@ def _explained(function: Function) -> str:
     return "\n".join(rows)
 
 
-def _comment(text: str, width: int = _WIDTH) -> str:
+def _comment(text: str, width: int = WIDTH) -> str:
     """A comment of lines, each of which is wrapped."""
     lines = [
         line
@@ -222,7 +222,9 @@ def _source(robot: Functions, stem: str, functions: Sequence[Function]) -> str:
     texts = [CProgram(x, is_plain=True).function() for x in programs]
     for function in functions:
         texts += [CProgram(function.program, is_plain=True).function(), _calling(robot, function)]
-    body = "\n\n".join("\n".join(map(_folded, lines)) for lines in texts)
+    body = "\n\n".join(
+        "\n".join(part for line in lines for part in broken(line)) for lines in texts
+    )
     sizes = {
         "ROTORS": robot.rotors,
         "SOLVE_ROOM": max((solve_room(f.program) for f in functions), default=1),
@@ -295,20 +297,3 @@ def _for_one_state(name: str) -> str:
     """A file of what is written by hand, with numbers of one state."""
     text = c_source(name).replace("static INLINE void solve(", "static INLINE void solve_real(")
     return re.sub(r"\bINLINE\b", "inline", re.sub(r"\bnumber\b", "real", text))
-
-
-def _folded(line: str) -> str:
-    """A line that is too long in several ones."""
-    if len(line) <= _WIDTH:
-        return line
-    indent = " " * (len(line) - len(line.lstrip()) + 4)
-    return "\n".join(
-        textwrap.wrap(
-            line.lstrip(),
-            _WIDTH,
-            initial_indent=indent[:-4],
-            subsequent_indent=indent,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    )

@@ -19,12 +19,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.labels import LABELS
-from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
+from gibbs_codegen.arrays.nodes import Node, Program, Shape, diagonal_of, numbers_of
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
@@ -173,7 +170,7 @@ class CProgram:
     def _is_inlined(self, x: Node) -> bool:
         readers = self.readers[x]
         kinds = nodes.Elementary | nodes.Product
-        if not isinstance(x.operation, kinds) or x in self.results or x in LABELS:
+        if not isinstance(x.operation, kinds) or x in self.results or x in self.program.labels:
             return False
         if _name_of(x) in _ANGLES and not self.is_plain:
             return False
@@ -428,11 +425,8 @@ class CProgram:
         numbers = numbers_of(base)
         if numbers is not None and (numbers == numbers.flat[0]).all():
             return literal(float(numbers.flat[0]))
-        if numbers is not None and x is base and len(numbers.shape) == 2:
-            shift = int(abs(numbers[0]).argmax())
-            value = float(numbers[0, shift])
-            if np.array_equal(numbers, value * np.eye(*numbers.shape, shift)):
-                return _diagonal(index, shift, value)
+        if x is base and (diagonal := diagonal_of(x)):
+            return _diagonal(index, *diagonal)
         if not self._is_kept(base):
             return (
                 base.operation.name
@@ -523,8 +517,9 @@ class CProgram:
     def statement(self, group: list[Node]) -> Iterator[str]:
         """The text that computes the nodes of one statement."""
         x = group[0]
-        words = (LABELS[y].words for y in group if y in LABELS and LABELS[y].words)
-        yield from (f"/* {text} */" for text in dict.fromkeys(words))
+        labels = self.program.labels
+        words = dict.fromkeys(labels[y].words for y in group if y in labels)
+        yield from (f"/* {text} */" for text in words if text)
         match x.operation:
             case nodes.Elementary("sin" | "cos") if not self.is_plain:
                 yield from self._sines_and_cosines(group)
@@ -914,6 +909,7 @@ class Names:
     def __init__(self, program: Program, reserved: Iterable[str]) -> None:
         self._taken = {*program.names, *program.outputs, *reserved}
         self._taken |= {*owners_of(program), *externals_of(program)}
+        self._labels = program.labels
         self._found: dict[Node, str] = {}
 
     def of(self, x: Node) -> str:
@@ -928,7 +924,7 @@ class Names:
 
     def has(self, x: Node) -> bool:
         """Whether a node has a name of its own."""
-        return x in self._found or x in LABELS
+        return x in self._found or x in self._labels
 
     def _free(self, wanted: str) -> str:
         name = wanted
@@ -939,10 +935,9 @@ class Names:
         self._taken.add(name)
         return name
 
-    @staticmethod
-    def _wanted(x: Node) -> str:
-        if x in LABELS:
-            return LABELS[x].name
+    def _wanted(self, x: Node) -> str:
+        if x in self._labels:
+            return self._labels[x].name
         match x.operation:
             case nodes.Elementary("sin" | "cos"):
                 return "sines" if _name_of(x) == "sin" else "cosines"

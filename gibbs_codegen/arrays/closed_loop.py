@@ -14,6 +14,7 @@ from functools import cached_property
 from gibbs_codegen.arrays import surroundings
 from gibbs_codegen.arrays.base import Motion, base_of, placed, quaternion_motion, unit_entries
 from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.labels import labelled
 from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
@@ -179,6 +180,7 @@ class ClosedLoop:
         return Program(name, (*first, *(y for y in self.inputs.values() if y in needed)), outputs)
 
     @cached_property
+    @labelled
     def rate_program(self) -> Program:
         """Time derivative of a state: of time, curves and x, and all else that it needs."""
         time, x = variable("time", uniform=True), variable("x", self.size)
@@ -199,6 +201,7 @@ class ClosedLoop:
             rates.append(self._remembered(at, q, v, memory, wanted))
         return {"rate": join(*rates), "commanded": wanted, "acting": u, "refused": refused}
 
+    @labelled
     def commands(self) -> Program:
         """Inputs `commanded` and `acting` (nu), and `refused` as of a step.
 
@@ -224,6 +227,7 @@ class ClosedLoop:
         outputs = {"a": a, "wrenches": found, "pressed": join(zeros(0), *pressed)}
         return self._program("motion", (time, q, v, u), outputs)
 
+    @labelled
     def command(self) -> Program:
         """Inputs `wanted` (nu) of the law alone, `refused`, and `growth` of what it remembers.
 
@@ -362,6 +366,7 @@ class ClosedLoop:
         return found["wanted"], found["refused"]
 
     @cached_property
+    @labelled
     def _law_program(self) -> Program:
         """The law as a program of its own, since lag compensation calls it twice."""
         time, (q, v) = variable("time", uniform=True), self.model.state()

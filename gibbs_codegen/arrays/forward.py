@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.labels import LABELS, named
-from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.arrays.labels import label
+from gibbs_codegen.arrays.nodes import Label, Node, Program
 from gibbs_codegen.arrays.slopes import (
     call_slopes,
     coordinates_slope,
@@ -45,24 +45,24 @@ def jacobian(program: Program, by: str | Iterable[str]) -> Program:
 @lru_cache(maxsize=256)
 def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
     inputs = dict(zip(program.names, program.inputs, strict=True))
-    outputs = dict(program.outputs)
+    outputs, labels = dict(program.outputs), dict(program.labels)
     for name in by:
         derivatives = _derivatives(program, inputs[name])
         for output, x in program.outputs.items():
             shape = (*x.tangent, math.prod(inputs[name].tangent))
             outputs[f"{output}_by_{name}"] = derivatives.get(x) or nodes.zeros(*shape)
-        for output, x in program.outputs.items():
+        called = [(x, output) for output, x in program.outputs.items()]
+        for x, its in (*called, *((x, its.name) for x, its in program.labels.items())):
             if x in derivatives:
-                named(derivatives[x], f"{output}_by_{name}")
-        for x, derivative in derivatives.items():
-            if x in LABELS:
-                named(derivative, f"{LABELS[x].name}_by_{name}")
-    return Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, _from_derivatives(outputs))
+                label(labels, derivatives[x], Label(f"{its}_by_{name}"))
+    return _from_derivatives(
+        Program(f"{program.name}_by_{'_'.join(by)}", program.inputs, outputs, labels)
+    )
 
 
-def _from_derivatives(outputs: dict[str, Node]) -> dict[str, Node]:
+def _from_derivatives(program: Program) -> Program:
     """The same, with values of a function from the call that gives its derivatives with them."""
-    every = nodes.ordered(outputs.values())
+    every = program.nodes
     names: dict[object, str] = {}
     for x in every:
         if isinstance(x.operation, nodes.Call):
@@ -77,9 +77,11 @@ def _from_derivatives(outputs: dict[str, Node]) -> dict[str, Node]:
             operation = replace(operation, name=name)
         arguments = [made[y] for y in x.arguments]
         made[x] = nodes.node(operation, arguments, x.shape, x.space, x.is_uniform)
-        if x in LABELS:
-            named(made[x], *LABELS[x])
-    return {name: made[x] for name, x in outputs.items()}
+    return replace(
+        program,
+        outputs={name: made[x] for name, x in program.outputs.items()},
+        labels={made[x]: its for x, its in program.labels.items() if x in made},
+    )
 
 
 def _derivatives(program: Program, by: Node) -> dict[Node, Node]:

@@ -15,6 +15,7 @@ from gibbs_codegen.arrays.allocation import smallest_thrusts
 from gibbs_codegen.arrays.base import Motion, base_of
 from gibbs_codegen.arrays.c_file import Function, Member, Structure
 from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.labels import labelled
 from gibbs_codegen.arrays.laws import (
     LAWS,
     Aim,
@@ -128,6 +129,7 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
     )
 
 
+@labelled
 def _law(robot: Functions, law: str, moves: bool) -> Program:
     """Inputs u (nu) of a law."""
     size, count, inputs = robot.space.velocities, robot.rotors, robot.inputs

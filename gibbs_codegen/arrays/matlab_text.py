@@ -7,12 +7,10 @@ numbers are rows, vectors have a column and matrices a page for each state.
 from __future__ import annotations
 
 import os
-import re
 import textwrap
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import check_distinct, externals_of, inner_programs, owners_of
@@ -20,14 +18,11 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, WHOLE, ArrayText, Text
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.line_breaks import INDENT, WIDTH, broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.version import __version__
 
-WIDTH = 100
-# Of every line in the body of a function, and of every line that continues another.
-_INDENT = 4
 _CONTINUED = " ..."
-_NO_BREAK = "\N{NO-BREAK SPACE}"
 # Functions that have another name than in NumPy.
 _FUNCTIONS = {"minimum": "min", "maximum": "max", "absolute": "abs", "arctan2": "atan2"}
 # What no variable is called: words, and functions that the text calls.
@@ -55,20 +50,11 @@ end
 }
 
 
-def broken(text: str) -> list[str]:
+def continued(text: str) -> list[str]:
     """A statement of the body of a function, in several lines where it is long."""
-    if len(text) <= WIDTH - _INDENT:
+    if len(text) <= WIDTH - INDENT:
         return [text]
-    # An index stays whole.
-    text = re.sub(r"\([^()]{,30}\)", lambda index: index[0].replace(" ", _NO_BREAK), text)
-    lines = textwrap.wrap(
-        text,
-        WIDTH - _INDENT - len(_CONTINUED),
-        subsequent_indent=" " * _INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    lines = [line.replace(_NO_BREAK, " ") for line in lines]
+    lines = broken(text, WIDTH - INDENT - len(_CONTINUED), whole=r"\([^()]{,30}\)")
     return [*(f"{line}{_CONTINUED}" for line in lines[:-1]), lines[-1]]
 
 
@@ -89,17 +75,17 @@ class MatlabText(ArrayText):
         """Statements, of which the last give the outputs their values."""
         found = []
         for words, targets, value in self.statements():
-            found += textwrap.wrap(words, WIDTH - _INDENT, initial_indent="% ") if words else []
+            found += textwrap.wrap(words, WIDTH - INDENT, initial_indent="% ") if words else []
             left = targets[0] if len(targets) == 1 else f"[{', '.join(targets)}]"
-            found += broken(f"{left} = {value};")
+            found += continued(f"{left} = {value};")
         for name, value in zip(self.program.outputs, self.results(), strict=True):
-            found += broken(f"{name} = {value};") if name != value else []
+            found += continued(f"{name} = {value};") if name != value else []
         return found
 
     def function(self, opening: Iterable[str] = ()) -> str:
         """The program as a function of MATLAB, whose body some lines open."""
         body = [f"    {line}" for line in self.lines()]
-        return "\n".join([*broken(f"function {self.heading}"), *opening, *body, "end\n"])
+        return "\n".join([*continued(f"function {self.heading}"), *opening, *body, "end\n"])
 
     @property
     def heading(self) -> str:
@@ -302,15 +288,13 @@ def _literal(x: Node) -> Text:
         entries = "; ".join(repr(float(value)) for value in numbers.ravel(order="F"))
         return Text(f"reshape([{entries}], {_sizes(x.shape)})")
     rows, columns = (*x.shape, 1)[:2]
-    matrix = numbers.reshape(rows, columns)
-    shift = int(abs(matrix[0]).argmax())
-    value = float(matrix[0, shift])
-    if columns > 1 and np.array_equal(matrix, value * np.eye(rows, columns, shift)):
+    if diagonal := nodes.diagonal_of(x):
+        shift, value = diagonal
         blocks = [f"zeros({rows}, {shift})"] if shift else []
         blocks.append(f"eye({rows}, {columns - shift})")
         unit = f"[{', '.join(blocks)}]" if shift else blocks[0]
         return Text(unit) if value == 1.0 else Text(f"{value!r} .* {unit}", PRODUCT)
-    lines = (", ".join(repr(float(value)) for value in row) for row in matrix)
+    lines = (", ".join(repr(float(value)) for value in row) for row in numbers.reshape(rows, -1))
     return Text(f"[{'; '.join(lines)}]")
 
 
@@ -343,7 +327,7 @@ def write_matlab(
             "the program of other nodes, or give its values as inputs"
         )
     path = Path(folder) / f"{robot.name}_{program.name}.m"
-    called = Program(path.stem, program.inputs, program.outputs)
+    called = replace(program, name=path.stem)
     text = MatlabText(called)
     check_distinct(text.programs)
     for name in (*called.names, *called.outputs):

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -298,12 +298,19 @@ def is_all(x: Node, value: float) -> bool:
     return numbers is not None and bool(np.all(numbers == value))
 
 
+def diagonal_of(x: Node) -> tuple[int, float] | None:
+    """In which column the diagonal of a constant matrix begins, and its value; None of others."""
+    numbers = numbers_of(x)
+    if numbers is None or len(x.shape) != 2 or not x.size:
+        return None
+    shift = int(abs(numbers[0]).argmax())
+    value = float(numbers[0, shift])
+    return (shift, value) if np.array_equal(numbers, value * np.eye(*x.shape, shift)) else None
+
+
 def _is_identity(x: Node) -> bool:
     """Whether a node is a constant that is the identity matrix."""
-    numbers = numbers_of(x)
-    if numbers is None or len(x.shape) != 2 or x.shape[0] != x.shape[1]:
-        return False
-    return np.array_equal(numbers, np.eye(x.shape[0]))
+    return diagonal_of(x) == (0, 1.0) and x.shape[0] == x.shape[1]
 
 
 def zeros(*shape: int) -> Node:
@@ -617,6 +624,13 @@ def formula_of(x: Node) -> Node:
     return x.operation.formula(x.size)(*x.arguments, x)[0]
 
 
+class Label(NamedTuple):
+    """The name of a variable, and a sentence on what it is."""
+
+    name: str
+    words: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class Program:
     """Named results of named inputs. Called with nodes, it gives those of its results.
@@ -627,11 +641,13 @@ class Program:
         name: Its name, as it is printed.
         inputs: Variables, in the order of the arguments.
         outputs: Results by name.
+        labels: What text in other languages calls nodes.
     """
 
     name: str
     inputs: tuple[Node, ...]
     outputs: Mapping[str, Node]
+    labels: Mapping[Node, Label] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that every variable is an input."""

@@ -5,8 +5,6 @@ Arrays have any leading axes, which broadcast. A number has one axis of its own,
 
 from __future__ import annotations
 
-import numpy as np
-
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.nodes import Node, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, WHOLE, ArrayText, Text
@@ -80,15 +78,12 @@ class NumpyText(ArrayText):
             return Text(repr(float(numbers.flat[0])))
         if not numbers.any():
             return Text(f"np.zeros({x.shape})")
-        if len(x.shape) == 2:
-            shift = int(abs(numbers[0]).argmax())
-            value = float(numbers[0, shift])
-            rows, columns = x.shape
-            if np.array_equal(numbers, value * np.eye(rows, columns, shift)):
-                sizes = [rows, *([columns] if shift or rows != columns else [])]
-                sizes += [shift] if shift else []
-                unit = f"np.eye({', '.join(map(str, sizes))})"
-                return Text(unit) if value == 1.0 else Text(f"{value!r} * {unit}", PRODUCT)
+        if diagonal := nodes.diagonal_of(x):
+            (rows, columns), (shift, value) = x.shape, diagonal
+            sizes = [rows, *([columns] if shift or rows != columns else [])]
+            sizes += [shift] if shift else []
+            unit = f"np.eye({', '.join(map(str, sizes))})"
+            return Text(unit) if value == 1.0 else Text(f"{value!r} * {unit}", PRODUCT)
         raise UsageError(f"{self.program.name}: {x} is not written in NumPy")
 
     def _transposed(self, x: Node) -> Text:

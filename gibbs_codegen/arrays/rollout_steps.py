@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.labels import named
+from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
@@ -68,6 +68,7 @@ def given(robot: Functions, parts: Parts) -> dict[str, Node]:
     return {x.operation.name: x for x in found if isinstance(x.operation, Input)}
 
 
+@labelled
 def rollout_step(
     robot: Functions, method: str, parts: Parts, name: str = "step", *, has_thrusts: bool = False
 ) -> Program:

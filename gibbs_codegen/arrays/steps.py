@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from gibbs_codegen.arrays.forward import jacobian
 from gibbs_codegen.arrays.functions import Functions
-from gibbs_codegen.arrays.labels import named
+from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.nodes import Node, Program, beside, join, variable
 
 State = tuple[Node, Node]
@@ -50,6 +50,7 @@ def runge_kutta_4(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node)
 METHODS = {"euler": semi_implicit_euler, "rk4": runge_kutta_4}
 
 
+@labelled
 def step_program(robot: Functions, method: str, *, one_length: bool = True) -> Program:
     """A step with constant inputs: q (nq), v (nv), u (nu) and h to q_next and v_next.
 
@@ -75,10 +76,11 @@ def emitted_step(robot: Functions, name: str) -> Program:
     step = step_program(robot, method, one_length=False)
     if not name.endswith("_derivatives"):
         return step
-    found = jacobian(step, ("q", "v", "u")).outputs
+    derived = jacobian(step, ("q", "v", "u"))
+    found = derived.outputs
     of_state, of_inputs = (
         join(*(beside(*(found[f"{x}_next_by_{y}"] for y in by)) for x in "qv"))
         for by in ("qv", "u")
     )
     results = {x: found[x] for x in step.outputs}
-    return Program(name, step.inputs, {**results, "A": of_state, "B": of_inputs})
+    return Program(name, step.inputs, {**results, "A": of_state, "B": of_inputs}, derived.labels)

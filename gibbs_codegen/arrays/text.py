@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.c_text import Names, call_of
-from gibbs_codegen.arrays.labels import LABELS
 from gibbs_codegen.arrays.nodes import Node, Program, is_all
 from gibbs_codegen.interface import FUNCTIONS
 
@@ -61,7 +60,8 @@ class ArrayText(ABC):
                 is_call = isinstance(x.operation, _CALLS)
                 groups.setdefault((is_call and call_of(x)) or x, []).append(x)
         for group in groups.values():
-            words = next((LABELS[y].words for y in group if y in LABELS), "")
+            labels = self.program.labels
+            words = next((labels[y].words for y in group if y in labels), "")
             yield words, self._targets(group), self._value(group[0]).text
 
     def results(self) -> list[str]:

@@ -13,7 +13,7 @@
     LeaningController  reference           → or by a law that leans       (control/geometric)
       law_in_time      law, rate, sensors  → inputs held between samples  (control/sampled_control)
     ClosedLoop         controller, limits  → derivative of a state        (integration/closed_loop)
-      loop_program     ClosedLoop          → its array program, values    (integration/loop_program)
+      loop_program     ClosedLoop          → its array program, values    (integration/closed_loop)
     integrate          loop, start         → StateHistory: samples        (integration/integrators)
     flight_of          samples             → Flight: all time series      (record/recording)
       point_parents    module              → what hangs on what, for drawings (record/series)

@@ -13,7 +13,7 @@ from support.tools import run
 
 from gibbs_codegen.arrays.c_text import externals_of, owners_of
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.flight.integration.loop_program import loop_program
+from gibbs_codegen.flight.integration.closed_loop import loop_program
 from gibbs_codegen.flight.integration.state_history import Loads
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start

@@ -9,7 +9,7 @@ import pytest
 
 from gibbs_codegen.arrays import Functions, evaluate
 from gibbs_codegen.arrays.steps import METHODS, step_program
-from gibbs_codegen.flight.integration.loop_program import loop_program, loop_values
+from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start

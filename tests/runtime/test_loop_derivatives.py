@@ -23,7 +23,7 @@ from gibbs_codegen.arrays import (
     variable,
 )
 from gibbs_codegen.arrays.allocation import nearest_thrusts, smallest_thrusts
-from gibbs_codegen.flight.integration.loop_program import loop_program, loop_values
+from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario

@@ -37,7 +37,7 @@ from gibbs_codegen.arrays import (
 from gibbs_codegen.arrays.base import Motion
 from gibbs_codegen.arrays.laws import Aim, Gains, computed_torque
 from gibbs_codegen.arrays.nodes import copysign, exponential, reshaped, transposed
-from gibbs_codegen.flight.integration.loop_program import loop_program, loop_values
+from gibbs_codegen.flight.integration.closed_loop import loop_program, loop_values
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start

@@ -50,6 +50,8 @@ from gibbs_codegen.arrays import (
     total,
     variable,
 )
+from gibbs_codegen.arrays.c_text import CProgram
+from gibbs_codegen.arrays.labels import labelled, named
 from gibbs_codegen.arrays.slopes import ELEMENTARY_SLOPES
 from gibbs_codegen.arrays.steps import METHODS, step_program
 from gibbs_codegen.errors import MissingFunctionError, UsageError
@@ -451,6 +453,25 @@ def test_nodes_are_made_once_and_forgotten() -> None:
         sine(x * float(k + 2))
     gc.collect()
     assert len(nodes._NODES) <= before + 1
+
+
+def test_text_has_the_names_of_its_own_program() -> None:
+    """Programs share nodes, and what one calls them is nothing to another, whichever is older."""
+    x = variable("x", 9)
+
+    @labelled
+    def made(name: str) -> Program:
+        doubled = 2.0 * x
+        if name:
+            named(doubled, name, f"It is called {name}.")
+        return Program("twice", (x,), {"y": doubled @ doubled, "z": doubled + 1.0})
+
+    programs = {name: made(name) for name in ("first", "", "second")}
+    for name, program in programs.items():
+        for derived in (program, jacobian(program, "x"), gradient(program, "x")):
+            text = "\n".join(CProgram(derived).function())
+            assert {one for one in programs if one and one in text} == ({name} - {""})
+    assert programs["first"].labels != programs["second"].labels
 
 
 def test_threads_make_a_node_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.integration.loop_program import (
+from gibbs_codegen.flight.integration.closed_loop import (
     DOUBLE,
     SINGLE,
+    ClosedLoop,
     loop_program,
     loop_tables,
     loop_values,

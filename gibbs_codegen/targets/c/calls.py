@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import SimpleNamespace
+from dataclasses import replace
 
 from gibbs_codegen.arrays.c_text import functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import default_functions
+from gibbs_codegen.interface import FUNCTIONS, default_functions
 from gibbs_codegen.program.model import Model
 
 
 def model_functions(model: Model) -> Functions:
     """The functions of a model, and those that are there by default."""
     every = tuple(dict.fromkeys((*model.functions, *default_functions())))
-    lists = {**model.lists, **model.description.constants, "FUNCTIONS": every}
-    robot = model.robot
-    return Functions(SimpleNamespace(NAME=robot.name, ATTITUDE=robot.base.attitude, **lists))
+    return Functions(replace(model, functions=every).listing)
 
 
 def check_calls(model: Model, programs: Iterable[Program], what: str) -> None:
     """Raise `UsageError`, which begins with `what`, if programs call functions not in a model."""
     called = {name for program in programs for _, name in functions_of(program)}
-    every = dict.fromkeys((*model.functions, *default_functions()))
-    if missing := [name for name in every if name in called and name not in model.functions]:
+    if missing := [name for name in FUNCTIONS if name in called - {*model.functions}]:
         them = "them" if missing[1:] else "it"
         raise UsageError(f"{what} {', '.join(missing)}: add {them} to --functions")

@@ -11,6 +11,7 @@ from gibbs_codegen.arrays.c_text import CProgram, View, functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.arrays.steps import emitted_step
+from gibbs_codegen.files.line_breaks import broken
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
@@ -84,7 +85,7 @@ class LaneProgram(CProgram):
         body = self.body()
         head = c.head(f"{storage}void {self.name}", self.parameters())
         lines = c.indented([*self.constants(), *body])
-        return [*head, "{", *(part for line in lines for part in c.broken(line)), "}"]
+        return [*head, "{", *(part for line in lines for part in broken(line)), "}"]
 
 
 def program_texts(model: Model) -> list[Context]:

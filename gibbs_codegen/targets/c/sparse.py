@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import textwrap
 
+from gibbs_codegen.files.line_breaks import INDENT, WIDTH
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import Pattern, matrices, patterns
@@ -85,4 +86,4 @@ def _sparse_text(
 
 def _integers(numbers: tuple[int, ...]) -> Lines:
     """Integers as they stand in braces."""
-    return textwrap.wrap(" ".join(f"{number}," for number in numbers), c.WIDTH - 4)
+    return textwrap.wrap(" ".join(f"{number}," for number in numbers), WIDTH - INDENT)

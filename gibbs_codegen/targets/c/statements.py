@@ -6,17 +6,12 @@ The entries of an array are `stride` reals apart: 1 for one state, LANES for a b
 from __future__ import annotations
 
 import re
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
+from gibbs_codegen.files.line_breaks import INDENT, WIDTH, broken
 from gibbs_codegen.program.nodes import Node, Statement
 from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
 
-WIDTH = 100
-# Of every line in the body of a function, and of every line in a loop there.
-_INDENT = 4
-# A space where no line is broken.
-_KEPT = "\0"
 # A short statement: what begins a declaration, and whether its value is copied, not computed.
 _SHORT = re.compile(
     r"(?P<declared>const (?:\w+ )?real )?\w+(?:\[[^]]*\]|\(\w+\))? = "
@@ -60,9 +55,7 @@ class CStatements(StatementPrinter):
 
     def _assignment(self, target: str, value: str) -> list[str]:
         """An assignment, broken where it is too long for a line."""
-        width = WIDTH - self._depth * _INDENT
-        text = f"{target} = {value};"
-        return broken(text, width)
+        return broken(f"{target} = {value};", WIDTH - self._depth * INDENT)
 
 
 def load_constant(name: str) -> str:
@@ -77,7 +70,7 @@ def unused(name: str) -> str:
 
 def call(name: str, arguments: Sequence[str]) -> list[str]:
     """A call of a function that returns nothing; it may stand in a loop."""
-    return _listed(f"{name}(", arguments, ");", WIDTH - 4 * _INDENT)
+    return _listed(f"{name}(", arguments, ");", WIDTH - 4 * INDENT)
 
 
 def head(name: str, parameters: Sequence[str], end: str = "") -> list[str]:
@@ -90,7 +83,7 @@ def _listed(begin: str, items: Sequence[str], end: str, width: int) -> list[str]
     lines = [begin]
     for item, after in zip(items, [*([", "] * (len(items) - 1)), end], strict=True):
         if len(lines[-1]) + len(item) + len(after.rstrip()) > width:
-            lines.append(" " * _INDENT)
+            lines.append(" " * INDENT)
         lines[-1] += item + after
     return [line.rstrip() for line in lines]
 
@@ -126,25 +119,6 @@ def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[st
     return [*opening, "{", *indented([*idle, *body]), "}"]
 
 
-def broken(line: str, width: int = WIDTH) -> list[str]:
-    """A statement on as many lines as it needs, those after the first further to the right."""
-    if len(line) <= width:
-        return [line]
-    text = line.lstrip()
-    margin = line[: len(line) - len(text)]
-    # An index stays whole.
-    text = re.sub(r"\[[^\]]*\]", lambda index: index[0].replace(" ", _KEPT), text)
-    lines = textwrap.wrap(
-        text,
-        width,
-        initial_indent=margin,
-        subsequent_indent=margin + " " * _INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [part.replace(_KEPT, " ") for part in lines]
-
-
 def side_by_side(lines: Iterable[str]) -> list[str]:
     """Lines of a function's body, short statements of a kind in one.
 
@@ -160,7 +134,7 @@ def side_by_side(lines: Iterable[str]) -> list[str]:
             rest = f", {line.removeprefix(declared)}" if declared else f"; {line}"
             same = bool(short["copied"]) == bool(before["copied"]) or not declared
             room = count < 2 or short["copied"] or not declared
-            if same and room and len(found[-1]) + len(rest) <= WIDTH - _INDENT + 1:
+            if same and room and len(found[-1]) + len(rest) <= WIDTH - INDENT + 1:
                 found[-1] = f"{found[-1][:-1]}{rest}"
                 count += 1
                 continue
@@ -171,7 +145,7 @@ def side_by_side(lines: Iterable[str]) -> list[str]:
 
 def indented(lines: Iterable[str]) -> list[str]:
     """Lines of a block."""
-    return [f"{' ' * _INDENT}{line}".rstrip() for line in lines]
+    return [f"{' ' * INDENT}{line}".rstrip() for line in lines]
 
 
 def load(name: str, array: str, place: int | str, sign: str = "") -> str:
@@ -207,7 +181,7 @@ def array_size(entries: int | str, lanes: bool) -> str:
 def local_arrays(sizes: Mapping[str, str]) -> list[str]:
     """A declaration of local arrays by their sizes, as `array_size` returns them, or none."""
     arrays = [f"{name}[{size}]" for name, size in sizes.items()]
-    return _listed("real ", arrays, ";", WIDTH - 2 * _INDENT) if arrays else []
+    return _listed("real ", arrays, ";", WIDTH - 2 * INDENT) if arrays else []
 
 
 def from_entry(array: str, entry: int) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
+from gibbs_codegen.files.line_breaks import WIDTH, broken
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LANES, LISTS, derivatives_among
 from gibbs_codegen.program.model import Model
@@ -15,7 +16,7 @@ from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.programs import program_texts
 from gibbs_codegen.targets.c.sparse import pattern_texts, sparse_texts
-from gibbs_codegen.targets.c.statements import WIDTH, CStatements, broken, load, side_by_side
+from gibbs_codegen.targets.c.statements import CStatements, load, side_by_side
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 # Of more derivatives that are left out nobody reads the names.

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gibbs_codegen.arrays.matlab_text import WIDTH, broken
+from gibbs_codegen.arrays.matlab_text import continued
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.line_breaks import INDENT, WIDTH
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Node, Number, Output
 from gibbs_codegen.targets.printers import InfixPrinter, StatementPrinter
-
-_INDENT = 4
 
 
 class MatlabPrinter(InfixPrinter):
@@ -44,7 +43,7 @@ class MatlabStatements(StatementPrinter):
 
     def assign(self, name: str, value: Node) -> list[str]:
         """A variable, or entries of one."""
-        return broken(f"{name} = {self._expressions.expression(value)};")
+        return continued(f"{name} = {self._expressions.expression(value)};")
 
     def fill(self, name: str, output: Output) -> list[str]:
         """An output, whose zeros are there before its other entries."""
@@ -77,7 +76,7 @@ def column(texts: Sequence[str]) -> list[str]:
     """
     lines: list[str] = []
     for text in texts:
-        if lines and len(f"{lines[-1]}; {text};") <= WIDTH - 2 * _INDENT:
+        if lines and len(f"{lines[-1]}; {text};") <= WIDTH - 2 * INDENT:
             lines[-1] += f"; {text}"
         else:
             lines.append(text)

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import textwrap
 from collections.abc import Iterable, Sequence
 
+from gibbs_codegen.files.line_breaks import INDENT, WIDTH, broken
 from gibbs_codegen.program.nodes import Node, Output
 from gibbs_codegen.targets.printers import StatementPrinter
-
-WIDTH = 100
-# Of every line in the body of a function, and of every line in parentheses there.
-_INDENT = 4
-# Stands for a space where a line must not end.
-_NO_BREAK = "\0"
 
 
 class PythonStatements(StatementPrinter):
@@ -22,9 +15,9 @@ class PythonStatements(StatementPrinter):
     def assign(self, name: str, value: Node) -> list[str]:
         """A local variable, its value in parentheses where it takes more than a line."""
         start, text = f"{name} = ", self._expressions.expression(value)
-        if len(start) + len(text) <= WIDTH - _INDENT:
+        if len(start) + len(text) <= WIDTH - INDENT:
             return [start + text]
-        return [f"{start}(", *(f"{' ' * _INDENT}{line}" for line in _wrapped(text)), ")"]
+        return [f"{start}(", *(f"{' ' * INDENT}{line}" for line in _wrapped(text)), ")"]
 
     def entries(self, outputs: Sequence[Output]) -> list[str]:
         """What stands in the parentheses of a tuple of all entries of outputs."""
@@ -44,7 +37,7 @@ def load_all(names: Sequence[str], array: str, places: Sequence[int], whole: boo
         return [load(name, array, place) for name, place in zip(names, places, strict=True)]
     values = array if whole else ", ".join(f"{array}[{place}]" for place in places)
     text = f"{', '.join(names)} = {values}"
-    if len(text) <= WIDTH - _INDENT:
+    if len(text) <= WIDTH - INDENT:
         return [text]
     lines = ["(", *_indented(_wrapped(f"{', '.join(names)},"))]
     if whole:
@@ -55,26 +48,24 @@ def load_all(names: Sequence[str], array: str, places: Sequence[int], whole: boo
 def listed(begin: str, items: Sequence[str], end: str = "") -> list[str]:
     """Items in parentheses, in one line where they fit, or each in a line of its own."""
     inside = ", ".join(items)
-    if len(begin) + len(inside) + len(end) + 2 <= WIDTH - _INDENT:
+    if len(begin) + len(inside) + len(end) + 2 <= WIDTH - INDENT:
         return [f"{begin}({inside}){end}"]
-    if len(inside) <= WIDTH - 2 * _INDENT:
+    if len(inside) <= WIDTH - 2 * INDENT:
         return [f"{begin}(", *_indented([inside]), f"){end}"]
     return [f"{begin}(", *_indented(f"{item}," for item in items), f"){end}"]
 
 
-def broken(statement: str) -> list[str]:
+def assignment(statement: str) -> list[str]:
     """A statement in a function of a function, what it computes in parentheses where it is long."""
-    if len(statement) <= WIDTH - 2 * _INDENT:
+    if len(statement) <= WIDTH - 2 * INDENT:
         return [statement]
     start, _, value = statement.partition(" = ")
-    # An index stays whole.
-    value = re.sub(r"\[[^\]]*\]", lambda index: index[0].replace(" ", _NO_BREAK), value)
-    lines = textwrap.wrap(value, WIDTH - 3 * _INDENT, break_long_words=False)
-    return [f"{start} = (", *_indented(line.replace(_NO_BREAK, " ") for line in lines), ")"]
+    lines = broken(value, WIDTH - 3 * INDENT, hanging="")
+    return [f"{start} = (", *_indented(lines), ")"]
 
 
 def _indented(lines: Iterable[str]) -> list[str]:
-    return [f"{' ' * _INDENT}{line}" for line in lines]
+    return [f"{' ' * INDENT}{line}" for line in lines]
 
 
 def elements(texts: Sequence[str]) -> list[str]:
@@ -96,15 +87,13 @@ def literal(value: object) -> str:
 def literals(values: Iterable[object]) -> list[str]:
     """What stands in the parentheses of a tuple of constants, with no line that ends in a text."""
     text = " ".join(f"{literal(v)}," for v in values)
-    whole = re.sub('"[^"]*"', lambda found: found[0].replace(" ", _NO_BREAK), text)
-    lines = textwrap.wrap(whole, WIDTH - _INDENT, break_long_words=False, break_on_hyphens=False)
-    return [line.replace(_NO_BREAK, " ") for line in lines]
+    return broken(text, WIDTH - INDENT, whole='"[^"]*"', hanging="") if text else []
 
 
 def integers(numbers: Iterable[int]) -> list[str]:
     """What stands in the parentheses of a tuple of integers in a tuple; nothing without any."""
     text = " ".join(f"{number}," for number in numbers)
-    return textwrap.wrap(text, WIDTH - 3 * _INDENT)
+    return broken(text, WIDTH - 3 * INDENT, hanging="") if text else []
 
 
 def result(outputs: Sequence[Output]) -> str:
@@ -126,4 +115,4 @@ def result_type(outputs: int) -> str:
 
 def _wrapped(text: str) -> list[str]:
     """Lines of an expression that stands in parentheses in the body of a function."""
-    return textwrap.wrap(text, WIDTH - 2 * _INDENT, break_long_words=False, break_on_hyphens=False)
+    return broken(text, WIDTH - 2 * INDENT, hanging="")

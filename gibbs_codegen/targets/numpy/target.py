@@ -46,7 +46,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
             "lines": [
                 part
                 for line in NumpyText(emitted_step(robot, signature.name)).lines()
-                for part in python.broken(line)
+                for part in python.assignment(line)
             ],
         }
         for signature in model.composed
