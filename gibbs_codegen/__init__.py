@@ -47,7 +47,9 @@ if TYPE_CHECKING:
     )
     from gibbs_codegen.flight.analysis.trim import Trim as Trim
     from gibbs_codegen.flight.analysis.trim import trim as trim
-    from gibbs_codegen.flight.control.sampled_control import Observation as Observation
+    from gibbs_codegen.flight.control.observation import Observation as Observation
+    from gibbs_codegen.flight.control.predictive import Predictive as Predictive
+    from gibbs_codegen.flight.control.predictive import Tolerances as Tolerances
     from gibbs_codegen.flight.figures.curves import (
         reachable_wrenches_figure as reachable_wrenches_figure,
     )
@@ -94,7 +96,8 @@ _MODULES = {
     "flight.analysis.linear_model": ("Regulator", "linearise", "lqr"),
     "flight.analysis.reachable_wrenches": ("ReachableWrenches", "reachable_wrenches"),
     "flight.analysis.trim": ("Trim", "trim"),
-    "flight.control.sampled_control": ("Observation",),
+    "flight.control.observation": ("Observation",),
+    "flight.control.predictive": ("Predictive", "Tolerances"),
     "flight.figures.curves": ("reachable_wrenches_figure",),
     "flight.figures.flight": ("write_results",),
     "flight.many": ("simulate_many",),

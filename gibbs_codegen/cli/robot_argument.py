@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -99,13 +99,13 @@ def functions_of(word: str | None) -> tuple[str, ...]:
 
 @contextmanager
 def found_module(
-    word: str, progress: AbstractContextManager[Progress]
+    word: str, progress: AbstractContextManager[Progress], derivatives: Sequence[str] = ()
 ) -> Iterator[tuple[Path, bool]]:
     """The folder of the module that a word, as of `find_robot`, names, and whether it is kept.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
-    left of one. For any other robot a module is generated, with its steps shown by `progress`, and
-    removed on leaving. Errors are those of `find_robot`.
+    left of one. For any other robot a module is generated, with some `derivatives`, its steps shown
+    by `progress`, and removed on leaving. Errors are those of `find_robot`.
     """
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module
@@ -117,5 +117,7 @@ def found_module(
 
     with tempfile.TemporaryDirectory() as out:
         with progress as step:
-            _, folder = generate_robot(robot, text, out, progress=step, verify=False)
+            _, folder = generate_robot(
+                robot, text, out, progress=step, verify=False, derivatives=derivatives
+            )
         yield folder, False

@@ -14,7 +14,9 @@ from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.figures.flight import check_results, write_results
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.predictive import DERIVATIVES
 
 # Limits that the terminal shows of those that a timing reaches.
 _MOST_LIMITS = 12
@@ -32,8 +34,9 @@ def run(options: argparse.Namespace) -> int:
     check_results(options.out, options.animate or "")
     from gibbs_codegen.flight.simulation import simulate  # Late: refusals appear at once.
 
+    derivatives = DERIVATIVES if scenario.control.law == PREDICTIVE else ()
     with (
-        robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
+        robot_argument.found_module(options.robot, terminal.progress(), derivatives) as (folder, _),
         terminal.progress_bar() as progress,
     ):
         module = load(folder, options.backend)

@@ -90,9 +90,9 @@ class Parameters:
             for frame in robot.frames
         }
 
-    def _value(self, name: str, default: float, unit: str) -> sp.Expr:
+    def _value(self, name: str, default: float, unit: str, *, is_kept: bool = False) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
-        if default == 0.0 and not self._keep_zeros:
+        if default == 0.0 and not (self._keep_zeros or is_kept):
             if name not in self.folded:
                 self.folded.append(name)
             return sp.S.Zero
@@ -119,7 +119,12 @@ class Parameters:
             return LinkSymbols(a, d, position, body, NOT_PASSIVE)
         units = PASSIVE_UNITS["revolute" if link.joint == "revolute" else "prismatic"]
         own = zip(asdict(link.passive).items(), units, strict=True)
-        passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
+        # Steps that take a damper's torque at their end need an armature that is larger.
+        damped = {"armature"} if link.passive.damping else set()
+        passive = (
+            self._value(f"{prefix}_{name}", x, unit, is_kept=name in damped)
+            for (name, x), unit in own
+        )
         return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:

@@ -19,7 +19,7 @@ from gibbs_codegen.flight.plant.allocation import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.parts import Control, Law
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Control, Law
 
 _ALL = 6
 # How much faster the base must lean than the position follows, which it moves.
@@ -87,6 +87,8 @@ def control_law(
     `vehicle` is the robot as the law knows it. Raises `UsageError` if integral action makes errors
     grow, or the geometric law is to fly a motion without thrust.
     """
+    if law == PREDICTIVE:  # It is sampled, in place of the inputs of the desired motion.
+        law = "open_loop"
     leans, allocation = law in LAWS and LAWS[law].leans, allocation.in_flight()
     attitude = control.attitude_frequency
     if attitude is None:

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.control.laws import ControlLaw, Gains
+from gibbs_codegen.flight.control.observation import Observation as Observation
+from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.orientation import rate_matrix
-from gibbs_codegen.flight.scenario.parts import Sensors
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
@@ -130,27 +131,6 @@ class ZeroOrderHold:
         """
         places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
         return np.array(self._commands or [self.inputs])[places], memory
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What a controller is told; its arrays are read-only.
-
-    - `time`: of the sample, s
-    - `q` (nq) and `v` (nv): the state as the sensors measure it
-    - `q_desired` (nq), `v_desired` and `a_desired` (nv): the desired motion at `time`
-    """
-
-    time: float
-    q: Array
-    v: Array
-    q_desired: Array
-    v_desired: Array
-    a_desired: Array
-
-    def __post_init__(self) -> None:
-        for array in (self.q, self.v, self.q_desired, self.v_desired, self.a_desired):
-            array.setflags(write=False)
 
 
 class Sensing:
@@ -283,7 +263,10 @@ class SampledControl(ZeroOrderHold):
         """
         while (sampled := self._taken / self.rate) - self._sensing.delay <= time + self.same:
             self._taken += 1
-            inputs = self._controller(self._sensing(sampled, q, v))
+            try:
+                inputs = self._controller(self._sensing(sampled, q, v))
+            except NoPlanError as error:
+                return str(error)
             if fault := self.fault(inputs):
                 return f"at t = {sampled:.6g} s the controller returned {fault}"
             self.command(sampled, inputs)
@@ -304,6 +287,10 @@ def law_in_time(
     """
     control, sensors = scenario.control, scenario.sensors
     rate, delay = control.rate, control.delay
+    sensing = Sensing(law.vehicle, law.reference, sensors)
+    if controller is None and control.law == PREDICTIVE:
+        planning = predictive_law(law.vehicle, law.reference, scenario, actuators)
+        return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)
     if controller is None:
         if rate is None and sensors is None:
             return law
@@ -319,7 +306,6 @@ def law_in_time(
         rate = _number(controller, "rate", rate, least=_LOWEST_RATE)
         delay = _number(controller, "delay", delay, least=0.0) or 0.0
     rate = rate or DEFAULT_RATE
-    sensing = Sensing(law.vehicle, law.reference, sensors)
     if controller is None:
         return SampledControl(
             law, rate, delay, sensing, LawController(law, actuators, rate), law.law

@@ -38,7 +38,9 @@ from gibbs_codegen.flight.scenario.numbers import (
 )
 
 MAX_DURATION = 3600.0  # s
-Law = Annotated[str, OneOf(("tracking", *LAWS, "open_loop", "off"))]
+# The law that plans: `flight.control.predictive`.
+PREDICTIVE = "predictive"
+Law = Annotated[str, OneOf(("tracking", *LAWS, PREDICTIVE, "open_loop", "off"))]
 Method = Literal["adaptive", "rk4"]
 TimingLaw = Literal["uniform", "fastest"]
 Thrusts = Annotated[

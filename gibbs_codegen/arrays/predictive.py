@@ -1,0 +1,407 @@
+"""Predictive control as array programs: a node of the horizon, what follows its end, and moves.
+
+At each node k the state x is coordinates q, velocities v, thrusts of motors that lag, and the
+inputs of the node before, where changes of inputs cost or are limited. A small change of a node is
+w = (du, dx), with displacements of q in the tangent space. To first order
+
+    dx_next = slope w + gap,    cost = value + gradient w + w hessian w / 2,
+
+and the Hessian is that of Gauss and Newton: of the squares of the linearised errors. Errors are
+those of points on their paths, of frames' orientations, of the posture (coordinates), of
+velocities, inputs and changes of inputs. The Hessian has a part of coordinates, which differs from
+node to node, and one that does not, `weights_hessian`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gibbs_codegen.arrays.forward import jacobian
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import (
+    Node,
+    Program,
+    beside,
+    constant,
+    coordinates_of,
+    cross,
+    dot,
+    entries_of,
+    exponential,
+    join,
+    maximum,
+    reshaped,
+    square_root,
+    variable,
+    zeros,
+)
+from gibbs_codegen.arrays.steps import METHODS
+
+# Least time constant, s, of a motor that lags: faster ones follow at once.
+_LEAST_LAG = 1e-6
+# Least of 1 and the trace of a rotation: none is turned round.
+_LEAST_TRACE = 1e-9
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """What the programs of a predictive controller depend on.
+
+    `points` and `orientations` are frames that are led. `method` takes the steps. `lags`: motors
+    lag; `changes`: changes of inputs cost, or are limited. `carries`: the position of the base is
+    free, and at the end of the horizon is where the first point would be on its path.
+    """
+
+    robot: Functions
+    points: tuple[int, ...] = ()
+    orientations: tuple[int, ...] = ()
+    method: str = "euler"
+    lags: bool = False
+    changes: bool = False
+    carries: bool = False
+
+    @property
+    def motors(self) -> int:
+        """How many thrusts a state has."""
+        return self.robot.rotors if self.lags else 0
+
+    @property
+    def before(self) -> int:
+        """How many inputs of the node before a state has."""
+        return self.robot.inputs if self.changes else 0
+
+    @property
+    def states(self) -> int:
+        """Length of a displacement of a state."""
+        return 2 * self.robot.space.velocities + self.motors + self.before
+
+    @property
+    def size(self) -> int:
+        """Length of a state."""
+        return self.robot.space.coordinates + self.states - self.robot.space.velocities
+
+    @cached_property
+    def reference_size(self) -> int:
+        """Length of what says where a node is to be."""
+        robot = self.robot
+        led = 3 * len(self.points) + 9 * len(self.orientations)
+        return led + robot.space.coordinates + robot.space.velocities + robot.inputs
+
+    @cached_property
+    def weight_sizes(self) -> dict[str, int]:
+        """How many weights there are of each kind of error."""
+        nv, nu = self.robot.space.velocities, self.robot.inputs
+        return {
+            "points": 3 * len(self.points),
+            "orientations": 3 * len(self.orientations),
+            "posture": nv,
+            "velocities": nv,
+            "inputs": nu,
+            "changes": self.before,
+        }
+
+    def node(self) -> Program:
+        """A node and how it goes on: `gap`, `slope`, `hessian` of q, `gradient` and `cost`."""
+        given = self._given()
+        predicted = self._predicted
+        names = ["q", "v", *(["thrusts"] if self.lags else []), "u"]
+        found = jacobian(predicted, names).results(*self._arguments(given))
+        rows = [self._slope(found, x) for x in ("q", *self._rest)]
+        outputs = {"gap": self._gap(given, found), "slope": join(*rows)}
+        outputs |= self._costs(given, found)
+        return Program("horizon_node", tuple(given.inputs), outputs)
+
+    def values(self) -> Program:
+        """`gap` and `cost` of a node alone."""
+        given = self._given()
+        found = self._predicted.results(*self._arguments(given))
+        outputs = {"gap": self._gap(given, found), "cost": self._cost(given, found["errors"])[0]}
+        return Program("horizon_values", tuple(given.inputs), outputs)
+
+    def end(self) -> Program:
+        """The end of the horizon: `hessian` (2 nv, 2 nv) and `gradient` of (q, v), and `cost`.
+
+        It has the errors of a node, and those that a regulator would still have to bring to zero
+        cost `ahead`: its matrix (2 nv, 2 nv), and if the base is carried a turn (3, 3) from world
+        axes to those of the base's position, and the first point's slope (3, nv) in hover.
+        """
+        nv, given = self.robot.space.velocities, self._given()
+        errors = jacobian(self._errors, ("q",)).results(given.q, *self._led(given))
+        away, slope = errors["away"], errors["away_by_q"]
+        known = variable("ahead", self.ahead, uniform=True)
+        matrix = reshaped(known[: 4 * nv * nv], (2 * nv, 2 * nv))
+        if self.carries:
+            turn = reshaped(known[4 * nv * nv : 4 * nv * nv + 9], (3, 3))
+            tip = reshaped(known[4 * nv * nv + 9 :], (3, nv))
+            place = self.robot.layout.v.position
+            missed, by_q = errors["errors"][:3], errors["errors_by_q"][:3]
+            away, slope = (
+                _added(x, place, turn @ (point - tip @ x))
+                for x, point in ((away, missed), (slope, by_q))
+            )
+        rates = given.v - given.reference["v"]
+        off = join(away, rates)
+        pulled = matrix @ off
+        # Velocities are their own displacements.
+        weights = given.weights
+        own, pull = self._pulled(given, errors["errors_by_q"], errors["errors"])
+        upper = slope.transposed @ matrix[:nv]
+        by_q, across = upper.transposed[:nv].transposed @ slope + own, upper.transposed[nv:]
+        lower = matrix[nv:].transposed[nv:] + _identity(nv) * reshaped(
+            weights["velocities"], (nv, 1)
+        )
+        hessian = join(beside(by_q, across.transposed), beside(across, lower))
+        damped = weights["velocities"] * rates
+        gradient = join(slope.transposed @ pulled[:nv] + pull, pulled[nv:] + damped)
+        squares = self._squares(given, errors["errors"]) + dot(damped, rates)
+        outputs = {
+            "hessian": hessian,
+            "gradient": gradient,
+            "cost": 0.5 * (dot(off, pulled) + squares),
+        }
+        inputs = (given.x, given.references, given.all_weights, known)
+        return Program("horizon_end", inputs, outputs)
+
+    @property
+    def ahead(self) -> int:
+        """How many numbers say what follows the end."""
+        nv = self.robot.space.velocities
+        return 4 * nv * nv + (9 + 3 * nv if self.carries else 0)
+
+    def moved(self) -> Program:
+        """The state `x_next` after a `displacement` of x."""
+        n, nv = self.robot.space.coordinates, self.robot.space.velocities
+        x, step = variable("x", self.size), variable("displacement", self.states)
+        q = self.robot.integrate(coordinates_of(x[:n], self.robot.space), step[:nv])
+        outputs = {"x_next": join(q, x[n:] + step[nv:])}
+        return Program("horizon_moved", (x, step), outputs)
+
+    def away(self) -> Program:
+        """The displacement `away` from x to `x_next`."""
+        n, space = self.robot.space.coordinates, self.robot.space
+        x, other = variable("x", self.size), variable("x_next", self.size)
+        base = self._displacement(coordinates_of(x[:n], space), coordinates_of(other[:n], space))
+        return Program("horizon_away", (x, other), {"away": join(base, other[n:] - x[n:])})
+
+    # Parts of these.
+
+    @property
+    def _rest(self) -> list[str]:
+        """Names of what a state has beside coordinates."""
+        return ["v", *(["thrusts"] if self.lags else []), *(["before"] if self.changes else [])]
+
+    def _given(self) -> Given:
+        """What a node is given."""
+        robot = self.robot
+        u, x = variable("u", robot.inputs), variable("x", self.size)
+        after, h = variable("x_next", self.size), variable("h")
+        references = variable("reference", self.reference_size)
+        weights = variable("weights", sum(self.weight_sizes.values()), uniform=True)
+        lag_times = [variable("lag_times", self.motors, uniform=True)] if self.lags else []
+        n, nv = robot.space.coordinates, robot.space.velocities
+        sizes = {"q": n, "v": nv, "thrusts": self.motors, "before": self.before}
+        led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
+        return Given(
+            [u, x, after, h, references, weights, *lag_times],
+            self._split(x, sizes),
+            self._split(after, sizes),
+            self._split(references, led | {"q": n, "v": nv, "u": robot.inputs}),
+            self._split(weights, self.weight_sizes),
+        )
+
+    def _split(self, x: Node, sizes: dict[str, int]) -> dict[str, Node]:
+        """Parts of a vector by name; coordinates are such."""
+        found, first = {}, 0
+        for name, size in sizes.items():
+            if size:
+                entries = x[first : first + size]
+                found[name] = coordinates_of(entries, self.robot.space) if name == "q" else entries
+            first += size
+        return found
+
+    def _arguments(self, given: Given) -> list[Node]:
+        """Arguments of the step of a node."""
+        thrusts = [given.state["thrusts"]] if self.lags else []
+        u, _, _, h, _, _, *lag_times = given.inputs
+        return [given.q, given.v, *thrusts, u, h, *lag_times, *self._led(given)]
+
+    def _led(self, given: Given) -> list[Node]:
+        """Points, rotations and coordinates that are desired, as far as there are such."""
+        return [given.reference[x] for x in ("points", "rotations", "q") if x in given.reference]
+
+    @cached_property
+    def _predicted(self) -> Program:
+        """The step of a node, and its errors."""
+        robot, (q, v) = self.robot, self.robot.state()
+        u, h = variable("u", robot.inputs), variable("h")
+        inputs, acting, outputs = [q, v], u, {}
+        lag_times = []
+        if self.lags:
+            thrusts, times = (
+                variable(x, self.motors, uniform=x == "lag_times") for x in ("thrusts", "lag_times")
+            )
+            inputs, lag_times = [*inputs, thrusts], [times]
+            pace = h / maximum(times, _LEAST_LAG)
+            settled = u[: self.motors]
+            way, left = thrusts - settled, exponential(-pace)
+            outputs["thrusts_next"] = settled + left * way
+            # The mean thrust of the step.
+            acting = join(settled + (1.0 - left) / pace * way, u[self.motors :])
+
+        def accelerate(q: Node, v: Node, _: int) -> Node:
+            found: Node = robot.forward_dynamics(q, v, acting)
+            return found
+
+        q_next, v_next = METHODS[self.method](robot.integrate, accelerate, q, v, h)
+        outputs |= {"q_next": q_next, "v_next": v_next}
+        if self.changes:
+            outputs["before_next"] = u
+        errors = self._errors
+        led = list(errors.inputs[1:])
+        outputs["errors"] = errors(q, *led)[0]
+        return Program("horizon_step", (*inputs, u, h, *lag_times, *led), outputs)
+
+    @cached_property
+    def _errors(self) -> Program:
+        """Errors of points, orientations and posture, which depend on coordinates alone."""
+        robot, q = self.robot, self.robot.coordinates()
+        q_desired = robot.coordinates("q_desired")
+        found: list[Node] = []
+        led: list[Node] = []
+        if self.points or self.orientations:
+            poses = robot.frame_poses(q)
+        if self.points:
+            led.append(variable("points", 3 * len(self.points)))
+            for place, frame in enumerate(self.points):
+                position = join(*(poses[frame][row][3] for row in range(3)))
+                found.append(position - led[-1][3 * place : 3 * place + 3])
+        if self.orientations:
+            led.append(variable("rotations", 9 * len(self.orientations)))
+            for place, frame in enumerate(self.orientations):
+                actual = [poses[frame][row][:3] for row in range(3)]
+                entries = led[-1][9 * place : 9 * place + 9]
+                wanted = [entries[3 * row : 3 * row + 3] for row in range(3)]
+                found.append(rotation_error(actual, wanted))
+        away = self._displacement(q_desired, q)
+        outputs = {"errors": join(*found, away), "away": away}
+        return Program("horizon_errors", (q, *led, q_desired), outputs)
+
+    def _displacement(self, q: Node, other: Node) -> Node:
+        """The displacement (nv) from coordinates to others."""
+        if self.robot.space.has_quaternion:
+            found: Node = self.robot.difference(q, other)
+            return found
+        return entries_of(other) - entries_of(q)
+
+    def _gap(self, given: Given, found: dict[str, Node]) -> Node:
+        """Displacement (states) from the next node to where the step of a node ends."""
+        base = self._displacement(given.after["q"], found["q_next"])
+        return join(base, *(found[f"{x}_next"] - given.after[x] for x in self._rest))
+
+    def _slope(self, found: dict[str, Node], name: str) -> Node:
+        """Rows of the slope: of the next coordinates, velocities, thrusts or inputs before."""
+        by = ["u", "q", "v", *(["thrusts"] if self.lags else [])]
+        blocks = [found[f"{name}_next_by_{x}"] for x in by]
+        return beside(*blocks, *([zeros(blocks[0].shape[0], self.before)] if self.changes else []))
+
+    def _costs(self, given: Given, found: dict[str, Node]) -> dict[str, Node]:
+        """Hessian of q, gradient of (u, x) and cost."""
+        errors = found["errors"]
+        hessian, pull = self._pulled(given, found["errors_by_q"], errors)
+        cost, efforts, rates, changed = self._cost(given, errors)
+        parts = [efforts if changed is None else efforts + changed, pull, rates]
+        parts += [zeros(self.motors)] if self.lags else []
+        parts += [] if changed is None else [-changed]
+        return {"hessian": hessian, "gradient": join(*parts), "cost": cost}
+
+    def _pulled(self, given: Given, by_q: Node, errors: Node) -> tuple[Node, Node]:
+        """Hessian and gradient (nv) of the squares of errors of coordinates."""
+        weights = self._error_weights(given)
+        weighted = reshaped(weights, (weights.size, 1)) * by_q
+        return by_q.transposed @ weighted, weighted.transposed @ errors
+
+    def _error_weights(self, given: Given) -> Node:
+        """Weights of errors that depend on coordinates alone."""
+        names = ("points", "orientations", "posture")
+        return join(*(given.weights[x] for x in names if x in given.weights))
+
+    def _squares(self, given: Given, errors: Node) -> Node:
+        return dot(self._error_weights(given) * errors, errors)
+
+    def _cost(self, given: Given, errors: Node) -> tuple[Node, Node, Node, Node | None]:
+        """Cost of a node, its slopes by u and v, and by the change of u."""
+        u, weights = given.inputs[0], given.weights
+        off, drift = u - given.reference["u"], given.v - given.reference["v"]
+        efforts, rates = weights["inputs"] * off, weights["velocities"] * drift
+        cost, changed = self._squares(given, errors) + dot(efforts, off) + dot(rates, drift), None
+        if self.changes:
+            change = u - given.state["before"]
+            changed = weights["changes"] * change
+            cost = cost + dot(changed, change)
+        return 0.5 * cost, efforts, rates, changed
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a node is given: inputs of the program, and by name state, next state, reference and
+    weights.
+    """
+
+    inputs: list[Node]
+    state: dict[str, Node]
+    after: dict[str, Node]
+    reference: dict[str, Node]
+    weights: dict[str, Node]
+
+    @property
+    def q(self) -> Node:
+        """Coordinates."""
+        return self.state["q"]
+
+    @property
+    def v(self) -> Node:
+        """Velocities."""
+        return self.state["v"]
+
+    @property
+    def x(self) -> Node:
+        """The state."""
+        return self.inputs[1]
+
+    @property
+    def references(self) -> Node:
+        """The reference."""
+        return self.inputs[4]
+
+    @property
+    def all_weights(self) -> Node:
+        """All weights."""
+        return self.inputs[5]
+
+
+def rotation_error(actual: Sequence[Node], wanted: Sequence[Node]) -> Node:
+    """The rotation from one matrix to another, world axes: 2 sin(angle / 2) about its axis (3).
+
+    Both are given by rows. It has a derivative up to half a turn.
+    """
+    columns = [
+        (join(*(row[i] for row in actual)), join(*(row[i] for row in wanted))) for i in range(3)
+    ]
+    # Sum of the cross products of axes: 2 sin(angle) about the axis.
+    about = sum((cross(b, a) for a, b in columns[1:]), cross(columns[0][1], columns[0][0]))
+    trace = sum((dot(a, b) for a, b in columns[1:]), dot(*columns[0]))
+    return about / square_root(maximum(1.0 + trace, _LEAST_TRACE))
+
+
+def _added(x: Node, place: slice, more: Node) -> Node:
+    """A vector or matrix with something added to some of its rows."""
+    rows = [x[: place.start], x[place] + more, x[place.stop :]]
+    return join(*(part for part in rows if part.shape[0]))
+
+
+def _identity(size: int) -> Node:
+    return constant(np.eye(size))

@@ -1,0 +1,481 @@
+/*
+ * Optimal control over a horizon: a quadratic program of nodes that follow each other, by a
+ * primal-dual interior-point method whose linear systems are solved by Riccati's recursion.
+ *
+ * Node k has w = (u, x); x of node 0 is given, and x of the next one is slope w + gap. The cost of a
+ * node is gradient w + w hessian w / 2. A row is an entry of w, or the difference of two, between
+ * limits; those with a penalty may be exceeded at that price. Before it stand INPUTS, STATES, NODES
+ * (steps), LIMITS (rows), MOST (iterations), and `limited`, the entries of each row, the second of
+ * which is -1 if there is none.
+ */
+enum { WIDTH = INPUTS + STATES, ROW = (WIDTH + LANES - 1) / LANES, SIDES = 2 * LIMITS };
+
+/* A row with one of its limits: y = value or -value is at most `limit`. */
+typedef struct {
+    real limit, price, slack, excess, excess_slack; /* price of the limit, and what is left to it */
+    real price_step, slack_step, excess_step;
+    real weight, constant; /* the next price is weight y + constant */
+} Side;
+
+typedef struct {
+    number slope[STATES][ROW], hessian[WIDTH][ROW], factor[INPUTS][ROW];
+    number w[ROW], next[ROW], gradient[ROW], linear[ROW];
+    real gap[STATES], gap_cost[STATES];
+    Side sides[SIDES];
+} Node;
+
+typedef struct {
+    Node node[NODES + 1];
+    const real *penalty, *scale;   /* of rows: price of exceeding them, and how large values are */
+    real cost[STATES][STATES];     /* of all that follows a node */
+    number carried[STATES][ROW], sum[WIDTH][ROW];
+    real barrier, tolerance;       /* mean of price times slack, at the begin and at the end */
+    int iterations;
+} Plan;
+
+/* A tile of sums: sum[i][j] += a[i][r] b[r][j] of some rows and numbers. */
+static INLINE void add_tile(
+    const int rows,
+    const int numbers,
+    const int terms,
+    const real *a,
+    const int by_row,
+    const int by_term,
+    const number *b,
+    number *sum)
+{
+    number found[4][2];
+    for (int i = 0; i < rows; ++i) {
+        for (int j = 0; j < numbers; ++j) {
+            found[i][j] = sum[i * ROW + j];
+        }
+    }
+    for (int r = 0; r < terms; ++r) {
+        for (int i = 0; i < rows; ++i) {
+            const number factor = same(a[i * by_row + r * by_term]);
+            for (int j = 0; j < numbers; ++j) {
+                found[i][j] += factor * b[r * ROW + j];
+            }
+        }
+    }
+    for (int i = 0; i < rows; ++i) {
+        for (int j = 0; j < numbers; ++j) {
+            sum[i * ROW + j] = found[i][j];
+        }
+    }
+}
+
+/* sum += a b, where a has so many rows and terms; of a symmetric sum, the upper triangle. */
+static INLINE void add_products(
+    const int rows,
+    const int terms,
+    const int is_symmetric,
+    const real *a,
+    const int by_row,
+    const int by_term,
+    const number *b,
+    number *sum)
+{
+    int i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        int j = is_symmetric ? i / LANES : 0;
+        for (; j + 2 <= ROW; j += 2) {
+            add_tile(4, 2, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
+        }
+        if (j < ROW) {
+            add_tile(4, 1, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
+        }
+    }
+    for (; i < rows; ++i) {
+        for (int j = is_symmetric ? i / LANES : 0; j < ROW; ++j) {
+            add_tile(1, 1, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
+        }
+    }
+}
+
+/* The sum of the entries of a number. */
+static INLINE real sum_of(const number x)
+{
+#if LANES == 1
+    return x;
+#else
+    real sum = R(0.0);
+    for (int lane = 0; lane < LANES; ++lane) {
+        sum += x[lane];
+    }
+    return sum;
+#endif
+}
+
+static INLINE real dot_rows(const number *a, const number *b)
+{
+    number sum = a[0] * b[0];
+    for (int j = 1; j < ROW; ++j) {
+        sum += a[j] * b[j];
+    }
+    return sum_of(sum);
+}
+
+static INLINE real *reals(number *x)
+{
+    return (real *)x;
+}
+
+/* The value of a row. */
+static INLINE real value_of(const int row, const real *w)
+{
+    const int other = limited[row][1];
+    return w[limited[row][0]] - (other < 0 ? R(0.0) : w[other]);
+}
+
+/* Whether a side of a row has a limit. */
+static INLINE int is_limited(const Side *side)
+{
+    return side->limit < R(1e29);
+}
+
+/* What excess would cost, less the price of the limit. */
+static INLINE real excess_price(const Plan *plan, const int place, const Side *side)
+{
+    return plan->penalty[place / 2] - side->price;
+}
+
+static INLINE int may_exceed(const Plan *plan, const int place)
+{
+    return plan->penalty[place / 2] < R(1e29);
+}
+
+/* Factorise the costs of all nodes, from the last one to the first, with the weights of sides. */
+static void factorise(Plan *plan)
+{
+    for (int k = NODES; k >= 0; --k) {
+        Node *node = &plan->node[k];
+        memcpy(plan->sum, node->hessian, sizeof plan->sum);
+        if (k < NODES) {
+            memset(plan->carried, 0, sizeof plan->carried);
+            add_products(STATES, STATES, 0, &plan->cost[0][0], STATES, 1, node->slope[0],
+                plan->carried[0]);
+            add_products(WIDTH, STATES, 1, reals(node->slope[0]), 1, ROW * LANES,
+                plan->carried[0], plan->sum[0]);
+            for (int i = 0; i < STATES; ++i) {
+                real sum = R(0.0);
+                for (int j = 0; j < STATES; ++j) {
+                    sum += plan->cost[i][j] * node->gap[j];
+                }
+                node->gap_cost[i] = sum;
+            }
+        }
+        for (int place = 0; place < SIDES; ++place) {
+            const int i = limited[place / 2][0], j = limited[place / 2][1];
+            const real weight = node->sides[place].weight;
+            reals(plan->sum[i])[i] += weight;
+            if (j >= 0) {
+                reals(plan->sum[i])[j] -= weight;
+                reals(plan->sum[j])[j] += weight;
+            }
+        }
+        for (int i = 0; k < NODES && i < INPUTS; ++i) {
+            number *row = plan->sum[i];
+            const number scale = same(R(1.0) / LIBRARY(sqrt)(reals(row)[i]));
+            for (int j = i / LANES; j < ROW; ++j) {
+                row[j] *= scale;
+            }
+            for (int below = i + 1; below < WIDTH; ++below) {
+                const number share = same(reals(row)[below]);
+                for (int j = below / LANES; j < ROW; ++j) {
+                    plan->sum[below][j] -= share * row[j];
+                }
+            }
+            memcpy(node->factor[i], row, sizeof node->factor[i]);
+            memset(node->factor[i], 0, sizeof(real) * (size_t)i);
+        }
+        for (int i = 0; i < STATES; ++i) {
+            const real *row = reals(plan->sum[INPUTS + i]) + INPUTS;
+            for (int j = i; j < STATES; ++j) {
+                plan->cost[i][j] = plan->cost[j][i] = row[j];
+            }
+        }
+    }
+}
+
+/* Solve with the factors: `next` of all nodes minimises the cost with the constants of sides. */
+static void solve_nodes(Plan *plan)
+{
+    real slope[STATES] = {R(0.0)};
+    for (int k = NODES; k >= 0; --k) {
+        Node *node = &plan->node[k];
+        number *all = node->linear;
+        real *linear = reals(all);
+        memcpy(all, node->gradient, sizeof node->linear);
+        for (int place = 0; place < SIDES; ++place) {
+            const int i = limited[place / 2][0], j = limited[place / 2][1];
+            const real constant = node->sides[place].constant;
+            const real pull = place % 2 ? -constant : constant;
+            linear[i] += pull;
+            if (j >= 0) {
+                linear[j] -= pull;
+            }
+        }
+        if (k < NODES) {
+            for (int r = 0; r < STATES; ++r) {
+                const number share = same(node->gap_cost[r] + slope[r]);
+                for (int j = 0; j < ROW; ++j) {
+                    all[j] += share * node->slope[r][j];
+                }
+            }
+            for (int i = 0; i < INPUTS; ++i) {
+                const real *row = reals(node->factor[i]);
+                const real share = linear[i] / row[i];
+                for (int j = 0; j < ROW; ++j) {
+                    all[j] -= same(share) * node->factor[i][j];
+                }
+                linear[i] = share;
+            }
+        }
+        memcpy(slope, linear + INPUTS, sizeof slope);
+    }
+    for (int k = 0; k <= NODES; ++k) {
+        Node *node = &plan->node[k];
+        real *next = reals(node->next);
+        memset(next, 0, sizeof(real) * INPUTS);
+        for (int i = INPUTS; k < NODES && i-- > 0;) {
+            const real *row = reals(node->factor[i]);
+            next[i] = -(reals(node->linear)[i] + dot_rows(node->factor[i], node->next)) / row[i];
+        }
+        for (int i = 0; k < NODES && i < STATES; ++i) {
+            reals(node[1].next)[INPUTS + i] = node->gap[i] + dot_rows(node->slope[i], node->next);
+        }
+    }
+}
+
+/* How the next price of a side follows from its row, where price times slack is to be `aim`. */
+static INLINE void linearise_side(
+    const Plan *plan, const int place, Side *side, const real aim, const real excess_aim)
+{
+    real room = side->slack, missing = aim - side->price * side->limit;
+    if (may_exceed(plan, place)) {
+        const real share = side->price / excess_price(plan, place, side);
+        room += share * side->excess;
+        missing -= share * excess_aim;
+    }
+    side->weight = side->price / room;
+    side->constant = side->price + missing / room;
+}
+
+/* The steps of a side to the solution, and the greatest share of it that keeps all above zero. */
+static INLINE real step_of(
+    const Plan *plan, const int place, Side *side, const real *next, const real excess_aim)
+{
+    const real y = place % 2 ? -value_of(place / 2, next) : value_of(place / 2, next);
+    real share = R(1.0), gap = side->limit - y - side->slack;
+    side->price_step = side->weight * y + side->constant - side->price;
+    if (may_exceed(plan, place)) {
+        const real price = excess_price(plan, place, side);
+        side->excess_step = (excess_aim + side->excess * side->price_step) / price - side->excess;
+        gap += side->excess + side->excess_step;
+        share = maximum_real(share, side->price_step / price);
+        share = maximum_real(share, -side->excess_step / side->excess);
+    }
+    side->slack_step = gap;
+    share = maximum_real(share, -side->price_step / side->price);
+    return maximum_real(share, -side->slack_step / side->slack);
+}
+
+/* Mean of price times slack after a share of the steps; the number of products goes to `count`. */
+static real mean_product(const Plan *plan, const real share, int *count)
+{
+    real sum = R(0.0);
+    *count = 0;
+    for (int k = 0; k <= NODES; ++k) {
+        for (int place = 0; place < SIDES; ++place) {
+            const Side *side = &plan->node[k].sides[place];
+            if (!is_limited(side)) {
+                continue;
+            }
+            const real price = side->price + share * side->price_step;
+            sum += price * (side->slack + share * side->slack_step);
+            *count += 1;
+            if (may_exceed(plan, place)) {
+                sum += (plan->penalty[place / 2] - price) *
+                    (side->excess + share * side->excess_step);
+                *count += 1;
+            }
+        }
+    }
+    return sum / (real)(*count > 0 ? *count : 1);
+}
+
+/* A side of which so much is left, but no less than a share of its scale. */
+static INLINE void begin_side(
+    const Plan *plan, const int place, Side *side, const real left, const real least)
+{
+    side->price_step = side->slack_step = side->excess_step = R(0.0);
+    side->weight = side->constant = side->excess = side->price = R(0.0);
+    side->slack = R(1.0);
+    if (is_limited(side)) {
+        side->slack = maximum_real(left, least * plan->scale[place / 2]);
+        side->price = plan->barrier / side->slack;
+        if (may_exceed(plan, place)) {
+            side->price = minimum_real(side->price, R(0.5) * plan->penalty[place / 2]);
+            side->excess = plan->barrier / excess_price(plan, place, side);
+        }
+    }
+}
+
+/* Slacks and prices to begin with, about w. */
+static void begin_sides(Plan *plan)
+{
+    for (int k = 0; k <= NODES; ++k) {
+        Node *node = &plan->node[k];
+        for (int place = 0; place < SIDES; ++place) {
+            Side *side = &node->sides[place];
+            const real value = value_of(place / 2, reals(node->w));
+            const real left = side->limit - (place % 2 ? -value : value);
+            begin_side(plan, place, side, left, R(0.02));
+        }
+    }
+}
+
+/*
+ * Begin again where the first step leads: the solution without limits is w then, slacks have the
+ * magnitudes that it gives them, and prices go with them so that all products are the same.
+ */
+static void begin_again(Plan *plan)
+{
+    real sum = R(0.0);
+    int count = 0;
+    for (int k = 0; k <= NODES; ++k) {
+        for (int place = 0; place < SIDES; ++place) {
+            const Side *side = &plan->node[k].sides[place];
+            if (is_limited(side)) {
+                sum += absolute_real(
+                    (side->price + side->price_step) * (side->slack + side->slack_step));
+                ++count;
+            }
+        }
+    }
+    plan->barrier = maximum_real(plan->barrier, sum / (real)count);
+    for (int k = 0; k <= NODES; ++k) {
+        Node *node = &plan->node[k];
+        memcpy(node->w, node->next, sizeof node->w);
+        for (int place = 0; place < SIDES; ++place) {
+            begin_side(plan, place, &node->sides[place],
+                absolute_real(node->sides[place].slack + node->sides[place].slack_step), R(0.1));
+        }
+    }
+}
+
+/* Take a share of the way to `next`. */
+static void take_share(Plan *plan, const real share)
+{
+    for (int k = 0; k <= NODES; ++k) {
+        Node *node = &plan->node[k];
+        for (int j = 0; j < ROW; ++j) {
+            node->w[j] += same(share) * (node->next[j] - node->w[j]);
+        }
+        for (int place = 0; place < SIDES; ++place) {
+            Side *side = &node->sides[place];
+            side->price += share * side->price_step;
+            side->slack += share * side->slack_step;
+            side->excess += share * side->excess_step;
+        }
+    }
+}
+
+/* Steps of all sides to `next`; the share of them that keeps all above zero. Aims of a corrected
+ * step are the barrier less what the first one would have added. */
+static real steps_of(Plan *plan, const real barrier, const int is_corrected, const int linearise)
+{
+    real most = R(1.0);
+    for (int k = 0; k <= NODES; ++k) {
+        for (int place = 0; place < SIDES; ++place) {
+            Side *side = &plan->node[k].sides[place];
+            if (!is_limited(side)) {
+                continue;
+            }
+            real aim = barrier, excess_aim = barrier;
+            if (is_corrected) {
+                aim -= side->price_step * side->slack_step;
+                excess_aim += side->price_step * side->excess_step;
+            }
+            if (linearise) {
+                linearise_side(plan, place, side, aim, excess_aim);
+            } else {
+                const real *next = reals(plan->node[k].next);
+                most = maximum_real(most, step_of(plan, place, side, next, excess_aim));
+            }
+        }
+    }
+    return R(1.0) / most;
+}
+
+/*
+ * Solve the program from x of node 0, which is in w. Returns whether it has converged: w is the
+ * solution then, and else the best so far, unless it is not finite.
+ */
+static int solve_plan(Plan *plan)
+{
+    real still = R(1.0);
+    for (int k = 0; k <= NODES; ++k) {
+        Node *node = &plan->node[k];
+        memset(node->w, 0, sizeof(real) * INPUTS);
+        if (k == 0) {
+            memcpy(node->next, node->w, sizeof node->w);
+        }
+        for (int i = 0; k < NODES && i < STATES; ++i) {
+            reals(node[1].w)[INPUTS + i] = node->gap[i] + dot_rows(node->slope[i], node->w);
+        }
+    }
+    begin_sides(plan);
+    for (plan->iterations = 0; plan->iterations < MOST; ++plan->iterations) {
+        int count = 0;
+        const real mean = mean_product(plan, R(0.0), &count);
+        if (count > 0 && still < R(1e-3) && mean < plan->tolerance) {
+            return 1;
+        }
+        if (!(mean < R(1e30))) {
+            return 0;
+        }
+        steps_of(plan, R(0.0), 0, 1);
+        factorise(plan);
+        solve_nodes(plan);
+        real share = steps_of(plan, R(0.0), 0, 0);
+        if (count == 0) {
+            take_share(plan, R(1.0));
+            return 1;
+        }
+        if (plan->iterations == 0 && share < R(0.5)) {
+            begin_again(plan);
+            still = R(1.0);
+            continue;
+        }
+        const real left = mean_product(plan, share, &count) / mean;
+        const real barrier = maximum_real(left * left * left * mean, R(0.1) * plan->tolerance);
+        steps_of(plan, barrier, 1, 1);
+        solve_nodes(plan);
+        share = steps_of(plan, barrier, 1, 0);
+        share *= share < R(1.0) ? R(0.995) : R(0.9999);
+        take_share(plan, share);
+        still *= R(1.0) - share;
+    }
+    return 0;
+}
+
+/* How fast the cost falls along w, and how it bends: twice the change of the cost is their sum. */
+static void slope_of_cost(const Plan *plan, real *slope, real *bend)
+{
+    *slope = *bend = R(0.0);
+    for (int k = 0; k <= NODES; ++k) {
+        const Node *node = &plan->node[k];
+        const real *w = (const real *)node->w;
+        for (int i = 0; i < WIDTH; ++i) {
+            const real *row = (const real *)node->hessian[i];
+            real sum = R(0.5) * row[i] * w[i];
+            for (int j = i + 1; j < WIDTH; ++j) {
+                sum += row[j] * w[j];
+            }
+            *slope += ((const real *)node->gradient)[i] * w[i];
+            *bend += R(2.0) * sum * w[i];
+        }
+    }
+}

@@ -1,0 +1,316 @@
+/*
+ * A predictive controller: real-time iterations on a plan of states and inputs.
+ *
+ * Before it stand the programs of `arrays/predictive.py`, `horizon.c`, and what
+ * `runtime/predictive.py` prints: lengths, the structure Controller, which users see, and
+ * `placed`, the places of the entries of each row in inputs and state, one after the other.
+ */
+typedef struct {
+    Plan plan;
+    real candidate[NODES + 1][SIZE], candidate_u[NODES][INPUTS], away[NODES + 1][STATES];
+} Room;
+
+/* Rows of nodes, from one on, side by side; the last one fills up. */
+static INLINE void gather(const real *rows, const int first, const int count, const int size, number *to)
+{
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int k = first + lane < count ? first + lane : count - 1;
+        for (int i = 0; i < size; ++i) {
+            reals(to)[i * LANES + lane] = rows[k * size + i];
+        }
+    }
+}
+
+static INLINE void scatter(const number *from, const int first, const int count, const int size, real *rows)
+{
+    for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
+        for (int i = 0; i < size; ++i) {
+            rows[(first + lane) * size + i] = ((const real *)from)[i * LANES + lane];
+        }
+    }
+}
+
+/* Linearise all nodes of the plan about its states and inputs. */
+WIDE static void linearise(const Constants *constants, Controller *own, Room *room)
+{
+    Plan *plan = &room->plan;
+    for (int first = 0; first < NODES; first += LANES) {
+        number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE];
+        number gap[STATES], slope[STATES * WIDTH], hessian[VELOCITIES * VELOCITIES];
+        number gradient[WIDTH], cost;
+        gather(own->u[0], first, NODES, INPUTS, u);
+        gather(own->x[0], first, NODES, SIZE, x);
+        gather(own->x[1], first, NODES, SIZE, x_next);
+        gather(own->h, first, NODES, 1, &h);
+        gather(own->reference[0], first, NODES, REFERENCE, reference);
+        NODE(u, x, x_next, h, reference, own->weights, own->lag_times, gap, slope, hessian, gradient, &cost);
+        for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
+            Node *node = &plan->node[first + lane];
+            for (int i = 0; i < STATES; ++i) {
+                node->gap[i] = reals(gap)[i * LANES + lane];
+                for (int j = 0; j < WIDTH; ++j) {
+                    reals(node->slope[i])[j] = reals(slope)[(i * WIDTH + j) * LANES + lane];
+                }
+            }
+            for (int i = 0; i < VELOCITIES; ++i) {
+                for (int j = i; j < VELOCITIES; ++j) {
+                    reals(node->hessian[INPUTS + i])[INPUTS + j] =
+                        reals(hessian)[(i * VELOCITIES + j) * LANES + lane];
+                }
+            }
+            for (int i = 0; i < WIDTH; ++i) {
+                reals(node->gradient)[i] = reals(gradient)[i * LANES + lane];
+            }
+        }
+    }
+    number x[SIZE], reference[REFERENCE];
+    number gradient[2 * VELOCITIES], hessian[4 * VELOCITIES * VELOCITIES], cost;
+    Node *last = &plan->node[NODES];
+    gather(own->x[NODES], 0, 1, SIZE, x);
+    gather(own->reference[NODES], 0, 1, REFERENCE, reference);
+    END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);
+    for (int i = 0; i < 2 * VELOCITIES; ++i) {
+        reals(last->gradient)[INPUTS + i] = reals(gradient)[i * LANES];
+        for (int j = i; j < 2 * VELOCITIES; ++j) {
+            reals(last->hessian[INPUTS + i])[INPUTS + j] =
+                reals(hessian)[(2 * VELOCITIES * i + j) * LANES];
+        }
+    }
+    for (int k = 0; k < NODES; ++k) {
+        Node *node = &plan->node[k];
+        for (int i = 0; i < WIDTH; ++i) {
+            if (i < INPUTS || i >= INPUTS + VELOCITIES) {
+                reals(node->hessian[i])[i] = own->diagonal[i];
+            }
+        }
+        for (int i = 0; i < CHANGES; ++i) {
+            reals(node->hessian[i])[WIDTH - CHANGES + i] = -own->changes[i];
+        }
+    }
+}
+
+/* Limits of the changes of all nodes. */
+static void limit(const Controller *own, Plan *plan)
+{
+    for (int k = 0; k <= NODES; ++k) {
+        for (int row = 0; row < LIMITS; ++row) {
+            Side *sides = &plan->node[k].sides[2 * row];
+            const int i = placed[row][0], j = placed[row][1];
+            const int acts = limited[row][0] < INPUTS ? k < NODES : k > 0;
+            const real *x = own->x[k], *u = own->u[k < NODES ? k : 0];
+            real value = i < INPUTS ? u[i] : x[i - INPUTS];
+            value -= j < 0 ? R(0.0) : x[j - INPUTS];
+            /* Limits of differences are those of rates. */
+            const real h = j < 0 ? R(1.0) : own->h[k < NODES ? k : 0];
+            sides[0].limit = acts ? own->most[row] * h - value : R(1e30);
+            sides[1].limit = acts ? value - own->least[row] * h : R(1e30);
+        }
+    }
+}
+
+/* Displacements from states to others, of all nodes. */
+WIDE static void displacements(const Constants *constants, const real *from, const real *to, const int count, real *away)
+{
+    for (int first = 0; first < count; first += LANES) {
+        number x[SIZE], x_next[SIZE], found[STATES];
+        gather(from, first, count, SIZE, x);
+        gather(to, first, count, SIZE, x_next);
+        AWAY(x, x_next, found);
+        scatter(found, first, count, STATES, away);
+    }
+}
+
+/* States of all nodes after displacements. */
+WIDE static void move(const Constants *constants, const real *from, const real *away, const int count, real *to)
+{
+    for (int first = 0; first < count; first += LANES) {
+        number x[SIZE], step[STATES], found[SIZE];
+        gather(from, first, count, SIZE, x);
+        gather(away, first, count, STATES, step);
+        MOVED(x, step, found);
+        scatter(found, first, count, SIZE, to);
+    }
+}
+
+/* Cost of a plan, and the sum of its gaps. */
+WIDE static real value_of_plan(
+    const Constants *constants, const Controller *own, const real *states, const real *inputs, real *gaps)
+{
+    real sum = R(0.0);
+    *gaps = R(0.0);
+    for (int first = 0; first < NODES; first += LANES) {
+        number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE], gap[STATES], cost;
+        gather(inputs, first, NODES, INPUTS, u);
+        gather(states, first, NODES, SIZE, x);
+        gather(states + SIZE, first, NODES, SIZE, x_next);
+        gather(own->h, first, NODES, 1, &h);
+        gather(own->reference[0], first, NODES, REFERENCE, reference);
+        VALUES(u, x, x_next, h, reference, own->weights, own->lag_times, gap, &cost);
+        for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
+            sum += reals(&cost)[lane];
+            for (int i = 0; i < STATES; ++i) {
+                *gaps += absolute_real(reals(gap)[i * LANES + lane]);
+            }
+        }
+    }
+    number x[SIZE], reference[REFERENCE];
+    number gradient[2 * VELOCITIES], hessian[4 * VELOCITIES * VELOCITIES], cost;
+    gather(states + NODES * SIZE, 0, 1, SIZE, x);
+    gather(own->reference[NODES], 0, 1, REFERENCE, reference);
+    END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);
+    return sum + reals(&cost)[0];
+}
+
+/* A candidate: the plan after a share of the steps. */
+static void propose(const Constants *constants, const Controller *own, Room *room, const real share)
+{
+    for (int k = 0; k <= NODES; ++k) {
+        const real *w = reals(room->plan.node[k].w);
+        for (int i = 0; i < STATES; ++i) {
+            room->away[k][i] = share * w[INPUTS + i];
+        }
+        for (int i = 0; k < NODES && i < INPUTS; ++i) {
+            room->candidate_u[k][i] = own->u[k][i] + share * w[i];
+        }
+    }
+    move(constants, own->x[0], room->away[0], NODES + 1, room->candidate[0]);
+}
+
+/* The sum of magnitudes of what is missing of a plan: gaps, and the way to where it begins. */
+static real value_with_gaps(
+    const Constants *constants, const Controller *own, Room *room, const real *x, real *gaps)
+{
+    const real cost = value_of_plan(constants, own, room->candidate[0], room->candidate_u[0], gaps);
+    displacements(constants, room->candidate[0], x, 1, room->away[0]);
+    for (int i = 0; i < STATES; ++i) {
+        *gaps += absolute_real(room->away[0][i]);
+    }
+    return cost;
+}
+
+/*
+ * Take a step of Gauss and Newton's method from the plan, where the machine is at x, or a share of it
+ * where all of it would make the plan worse: its cost, and its gaps at a price of which the step
+ * saves more than it costs (Nocedal and Wright, 2006, 18.36). Returns whether there was a step.
+ */
+static int iterate(const Constants *constants, Controller *own, Room *room, const real *x)
+{
+    Plan *plan = &room->plan;
+    Node *begin = &plan->node[0];
+    displacements(constants, own->x[0], x, 1, room->away[0]);
+    for (int i = 0; i < STATES; ++i) {
+        reals(begin->w)[INPUTS + i] = room->away[0][i];
+    }
+    limit(own, plan);
+    plan->penalty = own->penalty;
+    plan->scale = own->scale;
+    plan->barrier = own->barrier;
+    real slope, bend, gaps, gaps_before;
+    propose(constants, own, room, R(0.0));
+    const real before = value_with_gaps(constants, own, room, x, &gaps_before);
+    plan->tolerance = own->tolerance * (R(1.0) + before);
+    const int solved = solve_plan(plan);
+    own->iterations += (real)plan->iterations;
+    if (!solved) {
+        return 0;
+    }
+    slope_of_cost(plan, &slope, &bend);
+    real price = R(0.0);
+    if (gaps_before > R(1e-12)) {
+        price = maximum_real((slope + R(0.5) * bend) / (R(0.7) * gaps_before), R(0.0));
+    }
+    const real merit = before + price * gaps_before;
+    own->share = R(2.0);
+    for (int tried = 0; tried < SHARES; ++tried) {
+        own->share *= R(0.5);
+        propose(constants, own, room, own->share);
+        own->cost = value_with_gaps(constants, own, room, x, &gaps);
+        own->gaps = gaps;
+        const real fall = own->share * (price * gaps_before - slope);
+        const real rounding = R(1e-9) * (R(1.0) + absolute_real(merit));
+        if (own->cost + price * gaps <= merit - R(1e-4) * fall + rounding) {
+            break;
+        }
+    }
+    if (!(own->cost < R(1e30))) {
+        return 0;
+    }
+    memcpy(own->x, room->candidate, sizeof own->x);
+    memcpy(own->u, room->candidate_u, sizeof own->u);
+    return 1;
+}
+
+void predictive_prepare(const Constants *constants, Controller *own, Room *room);
+int predictive_step(
+    const Constants *constants, Controller *own, Room *room, const real *x, real *u);
+void predictive_predict(
+    const Constants *constants,
+    Controller *own,
+    Room *room,
+    const real *x,
+    const real *u,
+    const real h,
+    real *x_next);
+void predictive_shift(const Constants *constants, Controller *own, Room *room);
+size_t predictive_room(void);
+
+size_t predictive_room(void)
+{
+    return sizeof(Room);
+}
+
+void predictive_prepare(const Constants *constants, Controller *own, Room *room)
+{
+    linearise(constants, own, room);
+}
+
+int predictive_step(
+    const Constants *constants, Controller *own, Room *room, const real *x, real *u)
+{
+    own->iterations = R(0.0);
+    int solved = iterate(constants, own, room, x);
+    for (int round = 1; solved && round < (int)own->rounds; ++round) {
+        linearise(constants, own, room);
+        solved = iterate(constants, own, room, x);
+    }
+    for (int i = 0; i < INPUTS; ++i) {
+        u[i] = own->u[0][i];
+    }
+    return solved;
+}
+
+/* The state after a time `h` with inputs u. */
+void predictive_predict(
+    const Constants *constants,
+    Controller *own,
+    Room *room,
+    const real *x,
+    const real *u,
+    const real h,
+    real *x_next)
+{
+    number inputs[INPUTS], state[SIZE], reference[REFERENCE], gap[STATES], cost, step = same(h);
+    gather(u, 0, 1, INPUTS, inputs);
+    gather(x, 0, 1, SIZE, state);
+    gather(own->reference[0], 0, 1, REFERENCE, reference);
+    VALUES(inputs, state, state, step, reference, own->weights, own->lag_times, gap, &cost);
+    scatter(gap, 0, 1, STATES, room->away[0]);
+    move(constants, x, room->away[0], 1, x_next);
+}
+
+/* Move the plan on by the first step. */
+void predictive_shift(const Constants *constants, Controller *own, Room *room)
+{
+    displacements(constants, own->x[0], own->x[1], NODES, room->away[0]);
+    for (int k = 0; k < NODES; ++k) {
+        const real share = own->h[0] / own->h[k];
+        for (int i = 0; i < STATES; ++i) {
+            room->away[k][i] *= share;
+        }
+        for (int i = 0; k + 1 < NODES && i < INPUTS; ++i) {
+            own->u[k][i] += share * (own->u[k + 1][i] - own->u[k][i]);
+        }
+    }
+    move(constants, own->x[0], room->away[0], NODES, room->candidate[0]);
+    memcpy(own->x, room->candidate, sizeof(real) * NODES * SIZE);
+}

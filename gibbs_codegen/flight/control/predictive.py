@@ -1,0 +1,563 @@
+"""Predictive control: at every instant the best plan over a horizon, of which the begin is flown.
+
+One real-time iteration an instant: the plan of the instant before, moved on, is linearised before
+the state is known, and when it is, one quadratic program with all limits gives the next plan. All
+of it is C (`runtime/predictive`), which allocates nothing.
+
+The steps of the prediction are semi-implicit Euler's. Dampers would make them unstable where links
+are light; so they take the dampers' torques at their end, which is the step of a robot whose joints
+have an armature that is larger by step times damping:
+
+    M (v⁺ − v) / h = R − D v⁺ + B u    is    (M + h D) (v⁺ − v) / h = R − D v + B u
+
+A machine that looks no further than its horizon may lean a little more at every step. So the end of
+the plan costs what a linear-quadratic regulator would need from there, about a hover that moves
+along with the path.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from types import ModuleType
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from gibbs_codegen.arrays.evaluation import evaluate
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.predictive import Horizon
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.flight.control.observation import Observation
+from gibbs_codegen.flight.plant.actuators import Actuators, module_actuators
+from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
+from gibbs_codegen.flight.reference import Reference
+from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.runtime.predictive import CompiledPredictive, Row, Transcription
+
+# Positions (n, 3), m, or rotations (n, 3, 3), world axes, at times (n), s.
+Path = Callable[[Array], Array]
+# Steps that the regulator goes on for. Without an end, the cost of a motion that no input reaches
+# might not be finite.
+_STEPS = 500
+# Iterations of a first plan.
+_FIRST = 30
+# Limits that there are not, and mean products of price and slack at the begin and the end.
+_NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
+# What a state costs that is out of its limits by its tolerance, per step.
+_EXCESS = 100.0
+# Step, s, of differences of paths.
+_DIFFERENCE = 1e-4
+
+
+class Hover(Protocol):
+    """A state at rest and the inputs that hold it, as `trim` returns."""
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (nq)."""
+
+    @property
+    def u(self) -> Array:
+        """Inputs (nu), N and N m."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What is as bad as anything else here: the cost is the sum of squares of what is off.
+
+    - `point`, m, and `orientation`, rad: of frames that are led
+    - `position`, m, of the base, None if it is where points need it; `attitude`, rad; `joints`, rad
+      or m: off the posture
+    - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s
+    - `thrust`, N, and `effort`, N m or N: off those of hover; `change`: share of these by which
+      inputs may change from step to step, None if changes are free
+    """
+
+    point: float = 0.002
+    orientation: float = 0.02
+    position: float | None = None
+    attitude: float = 0.3
+    joints: float = 0.3
+    velocity: float = 0.5
+    angular_velocity: float = 1.0
+    joint_rates: float = 1.0
+    thrust: float | None = None
+    effort: float | None = None
+    change: float | None = None
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value is not None and not 0.0 < value < np.inf:
+                raise UsageError(
+                    f"tolerances: {each.name} must be a finite number above 0, not {value}"
+                )
+
+
+class Instant(NamedTuple):
+    """How one instant went: its time, s, and seconds of preparation and of feedback.
+
+    `solved` tells whether there is a new plan, with `iterations` of the interior-point method and
+    the `share` of the step that was taken; `cost` is that of the plan, `gaps` what it is not yet.
+    """
+
+    time: float
+    preparation: float
+    feedback: float
+    solved: bool
+    iterations: int
+    share: float
+    cost: float
+    gaps: float
+
+
+class NoPlanError(GibbsCodegenError):
+    """No plan for as long as the last one reaches: the machine is lost."""
+
+    exit_code = 1
+
+
+@dataclass
+class Predictive:
+    """A controller that leads frames of a machine along paths, within limits.
+
+    It is a controller as `simulate` and `Simulation` take one: called with an `Observation`, it
+    returns inputs. Of the scenario's motion nothing is used.
+
+    Args:
+        module: The robot's module, with the C back end and derivatives.
+        hover: State and inputs at rest, about which it plans, as `trim` returns.
+        points: Positions (n, 3), m, at times (n), s, of frames by name.
+        orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
+        posture: Coordinates (n, nq) at times (n), s; those of hover, moved along with the first
+            point, if None.
+        parameters: Of the robot as it is known, as `prepare` takes them.
+        step: Length of the first step, s, which is also how often it plans.
+        nodes: How many steps the horizon has.
+        growth: How much longer each step is than the one before.
+        tolerances: What is as bad as anything else.
+        actuators: Limits and lag; those of the robot file if None.
+        rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None for none.
+        iterations: How often it linearises and solves at an instant.
+        delay: How much later inputs take effect, s, for which it makes up.
+        deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
+            followed meanwhile; None if it is waited for.
+        method: How the prediction takes its steps: "euler", or "rk4" for robots without fast
+            dampers.
+
+    Raises:
+        UsageError: If an argument is not what it must be.
+        MissingFunctionError: If the module was generated without a derivative.
+        CompilerError: If there is no compiler that works.
+    """
+
+    module: ModuleType
+    hover: Hover
+    points: Mapping[str, Path] = field(default_factory=dict)
+    orientations: Mapping[str, Path] = field(default_factory=dict)
+    posture: Path | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    step: float = 0.02
+    nodes: int = 20
+    growth: float = 1.0
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    actuators: Actuators | None = None
+    rates: float | Array | None = None
+    iterations: int = 1
+    delay: float = 0.0
+    deadline: float | None = None
+    method: str = "euler"
+
+    def __post_init__(self) -> None:
+        self._check()
+        vehicle = Vehicle(self.module, self.parameters or None)
+        self.vehicle = vehicle
+        self._limits = self.actuators or module_actuators(vehicle)
+        robot = Functions(self.module)
+        lengths = self.step * self.growth ** np.arange(self.nodes)
+        # Times of nodes after the state at which a plan begins, s.
+        self._ahead = np.concatenate([[0.0], np.cumsum(lengths)])
+        self._lag = self._limits.lag
+        self.horizon = Horizon(
+            robot,
+            tuple(self._frame(name) for name in self.points),
+            tuple(self._frame(name) for name in self.orientations),
+            self.method,
+            bool(np.any(self._lag)),
+            self.rates is not None or self.tolerances.change is not None,
+            self._carries,
+        )
+        rows, limits = self._rows()
+        transcription = Transcription(self.horizon, self.nodes, tuple(rows))
+        constants = self._constants(vehicle, float(lengths[-1]))
+        self._compiled = CompiledPredictive(self.module, transcription, constants)
+        told = self._compiled.arrays
+        for name, values in limits.items():
+            told[name][:] = values
+        told["h"][:] = lengths
+        told["lag_times"][: self.horizon.motors] = self._lag[: self.horizon.motors]
+        weights = self._weights()
+        told["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
+        # Beside those of coordinates: of inputs, velocities, thrusts and inputs before.
+        nothing = np.zeros(robot.space.velocities), np.zeros(self.horizon.motors)
+        changes = weights["changes"]
+        told["changes"][: len(changes)] = changes
+        by_u = weights["inputs"] + (changes if len(changes) else 0.0)
+        told["diagonal"][:] = np.r_[by_u, nothing[0], weights["velocities"], nothing[1], changes]
+        told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
+        self._first_point = self._position(self.hover.q)
+        told["ahead"][:] = self._ahead_costs(constants, weights)
+        self.log: list[Instant] = []
+        self.reset()
+
+    @property
+    def rate(self) -> float:
+        """How often it plans, Hz."""
+        return 1.0 / self.step
+
+    def reset(self) -> None:
+        """Forget the plan and the log, before a flight."""
+        self.log.clear()
+        self._failures: int | None = None
+        self._late: Array | None = None
+        # Inputs (nu) under way, and thrusts of motors that lag, N.
+        self._acting = np.array(self.hover.u, dtype=np.float64)
+        self._thrusts = self._acting[: self.horizon.motors].copy()
+
+    def __call__(self, seen: Observation) -> Array:
+        """Inputs u (nu), N and N m, of the step that begins at an observation; see `inputs`."""
+        return self.inputs(seen.time, seen.q, seen.v)
+
+    def inputs(self, time: float, q: Array, v: Array) -> Array:
+        """Inputs u (nu) of the step that begins at a time, s, and a state.
+
+        Args:
+            time: s.
+            q: Coordinates (nq).
+            v: Velocities (nv).
+
+        Returns:
+            The inputs, N and N m, within their limits.
+
+        Raises:
+            NoPlanError: If no plan was found for a whole horizon.
+        """
+        begin, own = clock.perf_counter(), self._compiled
+        told = own.arrays
+        told["reference"][:] = self._reference(time + self.delay + self._ahead)
+        is_first = self._failures is None
+        if is_first:
+            self._begin(q, v)
+        own.prepare()
+        prepared = clock.perf_counter()
+        x = self._state(q, v)
+        told["rounds"][()] = _FIRST if is_first else self.iterations
+        solved, u = own.step(x)
+        seconds = clock.perf_counter() - prepared
+        self._failures = 0 if solved else (self._failures or 0) + 1
+        known = {name: float(told[name]) for name in ("share", "cost", "gaps")}
+        if self._failures >= self.nodes:
+            raise NoPlanError(
+                f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
+                f"{self._ahead[-1]:.3g} s, as long as the last one reaches; the machine is lost, "
+                "or cannot do what it is to do within its limits"
+            )
+        least, most = self._limits.inputs
+        u = np.clip(u, least, most)
+        following = clock.perf_counter()
+        own.shift()
+        shifting = clock.perf_counter() - following
+        preparation = prepared - begin + shifting
+        self.log.append(
+            Instant(time, preparation, seconds, solved, int(told["iterations"]), **known)
+        )
+        if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
+            u, self._late = (
+                (u if self._late is None else self._late),
+                np.clip(told["u"][0], least, most),
+            )
+        else:
+            self._late = None
+        self._settle(u)
+        return u
+
+    # What is known of the machine.
+
+    def _check(self) -> None:
+        """Raise `UsageError` for what is not what it must be."""
+        if getattr(self.module, "backend", "numpy") != "c":
+            raise UsageError(
+                f"{self.module.NAME}: a predictive controller calls C; load the module with "
+                'backend="c", where there is a C compiler'
+            )
+        wanted = {
+            "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
+            "nodes": (self.nodes, 1 <= self.nodes <= 500, "1 to 500 steps"),
+            "growth": (self.growth, 1.0 <= self.growth <= 2.0, "1 to 2"),
+            "iterations": (self.iterations, 1 <= self.iterations <= 100, "1 to 100"),
+            "delay": (self.delay, 0.0 <= self.delay < np.inf, "a time of 0 or more, s"),
+        }
+        for name, (value, is_right, words) in wanted.items():
+            if not is_right:
+                raise UsageError(f"predictive: {name} must be {words}, not {value}")
+        if self.method not in ("euler", "rk4"):
+            raise UsageError(
+                f'predictive: method must be "euler" or "rk4", not {printable(str(self.method))}'
+            )
+
+    def _frame(self, name: str) -> int:
+        if name not in self.module.FRAMES:
+            known = ", ".join(self.module.FRAMES)
+            raise UsageError(
+                f"predictive: {self.module.NAME} has no frame {printable(name)}; its frames: "
+                f"{known}"
+            )
+        return int(self.module.FRAMES.index(name))
+
+    @property
+    def _carries(self) -> bool:
+        """Whether the base is where the first point needs it."""
+        free = self.posture is None and self.tolerances.position is None
+        return bool(self.points) and free
+
+    def _constants(self, vehicle: Vehicle, h: float) -> Any:
+        """The constants of the machine that is predicted: with dampers at the ends of steps."""
+        known = {**self.module.PARAMETERS, **self.parameters}
+        changed = dict(self.parameters)
+        for name, damping in known.items():
+            if not name.endswith("_damping") or not np.any(damping) or self.method != "euler":
+                continue
+            armature = name.removesuffix("damping") + "armature"
+            if armature not in known:
+                raise UsageError(
+                    f"{vehicle.name}: has no parameter {armature}, by which the prediction makes "
+                    "steps with dampers stable; an earlier version made it: generate it again"
+                )
+            changed[armature] = known[armature] + h * np.asarray(damping)
+        return self.module.prepare(changed)
+
+    def _rows(self) -> tuple[list[Row], dict[str, Array]]:
+        """Limited quantities: inputs, joints and their rates, and how fast inputs change."""
+        robot, limits = self.horizon.robot, self._limits
+        nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
+        own, rates = robot.layout.q.joints, robot.layout.v.joints
+        joints = rates.stop - rates.start
+        found = [(Row(i, i), *limits.inputs[:, i], _NONE, 0.0) for i in range(nu)]
+        for k in range(joints):
+            i, at = rates.start + k, own.start + k
+            excess = _EXCESS / self.tolerances.joints
+            found.append((Row(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
+            fastest, excess = limits.velocities[k], _EXCESS / self.tolerances.joint_rates
+            row = Row(nu + nv + i, nu + n + i)
+            found.append((row, -fastest, fastest, excess, 1.0))
+        if self.rates is not None:
+            before = nu + n + nv + self.horizon.motors, nu + 2 * nv + self.horizon.motors
+            fastest = np.broadcast_to(np.asarray(self.rates, dtype=np.float64), (nu,))
+            for i in range(nu):
+                row = Row(i, i, before[1] + i, before[0] + i)
+                found.append((row, -fastest[i], fastest[i], _NONE, 0.0))
+        found = [row for row in found if np.isfinite(row[1]) or np.isfinite(row[2])]
+        rows, least, most, penalty, _ = zip(*found, strict=True) if found else ((),) * 5
+        width = np.subtract(most, least) / 2.0
+        scale = np.where(np.isfinite(width), width, 1.0)
+        values = {
+            "least": np.clip(least, -_NONE, None),
+            "most": np.clip(most, None, _NONE),
+            "penalty": np.array(penalty),
+            "scale": scale,
+        }
+        return list(rows), (values if found else {})
+
+    def _weights(self) -> dict[str, Array]:
+        """Weights of the squares of what is off, by kind."""
+        tolerances, layout = self.tolerances, self.horizon.robot.layout.v
+        rotors, joints = self.vehicle.rotors, self.vehicle.joints
+        thrusts = np.abs(self.hover.u[:rotors])
+        thrust = tolerances.thrust or 0.5 * float(thrusts.max(initial=0.0)) or 1.0
+        effort = tolerances.effort or thrust * self._reach or 1.0
+        inputs = np.r_[np.full(rotors, thrust), np.full(joints, effort)] ** -2.0
+        posture, rates = np.zeros(layout.size), np.zeros(layout.size)
+        posture[layout.attitude] = tolerances.attitude**-2
+        posture[layout.joints] = tolerances.joints**-2
+        if tolerances.position is not None:
+            posture[layout.position] = tolerances.position**-2
+        elif not self.points:
+            posture[layout.position] = tolerances.point**-2
+        rates[layout.attitude] = tolerances.angular_velocity**-2
+        rates[layout.position] = tolerances.velocity**-2
+        rates[layout.joints] = tolerances.joint_rates**-2
+        has_changes = self.horizon.changes
+        share = tolerances.change
+        changes = np.zeros_like(inputs) if share is None else inputs / share**2
+        return {
+            "points": np.full(3 * len(self.points), tolerances.point**-2),
+            "orientations": np.full(3 * len(self.orientations), tolerances.orientation**-2),
+            "posture": posture,
+            "velocities": rates,
+            "inputs": inputs,
+            "changes": changes if has_changes else np.zeros(0),
+        }
+
+    @property
+    def _reach(self) -> float:
+        """Distance, m, of the furthest frame from the base."""
+        places = self.vehicle.frame_poses(self.hover.q)[:, :3, 3]
+        return float(np.linalg.norm(places - places[0], axis=-1).max(initial=0.0))
+
+    # What is wanted.
+
+    def _position(self, q: Array) -> Array:
+        """The first point that is led (3), m, or the base if there is none."""
+        frame = self.horizon.points[0] if self.horizon.points else 0
+        found: Array = self.vehicle.frame_poses(q)[frame, :3, 3]
+        return found
+
+    def _reference(self, times: Array) -> Array:
+        """What nodes are to be at times (n), s, a row for each."""
+        count, robot, layout = len(times), self.horizon.robot, self.horizon.robot.layout
+        points = [np.asarray(path(times)) for path in self.points.values()]
+        rotations = [np.asarray(path(times)) for path in self.orientations.values()]
+        if self.posture is not None:
+            q = np.asarray(self.posture(times))
+            moved = [np.asarray(self.posture(times + sign * _DIFFERENCE)) for sign in (-1.0, 1.0)]
+            v = self.vehicle.function("difference")(*moved) / (2.0 * _DIFFERENCE)
+        else:
+            q = np.tile(self.hover.q, (count, 1))
+            v = np.zeros((count, robot.space.velocities))
+            if self._carries:
+                path = next(iter(self.points.values()))
+                speed = path(times + _DIFFERENCE) - path(times - _DIFFERENCE)
+                q[:, layout.q.position] += points[0] - self._first_point
+                v[:, layout.v.position] = speed / (2.0 * _DIFFERENCE) @ self._turn.T
+        u = np.tile(self.hover.u, (count, 1))
+        rows = [*points, *(x.reshape(count, 9) for x in rotations), q, v, u]
+        return np.concatenate(rows, axis=1)
+
+    @property
+    def _turn(self) -> Array:
+        """From world axes to those of the base's velocity (3, 3) in hover."""
+        if self.vehicle.layout.is_quaternion:
+            return self.vehicle.base_rotation(self.hover.q).T
+        return np.eye(3)
+
+    def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
+        """What follows the horizon costs, by the regulator about hover; see `Horizon.end`."""
+        horizon, told = self.horizon, self._compiled.arrays
+        robot, nv = horizon.robot, horizon.robot.space.velocities
+        nu, hover = robot.inputs, self.hover
+        x = self._state_of(hover.q, np.zeros(nv), hover.u[: horizon.motors], hover.u)
+        reference = self._hovering()
+        program = horizon.node()
+        given = {
+            "u": hover.u,
+            "x": x,
+            "x_next": x,
+            "h": self.step,
+            "reference": reference,
+            "weights": told["weights"],
+            "lag_times": self._lag,
+        }
+        given = {name: given[name] for name in program.names}
+        found = evaluate(program, given, {"robot": self.module}, {"robot": constants})
+        slope = found["slope"]
+        # Without lag and inputs before: these are forgotten soon.
+        a, b = slope[: 2 * nv, nu : nu + 2 * nv], slope[: 2 * nv, :nu]
+        if horizon.lags:
+            b[:, : horizon.motors] += slope[: 2 * nv, nu + 2 * nv : nu + 2 * nv + horizon.motors]
+        states, inputs = np.zeros((2 * nv, 2 * nv)), np.diag(weights["inputs"])
+        states[:nv, :nv] = found["hessian"]
+        states[range(nv, 2 * nv), range(nv, 2 * nv)] = weights["velocities"]
+        after = np.zeros_like(states)
+        for _ in range(_STEPS):
+            cost = states + after
+            gain = np.linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a)
+            closed = a - b @ gain
+            after = gain.T @ inputs @ gain + closed.T @ cost @ closed
+        if not horizon.carries:
+            return np.asarray(after.ravel())
+        jacobian = self.vehicle.function("frame_jacobians")(hover.q)[horizon.points[0], :3]
+        return np.concatenate([x.ravel() for x in (after, self._turn, jacobian)])
+
+    def _hovering(self) -> Array:
+        """The reference of hover."""
+        hover, poses = self.hover, self.vehicle.frame_poses(self.hover.q)
+        parts = [poses[frame, :3, 3] for frame in self.horizon.points]
+        parts += [poses[frame, :3, :3].ravel() for frame in self.horizon.orientations]
+        still = np.zeros(self.horizon.robot.space.velocities)
+        return np.concatenate([*parts, hover.q, still, hover.u])
+
+    # States.
+
+    def _state_of(self, q: Array, v: Array, thrusts: Array, before: Array) -> Array:
+        """A state of the plan."""
+        parts = [q, v]
+        parts += [thrusts] if self.horizon.lags else []
+        parts += [before] if self.horizon.changes else []
+        return np.concatenate(parts)
+
+    def _state(self, q: Array, v: Array) -> Array:
+        """The state where inputs take effect, of one that was observed."""
+        x = self._state_of(q, v, self._thrusts, self._acting)
+        left = self.delay
+        while left > 1e-9:
+            h = min(left, self.step)
+            x, left = self._compiled.predict(x, self._acting, h), left - h
+        return x
+
+    def _begin(self, q: Array, v: Array) -> None:
+        """Plan to stay, before anything is known."""
+        told = self._compiled.arrays
+        told["x"][:] = self._state_of(q, 0.0 * v, self._thrusts, self._acting)
+        told["u"][:] = self.hover.u
+
+    def _settle(self, u: Array) -> None:
+        """Let inputs act: thrusts follow them until the next instant."""
+        if self.horizon.lags:
+            n = self.horizon.motors
+            left = np.exp(-self.step / np.maximum(self._lag, 1e-9))
+            self._thrusts = u[:n] + left * (self._thrusts - u[:n])
+        self._acting = np.array(u)
+
+
+class _Rest(NamedTuple):
+    q: Array
+    u: Array
+
+
+# How often the law of a scenario plans without a rate, Hz.
+_RATE = 50.0
+
+
+def predictive_law(
+    vehicle: Vehicle, reference: Reference, scenario: Scenario, actuators: Actuators
+) -> Predictive:
+    """The predictive law of a scenario: it leads the tip, if that has a path, and else the base.
+
+    `vehicle` is the robot as the law knows it. The posture is that of the desired motion. Raises as
+    `Predictive` does.
+    """
+
+    def posture(times: Array) -> Array:
+        return vehicle.kinematics.normalised(reference(times)[0])
+
+    def tip(times: Array) -> Array:
+        found: Array = vehicle.frame_poses(posture(times))[:, vehicle.frames.index("tip"), :3, 3]
+        return found
+
+    q = posture(np.array([reference.begin]))[0]
+    still = np.zeros(vehicle.layout.v.size)
+    force = vehicle.inverse_dynamics(q, still, still)
+    u = np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0], np.float64)
+    control = scenario.control
+    return Predictive(
+        vehicle.module,
+        _Rest(q, u),
+        {} if scenario.arm.tip is None else {"tip": tip},
+        posture=posture,
+        parameters=scenario.parameters,
+        step=1.0 / (control.rate or _RATE),
+        delay=control.delay,
+        actuators=actuators,
+    )

@@ -1,0 +1,237 @@
+"""Predictive control: its programs against differences, its plans against conditions of optima."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from support.derived import derived
+
+from gibbs_codegen.arrays.evaluation import evaluate
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
+from gibbs_codegen.flight.plant.actuators import module_actuators
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.predictive import DERIVATIVES
+from gibbs_codegen.targets.registry import find_targets, render_module
+
+NODES, STEP = 6, 0.02
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A state at rest and its inputs."""
+
+    q: Any
+    u: Any
+
+
+@pytest.fixture(scope="module", params=["xyz", "quaternion"])
+def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """A small machine with a damped joint, compiled quickly."""
+    robot = paper_family(6, 1)
+    damped = replace(robot.links[0], passive=replace(robot.links[0].passive, damping=0.3))
+    base = replace(robot.base, attitude=request.param)
+    robot = replace(robot, base=base, links=(damped,))
+    folder = tmp_path_factory.mktemp("predictive") / robot.name
+    folder.mkdir()
+    model = derived(robot, derivatives=DERIVATIVES)
+    for name, text in render_module(model, "", find_targets(("numpy", "c"))).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", "cc -O1")
+        yield load(folder, "c")
+
+
+def controller_of(module: ModuleType, **changes: Any) -> Predictive:
+    """A controller that brings the tip half a metre to a side, with what may be asked of one."""
+    vehicle = Vehicle(module)
+    q = vehicle.neutral
+    q[vehicle.arm] = 0.4
+    still = np.zeros(vehicle.layout.v.size)
+    force = vehicle.inverse_dynamics(q, still, still)
+    u = np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0]
+    tip = vehicle.frame_poses(q)[module.FRAMES.index("tip")]
+    target, turned = tip[:3, 3] + [0.5, 0.0, 0.0], tip[:3, :3]
+    actuators = module_actuators(vehicle)
+    thrusts = u[: vehicle.rotors]
+    actuators.thrusts[:] = [[thrusts.min() - 2.0], [thrusts.max() + 2.0]]
+    actuators.joints[:] = [[0.2], [0.45]]
+    actuators.velocities[:] = 0.5
+    given: dict[str, Any] = {
+        "points": {"tip": lambda t: np.tile(target, (len(t), 1))},
+        "orientations": {"tip": lambda t: np.tile(turned, (len(t), 1, 1))},
+        "nodes": NODES,
+        "actuators": actuators,
+    }
+    return Predictive(module, Rest(q, u), **(given | changes))
+
+
+def every_kind(module: ModuleType) -> Predictive:
+    """A controller of lag, limits of rates, and costs of changes."""
+    limits = controller_of(module).actuators
+    assert limits is not None
+    lag = np.full_like(limits.lag, 0.03)
+    tolerances = Tolerances(change=0.5)
+    return controller_of(
+        module, actuators=replace(limits, lag=lag), rates=200.0, tolerances=tolerances
+    )
+
+
+def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
+    """What the program of a node is given by the plan."""
+    told = controller._compiled.arrays
+    given = {"u": told["u"][k], "x": told["x"][k], "x_next": told["x"][k + 1], "h": told["h"][k]}
+    given |= {"reference": told["reference"][k], "weights": told["weights"]}
+    return given | {"lag_times": told["lag_times"][: controller.horizon.motors]}
+
+
+def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[str, Any]:
+    """Results of a program."""
+    constants = controller._compiled._owned[2]
+    own = {name: given[name] for name in program.names}
+    return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
+
+
+@pytest.mark.parametrize("kind", [controller_of, every_kind])
+def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> None:
+    """Against central differences of the gap and the cost, whose displacements `moved` makes."""
+    controller, rng = kind(module), np.random.default_rng(3)
+    horizon = controller.horizon
+    controller._begin(controller.hover.q, np.zeros(horizon.robot.space.velocities))
+    told = controller._compiled.arrays
+    told["reference"][:] = controller._reference(controller._ahead)
+    moved, node = horizon.moved(), horizon.node()
+    for x in told["x"]:
+        away = rng.uniform(-0.2, 0.2, horizon.states)
+        x[:] = value(controller, moved, {"x": x, "displacement": away})["x_next"]
+    told["u"] += rng.uniform(-1.0, 1.0, told["u"].shape)
+    given = inputs_of(controller, 0)
+    # The next state is where the step ends, where a displacement of the gap is one of the step.
+    gap = value(controller, horizon.values(), given)["gap"]
+    ahead = {"x": given["x_next"], "displacement": gap}
+    given["x_next"] = value(controller, moved, ahead)["x_next"]
+    found = value(controller, node, given)
+    np.testing.assert_allclose(found["gap"], 0.0, atol=1e-12)
+    inputs, h = horizon.robot.inputs, 1e-6
+    for i in range(inputs + horizon.states):
+        ends = []
+        for sign in (-h, h):
+            near = dict(given)
+            if i < inputs:
+                near["u"] = given["u"] + sign * np.eye(inputs)[i]
+            else:
+                away = sign * np.eye(horizon.states)[i - inputs]
+                near["x"] = value(controller, moved, {"x": given["x"], "displacement": away})[
+                    "x_next"
+                ]
+            ends.append(value(controller, horizon.values(), near))
+        slope, cost = ((ends[1][x] - ends[0][x]) / (2.0 * h) for x in ("gap", "cost"))
+        np.testing.assert_allclose(found["slope"][:, i], slope, atol=2e-7)
+        np.testing.assert_allclose(found["gradient"][i], cost, rtol=2e-6, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [controller_of, every_kind])
+def test_a_plan_is_the_optimum_within_limits(kind: Any, module: ModuleType) -> None:
+    """By the conditions of Karush, Kuhn and Tucker of the dense program, which NumPy assembles."""
+    controller = kind(module)
+    horizon, own = controller.horizon, controller._compiled
+    robot, told = horizon.robot, own.arrays
+    nu, nx, nv = robot.inputs, horizon.states, robot.space.velocities
+    q, v = controller.hover.q, np.zeros(nv)
+    told["reference"][:] = controller._reference(controller._ahead)
+    controller._begin(q, v)
+    told["tolerance"][()], told["rounds"][()] = 1e-11, 1
+    before = told["x"].copy(), told["u"].copy()
+    nodes = [value(controller, horizon.node(), inputs_of(controller, k)) for k in range(NODES)]
+    end = {"x": told["x"][-1], "reference": told["reference"][-1], "weights": told["weights"]}
+    last = value(controller, horizon.end(), end | {"ahead": told["ahead"]})
+    own.prepare()
+    x = controller._state(q, v)
+    solved, _ = own.step(x)
+    assert solved
+    assert told["share"] == 1.0
+    away = horizon.away()
+    dx = np.array(
+        [
+            value(controller, away, {"x": a, "x_next": b})["away"]
+            for a, b in zip(before[0], told["x"], strict=True)
+        ]
+    )
+    du = told["u"] - before[1]
+    # All in one vector: u and x of each node, then x of the last one.
+    width = nu + nx
+    size = NODES * width + nx
+    w = np.zeros(size)
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    equal, gaps = np.zeros((nx * (NODES + 1), size)), np.zeros(nx * (NODES + 1))
+    equal[:nx, nu:width], gaps[:nx] = np.eye(nx), dx[0]
+    for k, node in enumerate(nodes):
+        at = slice(k * width, (k + 1) * width)
+        w[at] = np.r_[du[k], dx[k]]
+        hessian[at, at][range(width), range(width)] = told["diagonal"]
+        first = k * width + nu
+        hessian[first : first + nv, first : first + nv] += node["hessian"]
+        for i in range(horizon.before):
+            a, b = k * width + i, (k + 1) * width - horizon.before + i
+            hessian[a, b] = hessian[b, a] = -told["changes"][i]
+        gradient[at] = node["gradient"]
+        rows = slice((k + 1) * nx, (k + 2) * nx)
+        equal[rows, at] = -node["slope"]
+        begin = (k + 1) * width + (nu if k + 1 < NODES else 0)
+        equal[rows, begin : begin + nx] = np.eye(nx)
+        gaps[rows] = node["gap"]
+    w[NODES * width :] = dx[-1]
+    hessian[-nx : size - nx + 2 * nv, -nx : size - nx + 2 * nv] = last["hessian"]
+    gradient[-nx : size - nx + 2 * nv] = last["gradient"]
+    np.testing.assert_allclose(equal @ w, gaps, atol=1e-9)
+    # Limits, of which those that are met push back.
+    columns, active = [], 0
+    rows, limits = controller._rows()
+    for k in range(NODES + 1):
+        values = np.r_[before[1][min(k, NODES - 1)], before[0][k]]
+        for row, least, most, penalty in zip(
+            rows, limits["least"], limits["most"], limits["penalty"], strict=True
+        ):
+            if (row.entry < nu and k == NODES) or (row.entry >= nu and k == 0):
+                continue
+            shift = nu if k == NODES else 0
+            column = np.zeros(size)
+            column[k * width + row.entry - shift] = 1.0
+            now = values[row.place]
+            if row.other >= 0:
+                column[k * width + row.other - shift] = -1.0
+                now = now - values[row.other_place]
+                least, most = least * STEP, most * STEP
+            reached = now + column @ w
+            if penalty >= 1e30:
+                assert least - 1e-7 < reached < most + 1e-7
+            for sign, limit in ((1.0, most), (-1.0, least)):
+                if sign * (reached - limit) > -1e-5:
+                    columns.append(sign * column)
+                    active += 1
+    assert active > 3
+    every = np.column_stack([equal.T, *columns])
+    lower = np.r_[np.full(len(equal), -np.inf), np.zeros(active)]
+    pull = -(hessian @ w + gradient)
+    found = lsq_linear(every, pull, (lower, np.inf), tol=1e-14)
+    assert np.abs(every @ found.x - pull).max() < 1e-5 * np.abs(gradient).max()
+
+
+def test_what_is_wrong_is_told(module: ModuleType) -> None:
+    for changes, words in (
+        ({"step": 0.0}, "step must be a finite time above 0"),
+        ({"nodes": 0}, "nodes must be 1 to 500"),
+        ({"points": {"hand": lambda t: t}}, "no frame hand; its frames: base, tip"),
+        ({"method": "heun"}, 'method must be "euler" or "rk4"'),
+    ):
+        with pytest.raises(UsageError, match=words):
+            controller_of(module, **changes)
+    with pytest.raises(UsageError, match='backend="c"'):
+        controller_of(load(module.__path__[0]))
