@@ -5,6 +5,7 @@ A command is a module with a function `run`, imported when its words have been u
 
 from __future__ import annotations
 
+import atexit
 import gc
 import io
 import os
@@ -31,6 +32,9 @@ def console() -> int:
     try:
         code = main()
         sys.stdout.flush()
+        if code == 130:
+            # All work has been unwound; to take the interpreter down as well takes up to a second.
+            atexit.register(os._exit, code)
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             print(f"gibbs-codegen: output: {cause_of(error)}", file=sys.stderr)

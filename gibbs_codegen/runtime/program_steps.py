@@ -125,17 +125,16 @@ class ProgramSteps:
             for x in (self._given, state, samples, progress)
         ]
 
-        def fly(some: range) -> None:
-            for k in some:
-                given, x, kept_at, ends = (places[k] for places in parts)
-                self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
+        def fly(k: int) -> None:
+            given, x, kept_at, ends = (places[k] for places in parts)
+            self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
 
-        workers = min(threads, blocks)
-        if workers == 1:
-            fly(range(blocks))
-        else:
-            with ThreadPoolExecutor(workers) as pool:
-                list(pool.map(fly, (range(k, blocks, workers) for k in range(workers))))
+        if min(threads, blocks) == 1:
+            for k in range(blocks):
+                fly(k)
+        else:  # Block by block, so that Ctrl-C waits for no more than those under way.
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(fly, range(blocks)))
         last, found, ended = (
             self.blocks.to_rows(x, self.count) for x in (state, samples[:, :kept], progress)
         )

@@ -63,7 +63,7 @@ class Workers:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = futures.ProcessPoolExecutor(self.count, context, _begin, (os.getpid(),))
-        with _without_main():
+        with _without_main(), _uninterrupted():
             return self._pool.submit(function, *arguments)
 
     def end(self) -> None:
@@ -96,6 +96,19 @@ def _without_main() -> Iterator[None]:
         yield
     finally:
         main.update(removed)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put Ctrl-C off, also for a process that starts meanwhile, until that has begun."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(parent: int) -> None:
