@@ -130,8 +130,8 @@ class ProgramSteps:
             self._run(given, time, step, steps, every, number, x, kept_at, inputs, ends)
 
         if min(threads, blocks) == 1:
-            for k in range(blocks):
-                fly(k)
+            for block in range(blocks):
+                fly(block)
         else:  # Block by block, so that Ctrl-C waits for no more than those under way.
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(fly, range(blocks)))

@@ -86,128 +86,6 @@ def away_and_rates(now: Moment) -> Array:
     return np.concatenate([now.away, now.v], axis=1)
 
 
-class MachineBatch:
-    """n machines: where they are, and what they are told.
-
-    Until an episode begins, all are at rest where they are wanted, at `hover` (nq) or zero, and
-    motors that lag have settled at the inputs that hold a machine there, or come nearest to it.
-    Limits, N and N m, and lag, s, are those of the robot file if None. The last arguments are how a
-    decision is flown. Raises `UsageError` if something does not fit the robot.
-    """
-
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        count: int,
-        *,
-        hover: ArrayLike | None,
-        limits: tuple[ArrayLike, ArrayLike] | None,
-        time_constants: ArrayLike | None,
-        dt: float,
-        steps: int,
-        method: Method,
-        bounds: ArrayLike | None,
-        precision: Precision,
-        threads: int,
-    ) -> None:
-        nq, nv = len(vehicle.coordinates), len(vehicle.layout.v.names)
-        arguments = RolloutArguments(vehicle.module, whole("steps", steps))
-        check_settings(steps, steps, dt, method, precision)
-        self.vehicle, self._threads = vehicle, whole("threads", threads)
-        hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
-        actuators = module_actuators(vehicle)
-        ends = actuators.inputs if limits is None else limits
-        least, most = arguments.range("limits", ends, arguments.inputs)
-        lag = arguments.lag(actuators.lag if time_constants is None else time_constants)
-        self.motors = motors = Motors(least, most, lag, np.zeros_like(lag))
-        if arguments.count() != 1:
-            raise UsageError("hover, time_constants: they are the same for all environments")
-        [self._hover] = arguments.normalised("hover", hovers)
-        # Inputs that hold a machine at rest there, or come nearest to it.
-        still = np.zeros(nv)
-        force = vehicle.inverse_dynamics(self._hover, still, still)
-        inputs = np.linalg.lstsq(vehicle.input_matrix(self._hover), force, rcond=None)[0]
-        self._begin = np.clip(inputs, motors.least, motors.most)
-        self._problem = Problem(
-            vehicle.module,
-            vehicle.constants,
-            np.tile(self._hover, (count, 1)),
-            np.zeros((count, nv)),
-            np.tile(self._begin, (count, 1, 1)),
-            steps=arguments.steps,
-            dt=dt,
-            method=method,
-            every=steps,
-            bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
-            precision=precision,
-        )
-        self._thrusts = np.tile(self._begin[: vehicle.rotors], (count, 1))
-        self.decisions = np.zeros(count, dtype=np.int64)
-        self.parameters: dict[str, Array] = {}
-
-    @property
-    def duration(self) -> float:
-        """Of a decision, s."""
-        return self._problem.steps * self._problem.dt
-
-    def restart(self, rows: Flags, away: Array, v: Array, parameters: Mapping[str, Array]) -> None:
-        """Put m of the machines, `rows` (n), where an episode begins.
-
-        They are displaced by `away` (m, nv) from where they are wanted, with velocities (m, nv).
-        Parameters (m) by name have the same names in each call, of which the first is for all
-        machines. Raises `UsageError` if no machine can have them.
-        """
-        now = self._problem
-        now.q[rows] = self.vehicle.integrate(self._hover, away)
-        now.v[rows] = v
-        now.inputs[rows] = self._begin
-        self._thrusts[rows] = self._begin[: self.vehicle.rotors]
-        self.decisions[rows] = 0
-        for name, values in parameters.items():
-            self.parameters.setdefault(name, np.empty(len(rows)))[rows] = values
-        if not parameters:
-            return
-        prepare = self.vehicle.module.prepare
-        try:
-            if isinstance(now.constants, np.ndarray):  # The C back end has a row for each machine.
-                now.constants[rows] = prepare(dict(parameters))
-            else:
-                self._problem = replace(now, constants=prepare(self.parameters))
-        except (TypeError, ValueError) as error:
-            raise UsageError(f"{self.vehicle.name}: parameters: {error}") from None
-
-    def advance(self, inputs: Array) -> NDArray[np.int8]:
-        """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
-        commanded = np.clip(inputs, self.motors.least, self.motors.most)
-        motors = replace(self.motors, thrusts=self._thrusts)
-        decision = replace(self._problem, inputs=commanded[:, np.newaxis], motors=motors)
-        rollout = array_rollout(decision, self._threads)
-        last = rollout.thrusts if rollout.thrusts is None else rollout.thrusts[:, -1]
-        self._thrusts = (commanded[:, : self.vehicle.rotors] if last is None else last).copy()
-        self._problem = replace(
-            self._problem,
-            q=rollout.q[:, -1].copy(),
-            v=rollout.v[:, -1].copy(),
-            inputs=commanded[:, np.newaxis],
-        )
-        self.decisions += 1
-        return rollout.ended
-
-    def moment(self) -> Moment:
-        """Where the machines are, in arrays of its own."""
-        now, places = self._problem, self.vehicle.layout.v
-        return Moment(
-            np.asarray(self.decisions * self.duration, dtype=np.float64),
-            now.q.copy(),
-            now.v.copy(),
-            np.asarray(self.vehicle.module.difference(self._hover, now.q)),
-            now.inputs[:, 0].copy(),
-            self._thrusts.copy(),
-            places.attitude,
-            places.position,
-        )
-
-
 class EpisodeDistributions:
     """What the values of some names are: numbers, or distributions that they are drawn from.
 
@@ -220,37 +98,31 @@ class EpisodeDistributions:
     def __init__(self, values: Mapping[str, Any], known: Mapping[str, float], what: str) -> None:
         if not isinstance(values, Mapping):
             raise UsageError(f"{what}: values by name, not {printable(values)}")
+        self.what, self.values = what, dict(values)
+        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
+        self.factors = dict.fromkeys(values, 1.0)
         for name, value in values.items():
             if name not in known:
                 raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(known)}")
-            if not hasattr(value, "ppf") and not (isinstance(value, Real) and math.isfinite(value)):
+            if name not in self.drawn and not (isinstance(value, Real) and math.isfinite(value)):
                 raise UsageError(
                     f"{what}: {name}: a finite number or a distribution, such as "
                     f"uniform(0.8, 1.2), not {printable(value)}"
                 )
-            if getattr(value, "relative", False) and not known[name]:
-                raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
-        self.what = what
-        self.factors = {
-            name: known[name] if getattr(value, "relative", False) else 1.0
-            for name, value in values.items()
-        }
-        self.values = dict(values)
-        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
+            if getattr(value, "relative", False):
+                self.factors[name] = known[name]
+                if not known[name]:
+                    raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
 
     def __call__(self, shares: Array) -> dict[str, Array]:
         """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
 
         Raises `UsageError` if a distribution gives what is not finite.
         """
-        columns = dict(zip(self.drawn, shares.T, strict=True))
-        found = {}
+        columns, found = dict(zip(self.drawn, shares.T, strict=True)), {}
         for name, value in self.values.items():
-            if name in columns:
-                drawn = np.asarray(value.ppf(columns[name]), dtype=np.float64)
-                found[name] = self.factors[name] * drawn
-            else:
-                found[name] = np.full(len(shares), float(value))
+            one = value.ppf(columns[name]) if name in columns else np.full(len(shares), value)
+            found[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
             if not np.all(np.isfinite(found[name])):
                 raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
         return found
@@ -316,19 +188,43 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     ) -> None:
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self.num_envs = whole("num_envs", num_envs)
-        self._machines = MachineBatch(
-            Vehicle(module),
-            self.num_envs,
-            hover=hover,
-            limits=limits,
-            time_constants=time_constants,
-            dt=dt,
-            steps=steps,
-            method=method,
-            bounds=bounds,
-            precision=precision,
-            threads=threads,
+        self._vehicle = vehicle = Vehicle(module)
+        self._threads = whole("threads", threads)
+        nq, nv = vehicle.layout.q.size, vehicle.layout.v.size
+        arguments, actuators = (
+            RolloutArguments(module, whole("steps", steps)),
+            module_actuators(vehicle),
         )
+        check_settings(steps, steps, dt, method, precision)
+        hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
+        ends = actuators.inputs if limits is None else limits
+        self._limits = arguments.range("limits", ends, arguments.inputs)
+        lag = arguments.lag(actuators.lag if time_constants is None else time_constants)
+        if arguments.count() != 1:
+            raise UsageError("hover, time_constants: they are the same for all environments")
+        [self._hover] = arguments.normalised("hover", hovers)
+        # Inputs that hold a machine at rest there, or come nearest to it: motors have settled.
+        force = vehicle.inverse_dynamics(self._hover, *np.zeros((2, nv)))
+        inputs = np.linalg.lstsq(vehicle.input_matrix(self._hover), force, rcond=None)[0]
+        self._holding = np.clip(inputs, *self._limits)
+        thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
+        self._motors = Motors(self._limits[0], self._limits[1], lag, thrusts)
+        # Where the machines are, and how a decision is flown.
+        self._now = Problem(
+            module,
+            vehicle.constants,
+            np.tile(self._hover, (self.num_envs, 1)),
+            np.zeros((self.num_envs, nv)),
+            np.tile(self._holding, (self.num_envs, 1, 1)),
+            steps=arguments.steps,
+            dt=dt,
+            method=method,
+            every=steps,
+            bounds=None if bounds is None else arguments.range("bounds", bounds, nq + nv),
+            precision=precision,
+        )
+        self._decisions = np.zeros(self.num_envs, dtype=np.int64)
+        self._parameters: dict[str, Array] = {}
         zero = dict.fromkeys(module.VELOCITIES, 0.0)
         self._distributions = (
             EpisodeDistributions(offsets or {}, zero, "offsets"),
@@ -339,7 +235,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         # Decisions after which an episode is truncated, less what rounding may have added.
         self._most = math.inf
         if duration is not None:
-            self._most = seconds("duration", duration) / self._machines.duration - 1e-6
+            self._most = seconds("duration", duration) / (steps * dt) - 1e-6
         self._mode = _mode(autoreset_mode)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -353,20 +249,18 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             if not callable(getattr(self, f"_{name}")):
                 raise UsageError(f"{name}: must be a function of a Moment")
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
-        motors = self._machines.motors
-        unlimited = ~(np.isfinite(motors.least) & np.isfinite(motors.most))
+        unlimited = ~np.isfinite(self._limits).all(axis=0)
         if normalised and unlimited.any():
-            names = ", ".join(np.array(self._machines.vehicle.inputs)[unlimited])
+            names = ", ".join(np.array(self._vehicle.inputs)[unlimited])
             raise UsageError(
                 f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
                 "give limits=(least, most), or normalised=False"
             )
-        least, most = (-1.0, 1.0) if normalised else (motors.least, motors.most)
-        ones = np.ones(len(motors.least))
-        observed = np.shape(self._observe(self._machines.moment()))
+        ends = np.ones_like(self._limits) * [[-1.0], [1.0]] if normalised else self._limits
+        observed = np.shape(self._observe(self._moment()))
         if len(observed) != 2 or observed[0] != self.num_envs:
             raise UsageError(f"observe: an array ({self.num_envs}, m), not of shape {observed}")
-        self.single_action_space = Box(np.float32(least * ones), np.float32(most * ones))
+        self.single_action_space = Box(*ends.astype(np.float32))
         self.single_observation_space = Box(-np.inf, np.inf, observed[1:], np.float32)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -374,7 +268,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     @property
     def parameters(self) -> dict[str, Array]:
         """Parameters (n) of the episodes that are under way, by name."""
-        return {name: values.copy() for name, values in self._machines.parameters.items()}
+        return {name: values.copy() for name, values in self._parameters.items()}
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -416,7 +310,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError("reset_mask: the first reset must begin episodes everywhere")
         self._seed(seed, rows)
         self._begin(rows)
-        return self._observed(self._machines.moment()), {}
+        return self._observed(self._moment()), {}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
         """Take a decision in every environment.
@@ -441,17 +335,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise ResetNeeded(
                 f"call reset() first; environments whose episode is over: {np.flatnonzero(waiting)}"
             )
-        ended = self._machines.advance(self._inputs(actions))
-        now = self._machines.moment()
+        ended = self._advance(self._inputs(actions))
+        now = self._moment()
         rewards = self._values_of("reward", self._reward, now).astype(np.float64)
         terminations = self._values_of("terminated", self._terminated, now).astype(np.bool_)
         terminations |= ended != RUNNING
-        truncations = self._machines.decisions >= self._most
+        truncations = self._decisions >= self._most
         if waiting.any():  # These begin in this step; what they were told does not count.
             self._begin(waiting)
             rewards[waiting] = 0.0
             terminations[waiting] = truncations[waiting] = False
-            now = self._machines.moment()
+            now = self._moment()
         infos = _information(ended, ~waiting)
         observations = self._observed(now)
         self._over = over = terminations | truncations
@@ -460,7 +354,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             infos |= {"final_info": _information(ended, over), "_final_info": over.copy()}
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
-            observations = self._observed(self._machines.moment())
+            observations = self._observed(self._moment())
         return observations, rewards, terminations, truncations, infos
 
     def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
@@ -487,20 +381,58 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _begin(self, rows: Flags) -> None:
         """Begin episodes in some of the environments (n)."""
         chosen = [self._generators[i] for i in np.flatnonzero(rows)]
-        counts = [len(distribution.drawn) for distribution in self._distributions]
-        shares = np.array([each.random(sum(counts)) for each in chosen])
-        columns = np.split(shares, np.cumsum(counts)[:-1], axis=1)
+        ends = np.cumsum([len(each.drawn) for each in self._distributions])
+        shares = np.array([each.random(ends[-1]) for each in chosen])
+        columns = np.split(shares, ends[:-1], axis=1)
         offsets, rates, parameters = (
-            distribution(own)
-            for distribution, own in zip(self._distributions, columns, strict=True)
+            each(own) for each, own in zip(self._distributions, columns, strict=True)
         )
-        zero, names = np.zeros(len(chosen)), self._machines.vehicle.module.VELOCITIES
+        now, zero, names = self._now, np.zeros(len(chosen)), self._vehicle.module.VELOCITIES
         away, v = (
             np.stack([values.get(name, zero) for name in names], axis=1)
             for values in (offsets, rates)
         )
-        self._machines.restart(rows, away, v, parameters)
-        self._over = self._over & ~rows
+        now.q[rows] = self._vehicle.integrate(self._hover, away)
+        now.v[rows], now.inputs[rows] = v, self._holding
+        self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
+        self._decisions[rows], self._over = 0, self._over & ~rows
+        for name, values in parameters.items():  # The first time they are for all.
+            self._parameters.setdefault(name, np.empty(self.num_envs))[rows] = values
+        prepare = self._vehicle.module.prepare
+        try:
+            if parameters and isinstance(now.constants, np.ndarray):  # C has a row for each.
+                now.constants[rows] = prepare(parameters)
+            elif parameters:
+                self._now = replace(now, constants=prepare(self._parameters))
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"{self._vehicle.name}: parameters: {error}") from None
+
+    def _advance(self, inputs: Array) -> NDArray[np.int8]:
+        """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
+        commanded = np.clip(inputs, *self._limits)
+        now = replace(self._now, inputs=commanded[:, np.newaxis])
+        found = array_rollout(replace(now, motors=self._motors), self._threads)
+        last = (
+            commanded[:, : self._vehicle.rotors] if found.thrusts is None else found.thrusts[:, -1]
+        )
+        self._motors = replace(self._motors, thrusts=last.copy())
+        self._now = replace(now, q=found.q[:, -1].copy(), v=found.v[:, -1].copy())
+        self._decisions += 1
+        return found.ended
+
+    def _moment(self) -> Moment:
+        """Where the machines are, in arrays of its own."""
+        now, places = self._now, self._vehicle.layout.v
+        return Moment(
+            self._decisions * np.float64(now.steps * now.dt),
+            now.q.copy(),
+            now.v.copy(),
+            np.asarray(self._vehicle.module.difference(self._hover, now.q)),
+            now.inputs[:, 0].copy(),
+            self._motors.thrusts.copy(),
+            places.attitude,
+            places.position,
+        )
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
@@ -510,7 +442,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError(f"actions: finite numbers of shape {wanted}, not {printable(actions)}")
         if not self._normalised:
             return actions
-        least, most = self._machines.motors.least, self._machines.motors.most
+        least, most = self._limits
         return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
 
     def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
