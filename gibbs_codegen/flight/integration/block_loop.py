@@ -15,7 +15,6 @@ from gibbs_codegen.flight.integration.integrators import StepGrid, whole_history
 from gibbs_codegen.flight.integration.state_history import (
     InputRanges,
     Loads,
-    SmoothInterval,
     StateHistory,
 )
 from gibbs_codegen.flight.plant.vehicle import Array, Flags
@@ -23,7 +22,7 @@ from gibbs_codegen.flight.scenario.parts import Settings
 from gibbs_codegen.runtime.blocks import Blocks
 from gibbs_codegen.runtime.c_library import CompilerError
 from gibbs_codegen.runtime.cache import CacheError
-from gibbs_codegen.runtime.program_steps import ProgramSteps, Taken
+from gibbs_codegen.runtime.program_steps import ProgramSteps
 
 _log = logging.getLogger("gibbs_codegen")
 # Steps that a call takes on at most, so that progress shows and Ctrl-C is heard: the same however
@@ -55,12 +54,69 @@ class BlockIntegration:
         None for a flight to be integrated by itself: its law refuses a state, or there are no
         compiled blocks. `progress` is told the time reached, s.
         """
-        states = _BlockStates(self, starts)
-        for interval in self.loop.smooth_intervals(0.0, self.duration):
-            states.advance(interval, progress)
-        return states.histories()
+        envelope, grid, count = self._envelope(self.loop), StepGrid(self.settings), len(starts)
+        times, samples = [np.zeros(1)], [starts[:, np.newaxis]]
+        kept, last, ends = np.ones(count, dtype=np.int64), starts.copy(), np.zeros(count)
+        # Flights that are still under way, and those that must be integrated by themselves.
+        flies, alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        reasons = dict.fromkeys(range(count), "")
 
-    def block(self, bounds: Array | float, loads: Loads, count: int) -> ProgramSteps | None:
+        def end(which: Flags) -> None:
+            """End flights, with the reason; one without any is integrated by itself."""
+            for i in np.flatnonzero(which).tolist():
+                reasons[i] = self._envelope(self.one(i)).reason(float(ends[i]), last[i])
+                alone[i], flies[i] = not reasons[i], False
+
+        end(~envelope.goes_on(ends, last))
+        for interval in self.loop.smooth_intervals(0.0, self.duration):
+            block = self._block(envelope.bounds, interval.loads, count)
+            if block is None:
+                return [None] * count
+            times.append(grid.sample_times(interval))
+            time = interval.begin
+            parts = [
+                (each, done)
+                for each in grid.stretches(interval)
+                for done in range(0, each.steps, _STEPS_A_CALL)
+            ]
+            for stretch, done in parts:
+                if not flies.any():
+                    break
+                steps, number = min(_STEPS_A_CALL, stretch.steps - done), stretch.first + done
+                every, going = stretch.every, flies.copy()
+                found = block(
+                    time,
+                    last,
+                    stretch.step,
+                    steps,
+                    every,
+                    number,
+                    going=going,
+                    threads=self.threads,
+                )
+                kept += (number + found.taken) // every - number // every
+                samples.append(found.samples)
+                time = min((number + steps) * grid.size, interval.end)
+                reached = np.where(found.taken < steps, (number + found.taken) * grid.size, time)
+                last[going] = found.last[going]
+                ends[going] = np.minimum(reached, interval.end)[going]
+                alone |= going & found.refused
+                flies &= ~found.refused
+                end(flies & ~((found.taken == steps) & envelope.goes_on(ends, last)))
+                progress(time)
+        every_time, states = np.concatenate(times), np.concatenate(samples, axis=1)
+        ranges = InputRanges.none(len(self.loop.vehicle.inputs))
+        histories: list[StateHistory | None] = [None] * count
+        for i in np.flatnonzero(~alone).tolist():
+            own, reason, until = slice(kept[i]), reasons[i], float(ends[i])
+            history = StateHistory(every_time[own], states[i, own], reason, ranges)
+            # Of a flight that went on to the end, all samples have been looked at.
+            if reason or until > history.time[-1]:
+                history = whole_history(history, until, last[i], envelope)
+            histories[i] = history
+        return histories
+
+    def _block(self, bounds: Array | float, loads: Loads, count: int) -> ProgramSteps | None:
         """The steps of all while something acts; None where module, law or loop is not compiled."""
         try:
             if is_compiled(self.loop, loads):
@@ -69,92 +125,6 @@ class BlockIntegration:
             _log.warning("flights are taken one by one: %s", error)
         return None
 
-    def envelope(self, loop: ClosedLoop) -> Envelope:
+    def _envelope(self, loop: ClosedLoop) -> Envelope:
         """Where control counts as lost, of all flights or of one."""
         return Envelope(loop, self.settings.divergence, self.duration)
-
-
-class _BlockStates:
-    """How far flights have come, and their samples."""
-
-    def __init__(self, plan: BlockIntegration, starts: Array) -> None:
-        self._plan, self._grid = plan, StepGrid(plan.settings)
-        self._bounds = plan.envelope(plan.loop).bounds
-        count = len(starts)
-        self._times, self._samples = [np.zeros(1)], [starts[:, np.newaxis]]
-        self._kept = np.ones(count, dtype=np.int64)
-        self._last, self._ends = starts.copy(), np.zeros(count)
-        # Flights that are still under way, and those that must be integrated by themselves.
-        self._flies, self._alone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-        self._reasons: dict[int, str] = {}
-        for i in np.flatnonzero(~self._goes_on()).tolist():
-            self._end(i)
-
-    def advance(self, interval: SmoothInterval, progress: Callable[[float], None]) -> None:
-        """Integrate over an interval, which begins where the last one ended."""
-        plan, count = self._plan, len(self._last)
-        block = plan.block(self._bounds, interval.loads, count)
-        if block is None:
-            self._alone[:] = True
-            return
-        self._times.append(self._grid.sample_times(interval))
-        time = interval.begin
-        for stretch in self._grid.stretches(interval):
-            for done in range(0, stretch.steps, _STEPS_A_CALL):
-                if not self._flies.any():
-                    return
-                steps, number = min(_STEPS_A_CALL, stretch.steps - done), stretch.first + done
-                found = block(
-                    time,
-                    self._last,
-                    stretch.step,
-                    steps,
-                    stretch.every,
-                    number,
-                    going=self._flies,
-                    threads=plan.threads,
-                )
-                taken = found.taken
-                self._kept += (number + taken) // stretch.every - number // stretch.every
-                self._samples.append(found.samples)
-                time = min((number + steps) * self._grid.size, interval.end)
-                ends = np.where(taken < steps, (number + taken) * self._grid.size, time)
-                self._go_on(found, np.minimum(ends, interval.end), taken == steps)
-                progress(time)
-
-    def histories(self) -> list[StateHistory | None]:
-        """The histories; None of flights that must be integrated by themselves."""
-        loop = self._plan.loop
-        time, states = np.concatenate(self._times), np.concatenate(self._samples, axis=1)
-        envelope, ranges = self._plan.envelope(loop), InputRanges.none(len(loop.vehicle.inputs))
-        found: list[StateHistory | None] = []
-        for i, kept in enumerate(self._kept.tolist()):
-            reason, end = self._reasons.get(i, ""), float(self._ends[i])
-            history = StateHistory(time[:kept], states[i, :kept], reason, ranges)
-            # Of a flight that went on to the end, all samples have been looked at.
-            if reason or end > time[kept - 1]:
-                history = whole_history(history, end, self._last[i], envelope)
-            found.append(None if self._alone[i] else history)
-        return found
-
-    def _go_on(self, found: Taken, ends: Array, finished: Flags) -> None:
-        """Take the states to which flights under way have come, at times `ends` (n), s.
-
-        `finished` (n) says whether all steps were taken.
-        """
-        flies = self._flies
-        self._last[flies], self._ends[flies] = found.last[flies], ends[flies]
-        self._alone |= flies & found.refused
-        self._flies = flies & ~found.refused
-        for i in np.flatnonzero(self._flies & ~(finished & self._goes_on())).tolist():
-            self._end(i)
-
-    def _goes_on(self) -> Flags:
-        """Which flights can go on from where they are."""
-        return self._plan.envelope(self._plan.loop).goes_on(self._ends, self._last)
-
-    def _end(self, i: int) -> None:
-        """End a flight, with the reason; one without any is integrated by itself."""
-        envelope = self._plan.envelope(self._plan.one(i))
-        self._reasons[i] = envelope.reason(float(self._ends[i]), self._last[i])
-        self._alone[i], self._flies[i] = not self._reasons[i], False

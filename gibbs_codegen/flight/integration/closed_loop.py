@@ -209,7 +209,7 @@ class ClosedLoop:
         """What acts at times (…), s."""
         if self.environment is None:
             return NOTHING
-        return Loads(self.environment.push_acts(time), self.environment.payloads.carried(time))
+        return Loads(self.environment.push_acts(time), self.environment.carries(time))
 
     def derivative(self, time: float, state: Array, loads: Loads = NOTHING) -> Array:
         """Time derivative (size) of a state, NaN for a state that is not finite.
@@ -315,29 +315,15 @@ def acting(environment: Environment | None, loads: Loads) -> tuple[Surroundings,
     """What acts on which frames, and the figures of that."""
     if environment is None:
         return Surroundings(), {}
-    walls, payloads, values = environment.walls, environment.payloads, dict[str, Any]()
-    masses = np.where(loads.payloads, payloads.masses, 0.0)
+    around, values = environment.around, {**environment.figures}
+    masses = np.where(loads.payloads, [each.mass for each in environment.payload], 0.0)
     there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
-    drag, spin = environment.drag, environment.spin
-    if pushes := bool(np.any(loads.push)):
+    if np.any(loads.push):
+        around = replace(around, pushes=True)
         values["push"] = np.multiply.outer(loads.push, environment.pushing)
-    if drag is not None:
-        values |= {"drag": drag.coefficients, "wind": drag.velocity, "gusts": drag.gusts}
-    for k, wall in enumerate(walls.walls):
-        values[f"wall_{k}"] = np.array([wall.stiffness, wall.damping, *wall.figures])
-    if spin is not None:
-        values["spins"] = np.column_stack((spin.axes, spin.spins))
     if len(there):
-        values |= {"payloads": masses[..., there], "gravity": payloads.gravity}
-    found = Surroundings(
-        pushes,
-        drag is not None,
-        0 if drag is None else len(drag.gusts),
-        tuple(
-            (frame, wall.surface, len(wall.figures))
-            for frame, wall in zip(walls.places.tolist(), walls.walls, strict=True)
-        ),
-        () if spin is None else tuple(zip(spin.rotors.tolist(), spin.places.tolist(), strict=True)),
-        tuple(payloads.places[there].tolist()),
-    )
-    return found, values
+        frames, payloads = environment.vehicle.frames, environment.payload
+        places = tuple(frames.index(payloads[k].frame) for k in there)
+        around = replace(around, payloads=places)
+        values |= {"payloads": masses[..., there], "gravity": environment.gravity}
+    return around, values

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gibbs_codegen.arrays import Program, evaluate, variable
 from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
@@ -216,10 +217,22 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
     """
     if loop.environment is None or not loop.environment.wall:
         return []
-    walls = loop.environment.walls
-    masses = np.min(walls.effective_masses(loop.vehicle, _configurations(loop)), axis=0)
+    q, around = _configurations(loop), loop.environment.around.walls
+    frames = [frame for frame, _, _ in around]
+    places = loop.vehicle.frame_poses(q)[:, frames, :3, 3]
+    normals = np.empty_like(places)
+    for k, (_, surface, count) in enumerate(around):
+        figures, place = variable("figures", count, uniform=True), variable("place", 3)
+        program = Program("surface", (figures, place), {"normal": surface(figures, place)[1]})
+        values = {"figures": loop.environment.wall[k].figures, "place": places[:, k]}
+        normals[:, k] = evaluate(program, values, {})["normal"]
+    # A wall feels 1 / (nᵀ J M⁻¹ Jᵀ n) along its normal n, of a robot that is free to move.
+    jacobians = loop.vehicle.function("frame_jacobians")(q)[:, frames, :3, :]
+    across = np.einsum("swi,swij->swj", normals, jacobians)
+    yielding = np.linalg.solve(loop.vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
+    masses = 1.0 / np.einsum("swj,sjw->sw", across, yielding).max(axis=0)
     found = []
-    for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
+    for wall, mass in zip(loop.environment.wall, masses.tolist(), strict=True):
         cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
         found += [
             Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
@@ -233,12 +246,11 @@ def _drag_modes(loop: ClosedLoop) -> list[Mode]:
 
     J is the Jacobian of the frames, C their coefficients.
     """
-    drag = loop.environment.drag if loop.environment else None
-    if drag is None:
+    if loop.environment is None or loop.environment.wind is None:
         return []
     q = _configurations(loop)
     jacobians = loop.vehicle.function("frame_jacobians")(q)
-    coefficients = drag.coefficients[..., np.newaxis]
+    coefficients = loop.environment.figures["drag"][..., np.newaxis]
     slowing = np.einsum("sfai,sfaj->sij", jacobians, coefficients * jacobians)
     values = np.linalg.eigvals(np.linalg.solve(loop.vehicle.mass_matrix(q), slowing))
     rate = float(np.max(values.real))

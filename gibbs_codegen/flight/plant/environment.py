@@ -17,101 +17,18 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays import Program, evaluate, variable
+from gibbs_codegen.arrays.closed_loop import Surroundings
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.scenario.walls import Wall
-
-
-class Payloads:
-    """The p payloads of a flight, and the robot that carries them."""
-
-    def __init__(self, vehicle: Vehicle, payloads: Sequence[Payload]) -> None:
-        self.vehicle = vehicle
-        self.masses: Array = np.array([each.mass for each in payloads], dtype=np.float64)
-        self.begins: Array = np.array([each.begin for each in payloads], dtype=np.float64)
-        self.ends: Array = np.array([each.end for each in payloads], dtype=np.float64)
-        self.places: NDArray[np.intp] = np.array(
-            [vehicle.frames.index(each.frame) for each in payloads], dtype=np.intp
-        )
-
-    @cached_property
-    def gravity(self) -> Array:
-        """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
-        vehicle = self.vehicle
-        upwards = vehicle.layout.v.position.start + 2
-        weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]
-        mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
-        return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
-
-    def carried(self, time: float | Array) -> Flags:
-        """Which payloads are there (…, p) at times (…), s."""
-        times = np.asarray(time)[..., np.newaxis]
-        return (times >= self.begins) & (times < self.ends)
-
-
-class WindDrag:
-    """The drag of frames in the wind.
-
-    `coefficients` (f, 6) are those of the forces, N s/m, and of the torques, N m s/rad.
-    """
-
-    def __init__(self, vehicle: Vehicle, wind: Wind) -> None:
-        self.wind = wind
-        self.velocity: Array = np.array(wind.velocity, dtype=np.float64)
-        # Of each gust begin and duration, s, and half the amplitude, m/s.
-        self.gusts: Array = np.array(
-            [[gust.begin, gust.duration, *np.multiply(0.5, gust.amplitude)] for gust in wind.gusts]
-        ).reshape(-1, 5)
-        self.coefficients = np.zeros((len(vehicle.frames), 6))
-        self._fill(vehicle, wind.drag, slice(3))
-        self._fill(vehicle, wind.rotational_drag, slice(3, 6))
-
-    def _fill(self, vehicle: Vehicle, drag: Mapping[str, float], entries: slice) -> None:
-        """Take coefficients of frames, for some entries of wrenches."""
-        for name, coefficient in drag.items():
-            self.coefficients[vehicle.frames.index(name), entries] = coefficient
-
-
-class Walls:
-    """The w walls of a flight."""
-
-    def __init__(self, vehicle: Vehicle, walls: Sequence[Wall]) -> None:
-        self.walls = tuple(walls)
-        self.places: NDArray[np.intp] = np.array(
-            [vehicle.frames.index(wall.frame) for wall in walls], dtype=np.intp
-        )
-
-    def effective_masses(self, vehicle: Vehicle, q: Array) -> Array:
-        """Masses (…, w), kg, that walls feel along their normals: 1 / (nᵀ J M⁻¹ Jᵀ n).
-
-        The robot is free to move.
-        """
-        places = vehicle.frame_poses(q)[..., :3, 3][..., self.places, :]
-        normals = np.empty(places.shape)
-        for k, wall in enumerate(self.walls):
-            figures, place = (
-                variable("figures", len(wall.figures), uniform=True),
-                variable("place", 3),
-            )
-            program = Program(
-                "surface", (figures, place), {"normal": wall.surface(figures, place)[1]}
-            )
-            values = {"figures": np.array(wall.figures), "place": places[..., k, :]}
-            normals[..., k, :] = evaluate(program, values, {})["normal"]
-        jacobians = vehicle.function("frame_jacobians")(q)[..., self.places, :3, :]
-        across = np.einsum("...wi,...wij->...wj", normals, jacobians)
-        yielding = np.linalg.solve(vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
-        return 1.0 / np.einsum("...wj,...jw->...w", across, yielding)
 
 
 class RotorSpin:
@@ -195,19 +112,49 @@ class Environment:
         return found if acts else None
 
     @cached_property
-    def payloads(self) -> Payloads:
-        """The payloads, p of them."""
-        return Payloads(self.vehicle, self.payload)
+    def around(self) -> Surroundings:
+        """What acts at all times, and on which frames."""
+        gusts, spin = self.wind.gusts if self.wind else (), self.spin
+        spins = zip(spin.rotors.tolist(), spin.places.tolist(), strict=True) if spin else ()
+        walls = tuple(
+            (self.vehicle.frames.index(wall.frame), wall.surface, len(wall.figures))
+            for wall in self.wall
+        )
+        return Surroundings(False, self.wind is not None, len(gusts), walls, tuple(spins))
 
     @cached_property
-    def walls(self) -> Walls:
-        """The walls."""
-        return Walls(self.vehicle, self.wall)
+    def figures(self) -> dict[str, Array]:
+        """Figures of what acts at all times, as array programs of a closed loop take them."""
+        found: dict[str, Array] = {}
+        if (wind := self.wind) is not None:
+            # Of forces, N s/m, and of torques, N m s/rad; gusts with half of the amplitude, m/s.
+            drag = np.zeros((len(self.vehicle.frames), 6))
+            for table, entries in ((wind.drag, slice(3)), (wind.rotational_drag, slice(3, 6))):
+                for name, coefficient in table.items():
+                    drag[self.vehicle.frames.index(name), entries] = coefficient
+            gusts = [[g.begin, g.duration, *np.multiply(0.5, g.amplitude)] for g in wind.gusts]
+            found = {"drag": drag, "wind": np.array(wind.velocity, dtype=np.float64)}
+            found["gusts"] = np.array(gusts, dtype=np.float64).reshape(-1, 5)
+        for k, wall in enumerate(self.wall):
+            found[f"wall_{k}"] = np.array([wall.stiffness, wall.damping, *wall.figures])
+        if self.spin is not None:
+            found["spins"] = np.column_stack((self.spin.axes, self.spin.spins))
+        return found
 
     @cached_property
-    def drag(self) -> WindDrag | None:
-        """The drag in the wind, if any."""
-        return WindDrag(self.vehicle, self.wind) if self.wind else None
+    def gravity(self) -> Array:
+        """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
+        vehicle = self.vehicle
+        upwards = vehicle.layout.v.position.start + 2
+        weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]
+        mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
+        return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
+
+    def carries(self, time: float | Array) -> Flags:
+        """Which payloads are there (…, p) at times (…), s."""
+        times, spans = np.asarray(time)[..., np.newaxis], [(x.begin, x.end) for x in self.payload]
+        begins, ends = np.reshape(spans, (-1, 2)).T
+        return (times >= begins) & (times < ends)
 
     @cached_property
     def spin(self) -> RotorSpin | None:
