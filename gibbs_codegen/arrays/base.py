@@ -7,11 +7,10 @@ base, in the places of its angular and linear velocity, and of the joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Node,
     Space,
@@ -47,6 +46,10 @@ class Placed(Protocol):
     def space(self) -> Space:
         """How many entries coordinates and displacements have."""
 
+    @property
+    def difference(self) -> Callable[[Node, Node], Node]:
+        """The displacement (nv) from coordinates to others."""
+
 
 class QuaternionBase:
     """A base with a unit quaternion at coordinates q (nq).
@@ -55,7 +58,7 @@ class QuaternionBase:
     actual to the desired attitude in the base's frame.
     """
 
-    def __init__(self, robot: Functions, q: Node) -> None:
+    def __init__(self, robot: Placed, q: Node) -> None:
         self.robot, self.q = robot, q
         self.quaternion = entries_of(q)[robot.layout.q.attitude]
 
@@ -137,7 +140,7 @@ class AngleBase:
     Each angle turns about one axis of the frame that the angles before it have turned.
     """
 
-    def __init__(self, robot: Functions, q: Node) -> None:
+    def __init__(self, robot: Placed, q: Node) -> None:
         self.robot, self.q = robot, q
         self.axes = ["xyz".index(axis) for axis in robot.layout.attitude]
         angles = entries_of(q)[robot.layout.q.attitude]
@@ -244,7 +247,7 @@ class AngleBase:
 Base = AngleBase | QuaternionBase
 
 
-def base_of(robot: Functions, q: Node) -> Base:
+def base_of(robot: Placed, q: Node) -> Base:
     """The base of a robot at coordinates q (nq)."""
     return (QuaternionBase if robot.space.has_quaternion else AngleBase)(robot, q)
 

@@ -21,7 +21,6 @@ from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.allocation import Allocation
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.orientation import rate_matrix
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 
@@ -173,9 +172,10 @@ class Sensing:
         if np.any(self._deviations):
             moved, faster = self._deviations * self._noise.standard_normal(self._deviations.shape)
             if not layout.is_quaternion:
-                rates = rate_matrix(layout.attitude, q[layout.q.attitude])
-                for noise in (moved, faster):
-                    noise[layout.v.attitude] = np.linalg.solve(rates, noise[layout.v.attitude])
+                place = layout.v.attitude
+                spins = np.stack([moved[place], faster[place]])
+                rates, _ = vehicle.kinematics.attitude_rates(np.tile(q, (2, 1)), spins, 0.0 * spins)
+                moved[place], faster[place] = rates
             q, v = np.asarray(vehicle.integrate(q, moved)), v + faster
         return Observation(time, q, v, *self._reference(time))
 

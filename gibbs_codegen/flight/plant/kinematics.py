@@ -11,32 +11,23 @@ length means the same attitude.
 
 from __future__ import annotations
 
-from functools import cached_property
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.arrays import Program, variable
-from gibbs_codegen.arrays.base import quaternion_motion
+from gibbs_codegen.arrays import Node, Program, external, variable
+from gibbs_codegen.arrays.base import Base, base_of, placed, quaternion_motion, unit_entries
+from gibbs_codegen.arrays.base import Motion as DesiredNodes
 from gibbs_codegen.arrays.evaluation import Evaluator
-from gibbs_codegen.arrays.nodes import Space
+from gibbs_codegen.arrays.nodes import Space, coordinates_of, entries_of, zeros
 from gibbs_codegen.flight.reference import Motion, Reference
-from gibbs_codegen.flight.scenario.orientation import (
-    Turning,
-    attitude_angles,
-    rotation_matrix,
-)
-from gibbs_codegen.flight.vectors import (
-    Array,
-    conjugate,
-    pure,
-    quaternion_product,
-    rotation_vector,
-    times,
-    transposed,
-)
+from gibbs_codegen.flight.scenario.orientation import Turning, attitude_angles, rotation_matrix
+from gibbs_codegen.flight.vectors import Array, times, transposed
 from gibbs_codegen.robot.layout import Layout
 
 # What coordinates must be for `unit_quaternions`.
@@ -54,35 +45,141 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
     return unit, abs(lengths - 1.0) < 1e-6
 
 
-class QuaternionKinematics:
-    """A base with a quaternion: `AngleKinematics` has the same methods for angles.
+class Kinematics(ABC):
+    """The base by the places of a layout: what array programs say of it, evaluated.
 
-    `error_names` has a name for each entry of v. Errors of the position are in world axes. Those of
-    the attitude are the rotation vector from the actual to the desired attitude in the base's
-    frame, and the difference of angular velocities there.
+    `error_names` has a name for each entry of v.
     """
+
+    error_names: tuple[str, ...]
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        names = [*layout.v.names]
-        names[layout.v.position] = layout.q.names[layout.q.position]
-        names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
-        self.error_names = tuple(names)
+        self._evaluators: dict[str, Evaluator] = {}
 
     @property
     def space(self) -> Space:
         """How many entries coordinates and displacements have."""
         return Space(self.layout.q.size, self.layout.v.size)
 
-    @cached_property
-    def motion(self) -> Evaluator:
-        """What turns entries c (…, nq) with a quaternion of any length, `rates` and `growth`.
+    def difference(self, q: Node, other: Node) -> Node:
+        """The displacement (nv) between coordinates, of which the attitude alone is looked at."""
+        return external("difference", (self.layout.v.size,), entries_of(q), entries_of(other))
 
-        Into q, v and a.
+    def _found(
+        self, name: str, outputs: Callable[..., Sequence[Node]], c: Array, **given: Array
+    ) -> Any:
+        """Results of a program of entries c (…, nq) and of others, by their names.
+
+        `outputs` makes them, of the base at unit coordinates c and of all inputs, the first time.
         """
-        given = tuple(variable(name, self.layout.q.size) for name in ("c", "rates", "growth"))
-        outputs = dict(zip("qva", quaternion_motion(self, *given), strict=True))
-        return Evaluator(Program("motion", given, outputs), {})
+        if name not in self._evaluators:
+            inputs = [variable("c", self.layout.q.size)]
+            inputs += [variable(each, x.shape[-1]) for each, x in given.items()]
+            base = base_of(self, coordinates_of(inputs[0], self.space))
+            found = {str(k): node for k, node in enumerate(outputs(base, *inputs))}
+            self._evaluators[name] = Evaluator(Program(name, tuple(inputs), found), {})
+        externals = {"difference": self._difference}
+        return [*self._evaluators[name]({"c": c, **given}, None, externals).values()]
+
+    def _difference(self, q: Array, other: Array) -> Array:
+        """Displacements (…, nv), rotation vectors in the places of the attitude, else 0."""
+        found = np.zeros((*q.shape[:-1], self.layout.v.size))
+        here, there = (self.rotation(each).reshape(-1, 3, 3) for each in (q, other))
+        turn = (Rotation.from_matrix(here).inv() * Rotation.from_matrix(there)).as_rotvec()
+        found[..., self.layout.v.attitude] = turn.reshape(*q.shape[:-1], 3)
+        return found
+
+    @abstractmethod
+    def rotation(self, q: Array) -> Array:
+        """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
+
+    def normalised(self, q: Array) -> Array:
+        """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
+        if not self.space.has_quaternion:
+            return q
+        found: Array = self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
+        return found
+
+    def rates(self, q: Array, v: Array) -> Array:
+        """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
+        found: Array = self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
+        return found
+
+    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
+        """Errors and their rates (…, nv), those of the position in world axes."""
+
+        def outputs(base: Base, c: Node, v: Node, wanted: Node, v_wanted: Node) -> Sequence[Node]:
+            desired = DesiredNodes(coordinates_of(wanted, self.space), v_wanted, v_wanted)
+            return base.errors(v, desired)
+
+        given = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
+        off, off_rate = self._found("errors", outputs, **given)
+        return off, off_rate
+
+    def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
+        """Entries (s, …) of the attitude in q, v and a of a rotation with s instants.
+
+        They have no jumps in time. Raises `SingularAttitudeError` where there are none.
+        """
+        attitude = self._entries(turning.rotation)
+        c = np.zeros((*attitude.shape[:-1], self.layout.q.size))
+        c[..., self.layout.q.attitude] = attitude
+        return attitude, *self.attitude_rates(c, turning.velocity, turning.acceleration)
+
+    def attitude_rates(self, q: Array, spin: Array, growth: Array) -> tuple[Array, Array]:
+        """Entries (…, 3) of the attitude in v and a, by the angular velocity and acceleration.
+
+        These (…, 3) are in world axes.
+        """
+
+        def outputs(base: Base, c: Node, spin: Node, growth: Node) -> Sequence[Node]:
+            rest = zeros(3), zeros(len(self.layout.v.joint_places))
+            rates = base.attitude_entries(zeros(self.layout.v.size), base.to_base(spin))
+            turning = base.to_base(growth)
+            return rates, base.attitude_entries(placed(self, rates, *rest), turning)
+
+        velocity, acceleration = self._found("turned", outputs, q, spin=spin, growth=growth)
+        return velocity, acceleration
+
+    @abstractmethod
+    def _entries(self, rotation: Array) -> Array:
+        """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
+
+    @abstractmethod
+    def continued(self, last: Array, attitude: Array) -> Array:
+        """Entries (s, …) of the attitude in q that go on from the last ones: the same attitudes."""
+
+    @abstractmethod
+    def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
+
+    @abstractmethod
+    def kept(self, v: Array, turn: Array) -> Array:
+        """Velocities (nv) of a base that is turned but moves on.
+
+        `turn` (3, 3) leads from its frame before to that after.
+        """
+
+    @abstractmethod
+    def reference(self, motion: Motion) -> Reference:
+        """Quintics through a motion."""
+
+
+class QuaternionKinematics(Kinematics):
+    """A base with a quaternion: `AngleKinematics` has the same methods for angles.
+
+    Errors of the position are in world axes. Those of the attitude are the rotation vector from the
+    actual to the desired attitude in the base's frame, and the difference of angular velocities
+    there.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(layout)
+        names = [*layout.v.names]
+        names[layout.v.position] = layout.q.names[layout.q.position]
+        names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
+        self.error_names = tuple(names)
 
     def rotation(self, q: Array) -> Array:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
@@ -91,30 +188,13 @@ class QuaternionKinematics:
         flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
         return flat.reshape(*quaternion.shape[:-1], 3, 3)
 
-    def normalised(self, q: Array) -> Array:
-        """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
-        unit, attitude = np.array(q), self.layout.q.attitude
-        unit[..., attitude] /= np.linalg.norm(q[..., attitude], axis=-1, keepdims=True)
-        return unit
-
-    def rates(self, q: Array, v: Array) -> Array:
-        """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
-        places, rates = self.layout, np.empty_like(q)
-        rates[..., places.q.joints] = v[..., places.v.joints]
-        rates[..., places.q.position] = times(self.rotation(q), v[..., places.v.position])
-        turn = 0.5 * pure(v[..., places.v.attitude])
-        rates[..., places.q.attitude] = quaternion_product(q[..., places.q.attitude], turn)
-        return rates
-
-    def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Entries of the attitude in q (s, 4), v and a (s, 3), without jumps in time."""
-        quaternion = np.asarray(Rotation.from_matrix(turning.rotation).as_quat())
+    def _entries(self, rotation: Array) -> Array:
+        """Quaternions (s, 4)."""
+        quaternion = np.asarray(Rotation.from_matrix(rotation).as_quat())
         # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
         turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
         quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
-        world = turning.velocity, turning.acceleration
-        velocity, acceleration = (times(transposed(turning.rotation), each) for each in world)
-        return quaternion, velocity, acceleration
+        return quaternion
 
     def continued(self, last: Array, attitude: Array) -> Array:
         """Quaternions (s, 4), or their opposites if the first of those is nearer to the last."""
@@ -128,39 +208,24 @@ class QuaternionKinematics:
         return linear, times(inverse, acceleration) - carried
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) of a base that is turned but moves on.
-
-        `turn` (3, 3) leads from its frame before to that after.
-        """
+        """Velocities (nv) whose linear and angular part are those before, in the turned frame."""
         after = v.copy()
         for part in (self.layout.v.position, self.layout.v.attitude):
             after[part] = turn @ v[part]
         return after
 
-    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Errors and their rates (…, nv), those of the position in world axes."""
-        places = self.layout.q, self.layout.v
-        (attitude, position, joints), (spin, linear, rates) = (
-            (each.attitude, each.position, each.joints) for each in places
-        )
-        off, off_rate = v_desired - v, v_desired - v
-        rotation, desired = self.rotation(q), self.rotation(q_desired)
-        off[..., linear] = q_desired[..., position] - q[..., position]
-        between = quaternion_product(conjugate(q[..., attitude]), q_desired[..., attitude])
-        off[..., spin] = rotation_vector(between)
-        off[..., rates] = q_desired[..., joints] - q[..., joints]
-        carried = times(desired, v_desired[..., linear])
-        off_rate[..., linear] = carried - times(rotation, v[..., linear])
-        off_rate[..., spin] = self._carried(rotation, desired, v_desired[..., spin]) - v[..., spin]
-        return off, off_rate
+    def motion(self, c: Array, rates: Array, growth: Array) -> tuple[Array, Array, Array]:
+        """q, v and a of entries c (…, nq) with a quaternion of any length, and their rates."""
+
+        def outputs(base: Base, *given: Node) -> Sequence[Node]:
+            return quaternion_motion(self, *given)
+
+        q, v, a = self._found("motion", outputs, c, rates=rates, growth=growth)
+        return q, v, a
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of position, quaternion and joints, as `PoseReference` has them."""
         return PoseReference(motion, self)
-
-    def _carried(self, rotation: Array, desired: Array, vector: Array) -> Array:
-        """A vector (…, 3) of the desired base's frame in that of the actual base."""
-        return times(transposed(rotation) @ desired, vector)
 
 
 class PoseReference(Reference):
@@ -171,28 +236,31 @@ class PoseReference(Reference):
     """
 
     def __init__(self, motion: Motion, kinematics: QuaternionKinematics) -> None:
-        self.kinematics = kinematics
-        layout, rates = kinematics.layout, kinematics.rates(motion.q, motion.v)
-        growth = kinematics.rates(motion.q, motion.a)
-        spin, linear = motion.v[:, layout.v.attitude], motion.v[:, layout.v.position]
-        carried = np.cross(spin, linear)
-        growth[:, layout.q.position] += times(kinematics.rotation(motion.q), carried)
-        turning = rates[:, layout.q.attitude]
-        growth[:, layout.q.attitude] += 0.5 * quaternion_product(turning, pure(spin))
+        self.kinematics, places = kinematics, kinematics.layout.v
+        rates = kinematics.rates(motion.q, motion.v)
+        # Rates of the rates: both turn with the base.
+        turning, carried = np.zeros((2, *motion.v.shape))
+        turning[:, places.attitude] = motion.v[:, places.attitude]
+        carried[:, places.position] = np.cross(
+            motion.v[:, places.attitude], motion.v[:, places.position]
+        )
+        growth = kinematics.rates(motion.q, motion.a + carried)
+        attitude = kinematics.layout.q.attitude
+        spun = np.array(motion.q)
+        spun[:, attitude] = rates[:, attitude]
+        growth[:, attitude] += kinematics.rates(spun, turning)[:, attitude]
         super().__init__(Motion(motion.time, motion.q, rates, growth))
 
     def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
         """Evaluate q (…, nq), v and a (…, nv) at times (…), as those of `Reference` are."""
-        given = zip(("c", "rates", "growth"), super().__call__(time), strict=True)
-        found = self.kinematics.motion(dict(given))
-        return found["q"], found["v"], found["a"]
+        return self.kinematics.motion(*super().__call__(time))
 
 
-class AngleKinematics:
+class AngleKinematics(Kinematics):
     """A base with Tait–Bryan angles: v holds the rates of q, and errors are differences."""
 
     def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+        super().__init__(layout)
         self.sequence = layout.attitude
         self.error_names = layout.q.names
 
@@ -200,21 +268,9 @@ class AngleKinematics:
         """R (…, 3, 3), by the rotations of the three angles."""
         return rotation_matrix(self.sequence, q[..., self.layout.q.attitude])
 
-    def normalised(self, q: Array) -> Array:
-        """The coordinates (…, nq) themselves."""
-        return q
-
-    def rates(self, q: Array, v: Array) -> Array:
-        """The rates (…, nq) that v holds."""
-        return v
-
-    def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
-        """Angles, rates and accelerations (s, 3) of a rotation with s instants.
-
-        Raises `SingularAttitudeError` where there are none.
-        """
-        angles, rates, accelerations = attitude_angles(self.sequence, turning)
-        return np.unwrap(angles, axis=0), rates, accelerations
+    def _entries(self, rotation: Array) -> Array:
+        """Angles (s, 3); raises `SingularAttitudeError` where there are none."""
+        return np.unwrap(attitude_angles(self.sequence, rotation), axis=0)
 
     def continued(self, last: Array, attitude: Array) -> Array:
         """Angles (s, 3) with as many whole turns more as bring the first nearest to the last."""
@@ -229,18 +285,17 @@ class AngleKinematics:
         """The same rates (nq): those of angles go on, not the angular velocity."""
         return v
 
-    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Differences of coordinates, and of rates (…, nq)."""
-        return q_desired - q, v_desired - v
-
     def reference(self, motion: Motion) -> Reference:
         """Quintics of all coordinates."""
         return Reference(motion)
 
 
-Kinematics = AngleKinematics | QuaternionKinematics
-
-
 def kinematics_of(layout: Layout) -> Kinematics:
-    """The kinematics of a base with angles, or with a quaternion."""
+    """The kinematics of a base with angles, or with a quaternion; equal layouts share theirs."""
+    return _of_layout(layout.attitude, layout.q.names, layout.q.units)
+
+
+@lru_cache(maxsize=64)
+def _of_layout(attitude: str, names: tuple[str, ...], units: tuple[str, ...]) -> Kinematics:
+    layout = Layout.listed(attitude, names, units, 0)
     return QuaternionKinematics(layout) if layout.is_quaternion else AngleKinematics(layout)

@@ -20,7 +20,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, key, table
 from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
 from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
-from gibbs_codegen.flight.vectors import Array, rotation_about, times
+from gibbs_codegen.flight.vectors import Array, rotation_about
 from gibbs_codegen.robot.model import MAX_ROTORS
 
 # |cos θ₀| below which angles count as singular: within a quarter of a degree.
@@ -66,36 +66,12 @@ def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
     return flat.reshape(*angles.shape[:-1], 3, 3)
 
 
-def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
-    """E (…, 3, 3), with ω = E θ̇ in world axes, of angles θ₋₁, θ₀, θ₁ (…, 3), rad."""
-    angles = np.asarray(angles, dtype=np.float64)
-    first, second, third = (np.eye(3)["xyz".index(letter)] for letter in sequence)
-    outer = rotation_about(first, angles[..., 0])
-    both = outer @ rotation_about(second, angles[..., 1])
-    columns = [np.broadcast_to(first, (*angles.shape[:-1], 3)), outer @ second, both @ third]
-    return np.stack(columns, axis=-1)
+def attitude_angles(sequence: str, rotation: Array) -> Array:
+    """Angles (…, 3) of rotations (…, 3, 3), the inverse of `rotation_matrix`.
 
-
-def bias_acceleration(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Array:
-    """Ė θ̇ (…, 3), rad/s², world axes: what dω/dt is while the rates are constant.
-
-    Each axis is carried round by the rotations before it.
-    """
-    rates = np.asarray(rates, dtype=np.float64)
-    first, second, third = np.moveaxis(rate_matrix(sequence, angles), -1, 0)
-    one, two, three = (rates[..., k, np.newaxis] for k in range(3))
-    bias: Array = np.cross(one * first, two * second)
-    bias += np.cross(one * first + two * second, three * third)
-    return bias
-
-
-def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Array]:
-    """Angles, rates and accelerations (…, 3) of a rotation in time; the inverse of `ω = E θ̇`.
-
-    Angles lie in (−π, π], the second in [−π/2, π/2]. Raises `SingularAttitudeError` within a
+    They lie in (−π, π], the second in [−π/2, π/2]. Raises `SingularAttitudeError` within a
     quarter of a degree of θ₀ = ±π/2, where different angles are the same attitude.
     """
-    rotation = turning.rotation
     first, _, third = ("xyz".index(letter) for letter in sequence)
     # The entry of R that is ± sin θ₀ in any sequence of three different axes.
     sine = rotation[..., first, third]
@@ -108,11 +84,7 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
             int(np.argmax(singular)),
         )
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler(sequence.upper())
-    angles = flat.reshape(*rotation.shape[:-2], 3)
-    inverse = np.asarray(np.linalg.inv(rate_matrix(sequence, angles)), dtype=np.float64)
-    rates = times(inverse, turning.velocity)
-    bias = bias_acceleration(sequence, angles, rates)
-    return angles, rates, times(inverse, turning.acceleration - bias)
+    return flat.reshape(*rotation.shape[:-2], 3)
 
 
 class Orientation(Protocol):

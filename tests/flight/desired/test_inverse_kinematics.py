@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
+from support.angle_rates import bias_acceleration, rate_matrix
 from support.differences import series_rate
 from support.random_vehicles import SEEDS, random_vehicle
 
@@ -40,8 +41,6 @@ from gibbs_codegen.flight.scenario.orientation import (
     SingularAttitudeError,
     Tangent,
     Turning,
-    bias_acceleration,
-    rate_matrix,
     rotation_matrix,
 )
 from gibbs_codegen.flight.scenario.paths import (

@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.signal import impulse, lti
+from support.angle_rates import rate_matrix
 from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
@@ -27,7 +28,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import flight_of
 from gibbs_codegen.flight.scenario.file import read_scenario
-from gibbs_codegen.flight.scenario.orientation import Tangent, rate_matrix
+from gibbs_codegen.flight.scenario.orientation import Tangent
 from gibbs_codegen.flight.scenario.parts import Control, Motors, Push, Settings
 from gibbs_codegen.flight.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario

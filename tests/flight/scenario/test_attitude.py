@@ -7,18 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from support.angle_rates import bias_acceleration, rate_matrix
 from support.differences import rate
 
+from gibbs_codegen.flight.plant.kinematics import Kinematics, kinematics_of
 from gibbs_codegen.flight.scenario.orientation import (
     SINGULAR_COSINE,
     SingularAttitudeError,
     Turning,
     attitude_angles,
-    bias_acceleration,
-    rate_matrix,
     rotation_matrix,
 )
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.robot.model import SEQUENCES
 from gibbs_codegen.verification.vectors import times
 
@@ -61,6 +62,12 @@ def turning_at(sequence: str, time: Array) -> Turning:
     return Turning(rotation, vector(spin(time)), vector(rate(spin, time)))
 
 
+def kinematics(sequence: str) -> Kinematics:
+    """Those of a base without joints."""
+    names, units = ("theta_m1", "theta_0", "theta_1", "x", "y", "z"), ("rad",) * 3 + ("m",) * 3
+    return kinematics_of(Layout.listed(sequence, names, units, 0))
+
+
 def test_the_six_sequences() -> None:
     assert sorted(SEQUENCES) == ["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
@@ -93,7 +100,7 @@ def test_bias_is_the_acceleration_at_constant_rates(sequence: str) -> None:
 
 @every_sequence
 def test_angles_rates_and_accelerations_come_back(sequence: str) -> None:
-    angles, rates, accelerations = attitude_angles(sequence, turning_at(sequence, TIME))
+    angles, rates, accelerations = kinematics(sequence).turned(turning_at(sequence, TIME))
     exact = angles_at(TIME)
     # As the world sees them, whatever whole turns there are.
     assert_allclose(np.exp(1j * angles), np.exp(1j * exact), rtol=0, atol=1e-12)
@@ -110,28 +117,24 @@ def test_angles_rates_and_accelerations_come_back(sequence: str) -> None:
     third=st.floats(-np.pi, np.pi),
 )
 def test_any_attitude_and_back(sequence: str, first: float, second: float, third: float) -> None:
-    still = np.zeros(3)
-    rotation = rotation_matrix(sequence, [first, second, third])
-    angles, rates, _ = attitude_angles(sequence, Turning(rotation, still, still))
+    angles = attitude_angles(sequence, rotation_matrix(sequence, [first, second, third]))
     assert np.all(np.abs(angles) <= np.pi)
     assert abs(angles[1]) <= np.pi / 2
     turned = np.exp(1j * angles) / np.exp(1j * np.array([first, second, third]))
     # Near the singularity angles are less exact than rotations: by the inverse of its cosine.
     assert_allclose(turned, 1.0, rtol=0, atol=1e-13 / np.cos(second))
-    assert not rates.any()
 
 
 @every_sequence
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_singularity_is_refused_where_it_begins(sequence: str, sign: float) -> None:
-    still = np.zeros((3, 3))
     edge = np.pi / 2 - np.arcsin(SINGULAR_COSINE)
 
-    def at(angle: float) -> Turning:
+    def at(angle: float) -> Array:
         angles = [[0.3, 0.1, 0.2], [0.3, sign * angle, -0.7], [0.3, sign * angle, 0.0]]
-        return Turning(rotation_matrix(sequence, angles), still, still)
+        return rotation_matrix(sequence, angles)
 
-    angles, _, _ = attitude_angles(sequence, at(edge - 1e-6))
+    angles = attitude_angles(sequence, at(edge - 1e-6))
     assert angles[1, 1] == pytest.approx(sign * (edge - 1e-6), abs=1e-10)
     for angle in (edge + 1e-6, np.pi / 2):
         with pytest.raises(SingularAttitudeError, match=f"the sequence {sequence}") as refusal:
@@ -143,19 +146,21 @@ def test_the_singularity_is_refused_where_it_begins(sequence: str, sign: float) 
 @every_sequence
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3)])
 def test_any_leading_axes(sequence: str, shape: tuple[int, ...]) -> None:
-    angles, rates, more = np.random.default_rng(2).uniform(-1.5, 1.5, (3, *shape, 3))
-    rotation = rotation_matrix(sequence, angles)
-    turning = Turning(rotation, rates, more)
-    results = [rotation, rate_matrix(sequence, angles), bias_acceleration(sequence, angles, rates)]
-    results += attitude_angles(sequence, turning)
-    assert [r.shape for r in results] == [(*shape, 3, 3)] * 2 + [(*shape, 3)] * 4
+    angles, spin, growth = np.random.default_rng(2).uniform(-1.5, 1.5, (3, *shape, 3))
+    q = np.concatenate([angles, angles], axis=-1)
+    rotation, base = rotation_matrix(sequence, angles), kinematics(sequence)
+    results = [rotation, attitude_angles(sequence, rotation), *base.attitude_rates(q, spin, growth)]
+    assert [r.shape for r in results] == [(*shape, 3, 3)] + [(*shape, 3)] * 3
     for place in np.ndindex(shape):
-        one = Turning(rotation[place], rates[place], more[place])
         alone = [
             rotation_matrix(sequence, angles[place]),
-            rate_matrix(sequence, angles[place]),
-            bias_acceleration(sequence, angles[place], rates[place]),
-            *attitude_angles(sequence, one),
+            attitude_angles(sequence, rotation[place]),
+            *base.attitude_rates(q[place], spin[place], growth[place]),
         ]
         for result, single in zip(results, alone, strict=True):
             assert_allclose(result[place], single, rtol=1e-12, atol=1e-13)
+    rates, accelerations = results[2:]
+    assert_allclose(times(rate_matrix(sequence, angles), rates), spin, rtol=0, atol=1e-12)
+    found = times(rate_matrix(sequence, angles), accelerations)
+    found += bias_acceleration(sequence, angles, rates)
+    assert_allclose(found, growth, rtol=1e-12, atol=1e-10)
