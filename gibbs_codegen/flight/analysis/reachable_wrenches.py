@@ -252,7 +252,7 @@ def reachable_wrenches(
             "(least, most), N"
         )
     if frame is None:
-        point = vehicle.function("centre_of_mass")(found.q)
+        point = vehicle.centre_of_mass(found.q)
     else:
         point = vehicle.frame_poses(found.q)[vehicle.frames.index(frame), :3, 3]
     centre = found.q[vehicle.layout.q.position] + vehicle.centre_offset(found.q)

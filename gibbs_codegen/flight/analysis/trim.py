@@ -58,7 +58,7 @@ class SteadyMotion:
         """Velocities and accelerations (nv) at coordinates."""
         vehicle = self.vehicle
         base = vehicle.layout.v.base
-        jacobian = vehicle.function("frame_jacobians")(q)[vehicle.frames.index("base")]
+        jacobian = vehicle.frame_jacobians(q)[vehicle.frames.index("base")]
         moved = np.zeros((2, vehicle.layout.v.size))
         # Without turning, the velocity and the acceleration of the base's frame are J v and J a.
         twists = np.zeros((6, 2))

@@ -9,7 +9,7 @@ import numpy as np
 from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.flight.control.error_polynomials import check_integral
 from gibbs_codegen.flight.control.geometric import LeaningController
-from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
+from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.plant.allocation import (
     Allocation,
     AllocationError,
@@ -81,7 +81,7 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
 
 def control_law(
     law: Law, control: Control, vehicle: Vehicle, reference: Reference, allocation: Allocation
-) -> ControlLaw:
+) -> Controller:
     """The law, which is not "tracking", with the gains of a scenario.
 
     `vehicle` is the robot as the law knows it. Raises `UsageError` if integral action makes errors

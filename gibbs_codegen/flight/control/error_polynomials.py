@@ -17,7 +17,8 @@ import numpy as np
 
 from gibbs_codegen.arrays.laws import LAWS
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.laws import ControlLaw, Controller, Gains
+from gibbs_codegen.flight.control.laws import Controller, Gains
+from gibbs_codegen.flight.control.sampled_control import ControlLaw
 from gibbs_codegen.flight.plant.vehicle import Array
 
 # Real parts count as 0 below this share of the greatest root.

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -135,61 +135,14 @@ class Gains:
         return cls(frequencies**2, 2.0 * damping_ratio * frequencies)
 
 
-class ControlLaw(Protocol):
-    """What commands motors and joints: inputs of a time, a state and what the law remembers.
-
-    `vehicle` is the model that the law knows, which need not be the plant. `memory` is how many
-    numbers it remembers, which are integrated with the state: 0 for none.
-    """
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """The robot as the law knows it."""
-
-    @property
-    def reference(self) -> Reference:
-        """The desired motion."""
-
-    @property
-    def allocation(self) -> Allocation:
-        """Control allocation of the rotors, as the law knows them."""
-
-    @property
-    def gains(self) -> Gains:
-        """Gains of the tracking errors."""
-
-    @property
-    def law(self) -> str:
-        """Its name."""
-
-    @property
-    def memory(self) -> int:
-        """How many numbers the law remembers."""
-
-    @property
-    def values(self) -> Mapping[str, Any]:
-        """Values of the inputs of its program, by name."""
-
-    @property
-    def externals(self) -> Mapping[str, Callable[..., Any]]:
-        """What its program calls that is written by hand."""
-
-    def commanded(
-        self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
-        """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory).
-
-        And the time derivative (…, memory) of what it remembers, which does not grow while an input
-        is at its `limits`, as `Actuators.values` has them, if there are any.
-        """
-
-
 @dataclass(frozen=True)
 class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
 
     The laws of `arrays.laws` correct by the gains; "open_loop" commands the inputs of the desired
-    motion, whatever the state; "off" commands zeros. With integral action `memory` is nv.
+    motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
+    which need not be the plant. `memory` is how many numbers it remembers, which are integrated
+    with the state: nv with integral action.
     """
 
     vehicle: Vehicle
@@ -223,7 +176,10 @@ class Controller:
     def commanded(
         self, time: float | Array, q: Array, v: Array, memory: Array, limits: Mapping[str, Array]
     ) -> tuple[Array, Array]:
-        """Inputs u (…, nu), and growth (…, memory), as `ControlLaw` says.
+        """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory).
+
+        And the time derivative (…, memory) of what it remembers, which does not grow while an input
+        is at its `limits`, as `Actuators.values` has them, if there are any.
 
         Raises `AllocationError` if no thrusts at all produce the wrench.
         """

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.flight.control.laws import ControlLaw, Gains
+from gibbs_codegen.flight.control.laws import Controller, Gains
 from gibbs_codegen.flight.control.observation import Observation as Observation
 from gibbs_codegen.flight.control.predictive import NoPlanError, predictive_law
 from gibbs_codegen.flight.plant.actuators import Actuators
@@ -271,6 +271,10 @@ class SampledControl(ZeroOrderHold):
                 return f"at t = {sampled:.6g} s the controller returned {fault}"
             self.command(sampled, inputs)
         return super().begin(time, q, v)
+
+
+# What commands motors and joints: inputs of a time, a state and what is remembered.
+ControlLaw = Controller | ZeroOrderHold
 
 
 def law_in_time(

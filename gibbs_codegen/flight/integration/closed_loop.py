@@ -20,8 +20,8 @@ from gibbs_codegen.arrays import closed_loop
 from gibbs_codegen.arrays.closed_loop import Surroundings
 from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.flight.control.geometric import LeaningController
-from gibbs_codegen.flight.control.laws import ControlLaw, constants_of, evaluator_of, law_program
-from gibbs_codegen.flight.control.sampled_control import ZeroOrderHold
+from gibbs_codegen.flight.control.laws import constants_of, evaluator_of, law_program
+from gibbs_codegen.flight.control.sampled_control import ControlLaw, ZeroOrderHold
 from gibbs_codegen.flight.integration.state_history import NOTHING, Loads, SmoothInterval
 from gibbs_codegen.flight.plant.actuators import Actuators
 from gibbs_codegen.flight.plant.environment import Environment

@@ -227,7 +227,7 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
         values = {"figures": loop.environment.wall[k].figures, "place": places[:, k]}
         normals[:, k] = evaluate(program, values, {})["normal"]
     # A wall feels 1 / (nᵀ J M⁻¹ Jᵀ n) along its normal n, of a robot that is free to move.
-    jacobians = loop.vehicle.function("frame_jacobians")(q)[:, frames, :3, :]
+    jacobians = loop.vehicle.frame_jacobians(q)[:, frames, :3, :]
     across = np.einsum("swi,swij->swj", normals, jacobians)
     yielding = np.linalg.solve(loop.vehicle.mass_matrix(q), np.swapaxes(across, -1, -2))
     masses = 1.0 / np.einsum("swj,sjw->sw", across, yielding).max(axis=0)
@@ -249,7 +249,7 @@ def _drag_modes(loop: ClosedLoop) -> list[Mode]:
     if loop.environment is None or loop.environment.wind is None:
         return []
     q = _configurations(loop)
-    jacobians = loop.vehicle.function("frame_jacobians")(q)
+    jacobians = loop.vehicle.frame_jacobians(q)
     coefficients = loop.environment.figures["drag"][..., np.newaxis]
     slowing = np.einsum("sfai,sfaj->sij", jacobians, coefficients * jacobians)
     values = np.linalg.eigvals(np.linalg.solve(loop.vehicle.mass_matrix(q), slowing))

@@ -146,7 +146,7 @@ class Environment:
         """The acceleration of gravity (…, 3), m/s², world axes; plants that differ have theirs."""
         vehicle = self.vehicle
         upwards = vehicle.layout.v.position.start + 2
-        weight = vehicle.function("gravity_forces")(vehicle.neutral)[..., upwards]
+        weight = vehicle.gravity_forces(vehicle.neutral)[..., upwards]
         mass = vehicle.mass_matrix(vehicle.neutral)[..., upwards, upwards]
         return np.multiply.outer(weight / mass, [0.0, 0.0, 1.0])
 

@@ -71,28 +71,16 @@ class Vehicle:
         self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
-        self._bind()
-
-    def _bind(self) -> None:
-        """Take the module's functions, with the constants."""
-        self.forward_dynamics = self.function("forward_dynamics")
-        self.forward_dynamics_with_wrenches = self.function("forward_dynamics_with_wrenches")
-        self.wrench_forces = self.function("wrench_forces")
-        self.inverse_dynamics = self.function("inverse_dynamics")
-        self.mass_matrix = self.function("mass_matrix")
-        self.input_matrix = self.function("input_matrix")
-        self.constraint_torques = self.function("constraint_torques")
-        self.positions = self.function("positions")
-        self.centre_of_mass = self.function("centre_of_mass")
-        self.centre_of_mass_jacobian = self.function("centre_of_mass_jacobian")
-        self.integrate = self.function("integrate")
-        self.frame_poses = self.function("frame_poses")
         if self.has_tip:
             self.tip_pose = self._of_tip("frame_poses")
             self.tip_jacobian = self._of_tip("frame_jacobians")
             self.tip_bias_acceleration = self._of_tip("frame_bias_accelerations", axes=1)
-        self.kinetic_energy = self.function("kinetic_energy")
-        self.potential_energy = self.function("potential_energy")
+
+    def __getattr__(self, name: str) -> Callable[..., Array]:
+        """A function of the module, as `function` gives it."""
+        if name not in FUNCTIONS:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name}")
+        return self.__dict__.setdefault(name, self.function(name))
 
     def function(self, name: str) -> Callable[..., Array]:
         """A function of the module, by name, with the constants of the parameters."""
