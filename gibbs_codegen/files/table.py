@@ -142,9 +142,15 @@ def key(words: str, name: str | None = None) -> Any:
     return pydantic.Field(description=words, validation_alias=name)
 
 
+def entry(words: str, default: Any = None, **more: Any) -> Any:
+    """A field that may be left out: what it is, with its unit, and its default, `dict` for none."""
+    more |= {"default_factory": dict} if default is dict else {"default": default}
+    return pydantic.Field(description=words, **more)
+
+
 def optional(words: str, default: Any = None) -> Any:
     """A field of a table of a file that may be left out: what it is, with its unit."""
-    return pydantic.Field(default, description=words, kw_only=True)
+    return entry(words, default, kw_only=True)
 
 
 @validated_dataclass(frozen=True, config=_CONFIG)

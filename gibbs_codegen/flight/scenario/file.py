@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator
@@ -120,25 +119,24 @@ class ArmTable(Table):
     guess_deg: _Values = optional(
         "angle of revolute joints where the search for a tip path begins, degrees"
     )
-    limits: Annotated[
-        dict[JointName, Limits], key(f"least and greatest travel of prismatic joints, m; {_FILE}")
-    ] = field(default_factory=dict)
-    limits_deg: Annotated[
-        dict[JointName, Limits],
-        key(f"least and greatest angle of revolute joints, degrees; {_FILE}"),
-    ] = field(default_factory=dict)
-    effort: Annotated[
-        dict[JointName, Positive], key(f"greatest torque or force of joints, N m or N; {_FILE}")
-    ] = field(default_factory=dict)
-    velocity: Annotated[
-        dict[JointName, Positive], key(f"greatest desired rate of joints, rad/s or m/s; {_FILE}")
-    ] = field(default_factory=dict)
-    moves: Annotated[
-        dict[JointName, _Moves], key("moves of prismatic joints from the posture on, in m")
-    ] = field(default_factory=dict)
-    moves_deg: Annotated[
-        dict[JointName, _Moves], key("moves of revolute joints from the posture on, in degrees")
-    ] = field(default_factory=dict)
+    limits: dict[JointName, Limits] = optional(
+        f"least and greatest travel of prismatic joints, m; {_FILE}", dict
+    )
+    limits_deg: dict[JointName, Limits] = optional(
+        f"least and greatest angle of revolute joints, degrees; {_FILE}", dict
+    )
+    effort: dict[JointName, Positive] = optional(
+        f"greatest torque or force of joints, N m or N; {_FILE}", dict
+    )
+    velocity: dict[JointName, Positive] = optional(
+        f"greatest desired rate of joints, rad/s or m/s; {_FILE}", dict
+    )
+    moves: dict[JointName, _Moves] = optional(
+        "moves of prismatic joints from the posture on, in m", dict
+    )
+    moves_deg: dict[JointName, _Moves] = optional(
+        "moves of revolute joints from the posture on, in degrees", dict
+    )
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -215,7 +213,7 @@ class BaseTable(Table):
     """What the base is to do."""
 
     path: Annotated[AnyPath, key("desired path of the base centre")]
-    attitude: Annotated[AnyAttitude, key("desired attitude; default: level")] = Level()
+    attitude: AnyAttitude = optional("desired attitude; default: level", Level())
 
 
 def _line_of_text(least: int) -> AfterValidator:
@@ -235,17 +233,17 @@ class ScenarioTable(Table):
     title: ClassVar[str] = "Scenario file of gibbs_codegen"
 
     name: Annotated[str, _line_of_text(1), key("name of the flight, on one line")]
-    description: Annotated[str, _line_of_text(0), key("what it is, on one line")] = ""
+    description: Annotated[str, _line_of_text(0)] = optional("what it is, on one line", "")
     duration: Annotated[
         Number, Bounds(_MIN_DURATION, parts.MAX_DURATION, " s"), key("the time to fly, in s")
     ]
     base: Annotated[BaseTable, key("the base's desired path and attitude, [base]")]
-    arm: Annotated[ArmTable, key("what the arm does; default: it hangs at rest")] = ArmTable()
-    start: Annotated[parts.StartOffset, key("deviation from the desired motion at the start")] = (
-        parts.StartOffset()
+    arm: ArmTable = optional("what the arm does; default: it hangs at rest", ArmTable())
+    start: parts.StartOffset = optional(
+        "deviation from the desired motion at the start", parts.StartOffset()
     )
-    control: Annotated[parts.Control, key("the control law")] = parts.Control()
-    motors: Annotated[parts.Motors, key("limits and lag of motors")] = parts.Motors()
+    control: parts.Control = optional("the control law", parts.Control())
+    motors: parts.Motors = optional("limits and lag of motors", parts.Motors())
     sensors: parts.Sensors | None = optional(
         "noise and delay of what a sampled law observes; default: the state as it is"
     )
@@ -253,29 +251,23 @@ class ScenarioTable(Table):
     tip_force: parts.TipForce | None = optional(
         "a force on the tip, as a push of the frame tip; default: none"
     )
-    payload: Annotated[
-        tuple[parts.Payload, ...],
-        Tables("payload", 20, "payloads"),
-        key("point masses at frames, for a time; default: none"),
-    ] = ()
+    payload: Annotated[tuple[parts.Payload, ...], Tables("payload", 20, "payloads")] = optional(
+        "point masses at frames, for a time; default: none", ()
+    )
     wind: parts.Wind | None = optional("wind, and the drag of frames; default: none")
-    wall: Annotated[
-        tuple[AnyWall, ...],
-        Tables("wall", 20, "walls"),
-        key("walls that frames may lean on; default: none"),
-    ] = ()
-    timing: Annotated[parts.Timing, key("how fast the paths are flown")] = parts.Timing()
-    integration: Annotated[parts.Settings, key("method, tolerances and samples")] = parts.Settings()
-    parameters: Annotated[
-        dict[str, Number], key("parameters of the module that are changed, SI units")
-    ] = field(default_factory=dict)
-    plant: Annotated[
-        dict[str, Number],
-        key(
-            "parameters of the robot that flies where they differ from those of [parameters], "
-            "which the controller knows, SI units"
-        ),
-    ] = field(default_factory=dict)
+    wall: Annotated[tuple[AnyWall, ...], Tables("wall", 20, "walls")] = optional(
+        "walls that frames may lean on; default: none", ()
+    )
+    timing: parts.Timing = optional("how fast the paths are flown", parts.Timing())
+    integration: parts.Settings = optional("method, tolerances and samples", parts.Settings())
+    parameters: dict[str, Number] = optional(
+        "parameters of the module that are changed, SI units", dict
+    )
+    plant: dict[str, Number] = optional(
+        "parameters of the robot that flies where they differ from those of [parameters], "
+        "which the controller knows, SI units",
+        dict,
+    )
 
     mistaken: ClassVar[tuple[str, frozenset[str]]] = (
         "a robot file",

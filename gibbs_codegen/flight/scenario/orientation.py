@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, key, table
+from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, entry, key, table
 from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
 from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
 from gibbs_codegen.flight.vectors import Array, rotation_about
@@ -124,7 +124,7 @@ class Turn(Table):
         Angle, key("how far it is turned, degrees; more than 360 is allowed", "angle_deg")
     ]
     duration: Annotated[Positive, key("how long the turn takes, s")]
-    begin: Annotated[NotNegative, key("when the turn begins, s")] = 0.0
+    begin: NotNegative = entry("when the turn begins, s", 0.0)
     heading: Annotated[Angle, key("heading before the turn, degrees", "heading_deg")] = 0.0
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
@@ -145,9 +145,9 @@ class Tangent(Table):
     """
 
     kind: ClassVar[str] = "tangent"
-    arm: Annotated[
-        Whole, Bounds(1, MAX_ROTORS), key("number of the base arm that is tangent to the path")
-    ] = 2
+    arm: Annotated[Whole, Bounds(1, MAX_ROTORS)] = entry(
+        "number of the base arm that is tangent to the path", 2
+    )
 
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s).

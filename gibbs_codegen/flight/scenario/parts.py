@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
 from typing import Annotated, Any, ClassVar, Literal
 
 from gibbs_codegen.arrays.laws import LAWS
@@ -20,6 +19,7 @@ from gibbs_codegen.files.table import (
     Table,
     Tables,
     Whole,
+    entry,
     key,
     listed,
     needed,
@@ -64,28 +64,24 @@ class Control(Table):
     with a rate are held in between.
     """
 
-    law: Annotated[Law, key("what commands the motors and joints")] = "tracking"
-    frequency: Annotated[
-        _Frequency, key("natural frequency of the error dynamics of position and joints, rad/s")
-    ] = 5.0
-    damping_ratio: Annotated[_Rate, key("damping ratio of the error dynamics")] = 1.0
-    attitude_frequency: Annotated[
-        _Frequency | None,
-        key(
-            "natural frequency of the error dynamics of the attitude, rad/s; default: frequency "
-            "under computed torque, four times frequency under laws by which the base leans"
-        ),
-    ] = None
-    integral: Annotated[
-        _Rate, key("rate at which a constant disturbance is learned, 1/s; 0: not at all")
-    ] = 0.0
-    rate: Annotated[
-        Annotated[Number, Bounds(0.1, 1e6)] | None,
-        key("how often the law is evaluated, Hz; default: at all times"),
-    ] = None
-    delay: Annotated[
-        _Delay, key("how much later than the law is evaluated its inputs act, s; needs a rate")
-    ] = 0.0
+    law: Law = entry("what commands the motors and joints", "tracking")
+    frequency: _Frequency = entry(
+        "natural frequency of the error dynamics of position and joints, rad/s", 5.0
+    )
+    damping_ratio: _Rate = entry("damping ratio of the error dynamics", 1.0)
+    attitude_frequency: _Frequency | None = entry(
+        "natural frequency of the error dynamics of the attitude, rad/s; default: frequency "
+        "under computed torque, four times frequency under laws by which the base leans"
+    )
+    integral: _Rate = entry(
+        "rate at which a constant disturbance is learned, 1/s; 0: not at all", 0.0
+    )
+    rate: Annotated[Number, Bounds(0.1, 1e6)] | None = entry(
+        "how often the law is evaluated, Hz; default: at all times"
+    )
+    delay: _Delay = entry(
+        "how much later than the law is evaluated its inputs act, s; needs a rate", 0.0
+    )
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -98,45 +94,38 @@ class Control(Table):
 class Motors(Table):
     """Limits and lag of every motor."""
 
-    limits: Annotated[
-        Thrusts | None, key("least and greatest thrust, N; default: those of the robot file")
-    ] = None
-    time_constant: Annotated[
-        NotNegative | None,
-        key("time constant of the lag, s; 0: no lag; default: that of the robot file"),
-    ] = None
-    compensation: Annotated[Flag, key("whether a law that has the means compensates the lag")] = (
-        True
+    limits: Thrusts | None = entry("least and greatest thrust, N; default: those of the robot file")
+    time_constant: NotNegative | None = entry(
+        "time constant of the lag, s; 0: no lag; default: that of the robot file"
     )
+    compensation: Flag = entry("whether a law that has the means compensates the lag", True)
 
 
 @table
 class Sensors(Table):
     """White noise and delay of what a sampled law of control observes."""
 
-    position: Annotated[
-        NotNegative, key("standard deviation of each coordinate of the base, m")
-    ] = 0.0
+    position: NotNegative = entry("standard deviation of each coordinate of the base, m", 0.0)
     attitude: Annotated[
         Number,
         Bounds(0.0, 90.0, "°"),
         IN_DEGREES,
         key("standard deviation of the attitude about each axis, degrees", "attitude_deg"),
     ] = 0.0
-    joints: Annotated[NotNegative, key("standard deviation of each joint, rad or m")] = 0.0
-    velocity: Annotated[
-        NotNegative, key("standard deviation of the base's velocity along each axis, m/s")
-    ] = 0.0
-    angular_velocity: Annotated[
-        NotNegative, key("standard deviation of the base's angular velocity about each axis, rad/s")
-    ] = 0.0
-    joint_rates: Annotated[
-        NotNegative, key("standard deviation of the rate of each joint, rad/s or m/s")
-    ] = 0.0
-    delay: Annotated[_Delay, key("how old the state is that is observed, s")] = 0.0
-    seed: Annotated[
-        Whole, Bounds(0, 2**63 - 1), key("flights of the same seed have the same noise")
-    ] = 0
+    joints: NotNegative = entry("standard deviation of each joint, rad or m", 0.0)
+    velocity: NotNegative = entry(
+        "standard deviation of the base's velocity along each axis, m/s", 0.0
+    )
+    angular_velocity: NotNegative = entry(
+        "standard deviation of the base's angular velocity about each axis, rad/s", 0.0
+    )
+    joint_rates: NotNegative = entry(
+        "standard deviation of the rate of each joint, rad/s or m/s", 0.0
+    )
+    delay: _Delay = entry("how old the state is that is observed, s", 0.0)
+    seed: Annotated[Whole, Bounds(0, 2**63 - 1)] = entry(
+        "flights of the same seed have the same noise", 0
+    )
 
     synonyms: ClassVar[Mapping[str, str]] = {
         "pos": "position",
@@ -152,24 +141,19 @@ class Timing(Table):
     Limits are kept beside those of the robot.
     """
 
-    law: Annotated[
-        TimingLaw, key("uniform: the paths at their times; fastest: as fast as limits allow")
-    ] = "uniform"
-    limits: Annotated[
-        Thrusts | None,
-        key("least and greatest thrust of the desired motion, N; default: of the motors"),
-    ] = None
-    thrust_rate: Annotated[
-        Positive | None, key("greatest rate of every thrust, N/s; default: no limit")
-    ] = None
-    effort: Annotated[
-        Mapping[JointName, Positive],
-        key("greatest torque or force of joints, N m or N; default: of the arm"),
-    ] = field(default_factory=dict)
-    velocity: Annotated[
-        Mapping[JointName, Positive],
-        key("greatest desired rate of joints, rad/s or m/s; default: of the arm"),
-    ] = field(default_factory=dict)
+    law: TimingLaw = entry(
+        "uniform: the paths at their times; fastest: as fast as limits allow", "uniform"
+    )
+    limits: Thrusts | None = entry(
+        "least and greatest thrust of the desired motion, N; default: of the motors"
+    )
+    thrust_rate: Positive | None = entry("greatest rate of every thrust, N/s; default: no limit")
+    effort: Mapping[JointName, Positive] = entry(
+        "greatest torque or force of joints, N m or N; default: of the arm", dict
+    )
+    velocity: Mapping[JointName, Positive] = entry(
+        "greatest desired rate of joints, rad/s or m/s; default: of the arm", dict
+    )
 
     synonyms: ClassVar[Mapping[str, str]] = {
         "rate": "thrust_rate",
@@ -208,23 +192,19 @@ class Settings(Table):
     is controlled.
     """
 
-    method: Annotated[Method, key("steps that adapt, or of one length")] = "adaptive"
-    step: Annotated[Number, Bounds(1e-6), key("greatest step of rk4, s")] = 1e-3
+    method: Method = entry("steps that adapt, or of one length", "adaptive")
+    step: Annotated[Number, Bounds(1e-6)] = entry("greatest step of rk4, s", 1e-3)
     # SciPy raises smaller ones to about this.
-    relative_tolerance: Annotated[
-        Number, Bounds(3e-14, 0.1), key("relative tolerance of adaptive steps")
-    ] = 1e-10
-    absolute_tolerance: Annotated[
-        Number,
-        Bounds(1e-16, 0.1),
-        key("absolute tolerance of adaptive steps; m, rad, m/s and rad/s"),
-    ] = 1e-11
-    rate: Annotated[Number, Bounds(0.1), key("samples that are kept per second")] = 100.0
-    divergence: Annotated[
-        Endless,
-        Bounds(LEAST),
-        key("deviation from the desired motion at which control counts as lost, m or rad"),
-    ] = 20.0
+    relative_tolerance: Annotated[Number, Bounds(3e-14, 0.1)] = entry(
+        "relative tolerance of adaptive steps", 1e-10
+    )
+    absolute_tolerance: Annotated[Number, Bounds(1e-16, 0.1)] = entry(
+        "absolute tolerance of adaptive steps; m, rad, m/s and rad/s", 1e-11
+    )
+    rate: Annotated[Number, Bounds(0.1)] = entry("samples that are kept per second", 100.0)
+    divergence: Annotated[Endless, Bounds(LEAST)] = entry(
+        "deviation from the desired motion at which control counts as lost, m or rad", 20.0
+    )
 
 
 class _ForATime:
@@ -244,23 +224,21 @@ class TipForce(_ForATime, Table):
     """A force on the tip for a time: what `push` was before it had a frame and a torque."""
 
     force: Annotated[Vector, key("[x, y, z] in N, world axes")]
-    begin: Annotated[NotNegative, key("when it begins, s")] = 0.0
-    end: Annotated[Endless, key("when it ends, s")] = MAX_DURATION
+    begin: NotNegative = entry("when it begins, s", 0.0)
+    end: Endless = entry("when it ends, s", MAX_DURATION)
 
 
 @table
 class Push(TipForce):
     """A force and a torque at a frame for a time."""
 
-    force: Annotated[Vector, key("[x, y, z] in N, world axes")] = _ZERO
-    torque: Annotated[Vector, key("[x, y, z] in N m, world axes")] = _ZERO
-    frame: Annotated[
-        str,
-        key(
-            f"the frame at whose origin they act: {FRAME}, such as base, tip, or that of a "
-            "[[frame]] of the robot file"
-        ),
-    ] = "tip"
+    force: Vector = entry("[x, y, z] in N, world axes", _ZERO)
+    torque: Vector = entry("[x, y, z] in N m, world axes", _ZERO)
+    frame: str = entry(
+        f"the frame at whose origin they act: {FRAME}, such as base, tip, or that of a "
+        "[[frame]] of the robot file",
+        "tip",
+    )
 
 
 @table
@@ -269,8 +247,8 @@ class Payload(_ForATime, Table):
 
     frame: Annotated[str, key(f"the frame at whose origin it is: {FRAME}")]
     mass: Annotated[NotNegative, key("the mass, kg")]
-    begin: Annotated[NotNegative, key("when it is there first, s")] = 0.0
-    end: Annotated[Endless, key("when it is there no more, s; default: it stays")] = math.inf
+    begin: NotNegative = entry("when it is there first, s", 0.0)
+    end: Endless = entry("when it is there no more, s; default: it stays", math.inf)
 
 
 @table
@@ -279,7 +257,7 @@ class Gust(Table):
 
     amplitude: Annotated[Vector, key("greatest velocity of the gust, [x, y, z] in m/s")]
     duration: Annotated[Positive, key("how long it lasts, s")]
-    begin: Annotated[NotNegative, key("when it begins, s")] = 0.0
+    begin: NotNegative = entry("when it begins, s", 0.0)
 
 
 @table
@@ -295,15 +273,13 @@ class Wind(Table):
         needed(bool, "names no frame; give frames and their coefficients, such as base = 0.3"),
         key("coefficients of drag, N s/m, by frame: base = 0.3, say, in [wind.drag]"),
     ]
-    velocity: Annotated[Vector, key("velocity of the steady wind, [x, y, z] in m/s")] = _ZERO
-    gusts: Annotated[
-        tuple[Gust, ...],
-        Tables("wind.gusts", 1000, "gusts"),
-        key("gusts on top of the steady wind"),
-    ] = ()
-    rotational_drag: Annotated[
-        Mapping[str, NotNegative], key("coefficients of drag against turning, N m s/rad, by frame")
-    ] = field(default_factory=dict)
+    velocity: Vector = entry("velocity of the steady wind, [x, y, z] in m/s", _ZERO)
+    gusts: Annotated[tuple[Gust, ...], Tables("wind.gusts", 1000, "gusts")] = entry(
+        "gusts on top of the steady wind", ()
+    )
+    rotational_drag: Mapping[str, NotNegative] = entry(
+        "coefficients of drag against turning, N m s/rad, by frame", dict
+    )
 
 
 @table
@@ -312,4 +288,4 @@ class Move(Table):
 
     to: Annotated[Number, key("where the joint moves, m or degrees")]
     duration: Annotated[Positive, key("how long the move takes, s")]
-    begin: Annotated[NotNegative, key("when the move begins, s")] = 0.0
+    begin: NotNegative = entry("when the move begins, s", 0.0)

@@ -33,6 +33,7 @@ from gibbs_codegen.files.table import (
     Table,
     Tables,
     at_most,
+    entry,
     fault,
     key,
     needed,
@@ -93,8 +94,8 @@ class Term(Table):
     """A term amplitude · e^(growth·t) · cos(frequency·t + phase)."""
 
     amplitude: Annotated[Number, key("the amplitude, in m")]
-    growth: Annotated[Number, key("rate of growth, 1/s; negative: a decay")] = 0.0
-    frequency: Annotated[Number, key("angular frequency, rad/s")] = 0.0
+    growth: Number = entry("rate of growth, 1/s; negative: a decay", 0.0)
+    frequency: Number = entry("angular frequency, rad/s", 0.0)
     phase: Annotated[Angle, key("phase, degrees", "phase_deg")] = 0.0
 
 
@@ -107,15 +108,15 @@ class Harmonic(Table):
     """
 
     kind: ClassVar[str] = "harmonic"
-    x: Annotated[
-        tuple[Term, ...], Tables("x", _MOST_TERMS, "terms"), key("terms of the first coordinate")
-    ] = ()
-    y: Annotated[
-        tuple[Term, ...], Tables("y", _MOST_TERMS, "terms"), key("terms of the second coordinate")
-    ] = ()
-    z: Annotated[
-        tuple[Term, ...], Tables("z", _MOST_TERMS, "terms"), key("terms of the third coordinate")
-    ] = ()
+    x: Annotated[tuple[Term, ...], Tables("x", _MOST_TERMS, "terms")] = entry(
+        "terms of the first coordinate", ()
+    )
+    y: Annotated[tuple[Term, ...], Tables("y", _MOST_TERMS, "terms")] = entry(
+        "terms of the second coordinate", ()
+    )
+    z: Annotated[tuple[Term, ...], Tables("z", _MOST_TERMS, "terms")] = entry(
+        "terms of the third coordinate", ()
+    )
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
@@ -160,7 +161,7 @@ class Line(Table):
     start: Annotated[Vector, key("where it begins, [x, y, z] in m")]
     end: Annotated[Vector, key("where it ends, [x, y, z] in m")]
     duration: Annotated[Positive, key("the time from start to end, in s")]
-    begin: Annotated[Number, key("when it begins, s")] = 0.0
+    begin: Number = entry("when it begins, s", 0.0)
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
@@ -186,7 +187,7 @@ class Circle(Table):
         needed(lambda period: abs(period) >= LEAST, "must not be 0"),
         key("the time of a turn, in s; negative: the other way round"),
     ]
-    normal: Annotated[Direction, key("direction of the axis, [x, y, z]")] = (0.0, 0.0, 1.0)
+    normal: Direction = entry("direction of the axis, [x, y, z]", (0.0, 0.0, 1.0))
     phase: Annotated[Angle, key("angle at which it begins, degrees", "phase_deg")] = 0.0
 
     def __call__(self, time: ArrayLike) -> Array:
@@ -312,13 +313,10 @@ class Waypoints(Table):
         BeforeValidator(_not_endless),
         key("a list of points, [x, y, z] in m, one for each time"),
     ]
-    velocities: Annotated[
-        Annotated[tuple[Velocity, ...], BeforeValidator(_not_endless)] | None,
-        key(
-            'for each point a velocity [x, y, z] in m/s, "rest" or "free"; default: at rest at '
-            "both ends, and free between"
-        ),
-    ] = None
+    velocities: Annotated[tuple[Velocity, ...], BeforeValidator(_not_endless)] | None = entry(
+        'for each point a velocity [x, y, z] in m/s, "rest" or "free"; default: at rest at '
+        "both ends, and free between"
+    )
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
