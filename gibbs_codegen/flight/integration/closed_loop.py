@@ -114,14 +114,14 @@ class ClosedLoop:
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
-        """The state (size) at time 0, with motors settled at the thrusts that the law wants."""
+        """States (…, size) at time 0, with motors settled at the thrusts that the law wants."""
         if self.hold is not None:
             self.hold.start(q, v)
-        memory = np.zeros(self.controller.memory)
+        memory = np.zeros((*v.shape[:-1], self.controller.memory))
         wanted, _ = self.controller.commanded(0.0, q, v, memory, {})
         settled = np.clip(wanted, *self.actuators.inputs) if self.limited else wanted
-        thrusts = settled[: self.vehicle.rotors if self.lags else 0]
-        return np.concatenate([q, v, [0.0], thrusts, memory])
+        thrusts = settled[..., : self.vehicle.rotors if self.lags else 0]
+        return np.concatenate([q, v, np.zeros((*v.shape[:-1], 1)), thrusts, memory], axis=-1)
 
     def parts(self, states: Array) -> Parts:
         """What states (…, size) consist of, the quaternion made of length 1."""
@@ -181,9 +181,8 @@ class ClosedLoop:
         if key not in self._evaluators:
             whole = loop_program(self, replace(loads, inputs=known))
             self._evaluators[key] = evaluator_of(whole, name)
-        values = self._values if name == "slope" else self._law_values
         constants = constants_of(self.vehicle, self.controller.vehicle)
-        values = {"held": known, **values, **figures, **given}
+        values = {"held": known, **self._values, **figures, **given}
         found = self._evaluators[key](values, constants, self.controller.externals)
         if np.any(found.get("refused", 0.0) > 0.0):
             parts = given if "q" in given else self.parts(given["x"])._asdict()
@@ -194,11 +193,6 @@ class ClosedLoop:
     @cached_property
     def _evaluators(self) -> dict[Any, Evaluator]:
         return {}
-
-    @cached_property
-    def _law_values(self) -> dict[str, Any]:
-        """Values of the inputs that tell what is commanded."""
-        return law_values(self)
 
     @cached_property
     def _values(self) -> dict[str, Any]:
@@ -257,9 +251,12 @@ def loop_values(
 
     `bounds` of errors, then of their rates, are (2 nv) or one number. `exact` is DOUBLE or SINGLE.
     """
-    plant = closed.vehicle
+    plant, lag = closed.vehicle, closed.actuators.lag
     values = {
-        **law_values(closed),
+        **closed.controller.values,
+        **closed.actuators.values,
+        "lag": lag,
+        "pace": np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0),
         "centre": plant.centre_offset(plant.neutral),
         "wrenches": np.swapaxes(plant.thrust_wrenches(), -1, -2),
         "losses": plant.damping,
@@ -270,13 +267,6 @@ def loop_values(
     if loads.inputs is not None:
         values["held"] = np.array(loads.inputs)
     return values | acting(closed.environment, loads)[1]
-
-
-def law_values(closed: ClosedLoop) -> dict[str, Any]:
-    """Those of the inputs that tell what is commanded and what acts."""
-    lag = closed.actuators.lag
-    pace = np.divide(1.0, lag, out=np.zeros(np.shape(lag)), where=lag > 0.0)
-    return {**closed.controller.values, **closed.actuators.values, "lag": lag, "pace": pace}
 
 
 def loop_tables(closed: ClosedLoop) -> list[Array]:

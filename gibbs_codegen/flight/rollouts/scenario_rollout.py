@@ -87,7 +87,7 @@ def scenario_rollout(
     count = arguments.count()
     loop, settings = loops.loop(), start.scenario.integration
     _check_steps(loops, count, dt)
-    starts = _starts(loop, np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
+    starts = loop.start(np.repeat(q, count // len(q), 0), np.repeat(v, count // len(v), 0))
     # In single precision thrusts a moment apart do not differ enough to make up for their lag.
     single = precision == "single" and not loop.compensates
     fly = BlockIntegration(loop, loops.loop, settings, duration, threads, single)
@@ -140,14 +140,6 @@ def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:
         except UsageError as error:
             words = str(error).removeprefix("integration.step: ")
             raise UsageError(f"dt: state {state}: {words}") from None
-
-
-def _starts(loop: ClosedLoop, q: Array, v: Array) -> Array:
-    """States (n, size) of the closed loop of all at the start, with motors that have settled."""
-    memory = np.zeros((len(q), loop.controller.memory))
-    wanted, _ = loop.controller.commanded(np.zeros(len(q)), q, v, memory, {})
-    thrusts = np.clip(wanted, *loop.actuators.inputs)[:, : loop.vehicle.rotors if loop.lags else 0]
-    return np.concatenate([q, v, np.zeros((len(q), 1)), thrusts, memory], axis=1)
 
 
 def _with_others(
