@@ -298,10 +298,6 @@ class UnderactuatedBase:
         wrench = self.vehicle.base_wrench(motion.q, force)[:, :3]
         return times(self._sides, wrench) / self.weight
 
-    def part(self, span: slice) -> UnderactuatedBase:
-        """The same at some of the knots."""
-        return self._at(span, self.joints.time[span])
-
     def with_room(self, count: int) -> tuple[UnderactuatedBase, slice]:
         """The same with `count` more knots at ends where the machine rests, and the path's knots.
 
@@ -311,10 +307,10 @@ class UnderactuatedBase:
         before, after = count * int(fixed[0]), count * int(fixed[-1])
         places = np.arange(-before, last + after + 1)
         time = self.joints.time[0] + self.grid.step * places
-        longer = self._at(np.clip(places, 0, last), time)
+        longer = self.at(np.clip(places, 0, last), time)
         return longer, slice(before, before + last + 1)
 
-    def _at(self, places: slice | Indices, time: Array) -> UnderactuatedBase:
+    def at(self, places: slice | Indices, time: Array) -> UnderactuatedBase:
         """The same with what it has at some knots, at other times (s)."""
         joints, turning = self.joints, self._turning
         joints = Motion(time, joints.q[places], joints.v[places], joints.a[places])
@@ -429,7 +425,7 @@ def _solution(base: UnderactuatedBase, progress: Callable[[float], None]) -> Mot
     shift, fixed = np.zeros_like(axes), base.at_rest()
     for begin in range(0, len(time), _SPAN):
         span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
-        part = base.part(span)
+        part = base.at(span, time[span])
         try:
             axes[span], shift[span] = nearest_motion(
                 part.lateral, axes[span], shift[span], part.grid, base.gravity, fixed[span]

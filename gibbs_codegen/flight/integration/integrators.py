@@ -238,7 +238,7 @@ class AdaptiveIntegrator:
         )
         samples, stopped = [np.zeros((0, len(start)))], ""
         inputs = InputRecord(loop, interval.loads)
-        sample_times = interval.sample_times(self.settings.rate)
+        sample_times = StepGrid(self.settings).sample_times(interval)
         time, state, spent = interval.begin, start, 0
         while solver.status == "running" and not stopped:
             self._set_tolerances(solver)

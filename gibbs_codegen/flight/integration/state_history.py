@@ -88,15 +88,6 @@ class SmoothInterval:
     end: float
     loads: Loads
 
-    def sample_times(self, rate: float) -> Array:
-        """Multiples of 1 / rate (s) after the start of the interval, up to its end."""
-        first = int(np.floor(self.begin * rate + SAME_TIME)) + 1
-        last = int(np.floor(self.end * rate + SAME_TIME))
-        times = np.arange(first, last + 1) / rate
-        if len(times) and abs(times[-1] - self.end) * rate <= SAME_TIME:
-            times[-1] = self.end
-        return times
-
 
 @dataclass(frozen=True)
 class IntervalResult:

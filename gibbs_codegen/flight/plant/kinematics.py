@@ -11,7 +11,6 @@ length means the same attitude.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from types import ModuleType
@@ -45,16 +44,22 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
     return unit, abs(lengths - 1.0) < 1e-6
 
 
-class Kinematics(ABC):
-    """The base by the places of a layout: what array programs say of it, evaluated.
+class Kinematics:
+    """A base with Tait–Bryan angles, whose v holds the rates of q, or one with a quaternion.
 
-    `error_names` has a name for each entry of v.
+    `error_names` has a name for each entry of v. Errors are differences of coordinates but with a
+    quaternion: then those of the position are in world axes, and those of the attitude are the
+    rotation vector from the actual to the desired attitude in the base's frame, and the difference
+    of angular velocities there.
     """
 
-    error_names: tuple[str, ...]
-
     def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+        self.layout, self.sequence = layout, layout.attitude
+        names = [*layout.q.names] if not layout.is_quaternion else [*layout.v.names]
+        if layout.is_quaternion:
+            names[layout.v.position] = layout.q.names[layout.q.position]
+            names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
+        self.error_names = tuple(names)
         self._evaluators: dict[str, Evaluator] = {}
 
     @property
@@ -90,9 +95,14 @@ class Kinematics(ABC):
         found[..., self.layout.v.attitude] = turn.reshape(*q.shape[:-1], 3)
         return found
 
-    @abstractmethod
     def rotation(self, q: Array) -> Array:
         """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
+        # A copy, since SciPy refuses an empty array that is read-only.
+        attitude = np.array(q[..., self.layout.q.attitude])
+        if not self.layout.is_quaternion:
+            return rotation_matrix(self.sequence, attitude)
+        flat = Rotation.from_quat(attitude.reshape(-1, 4)).as_matrix()
+        return flat.reshape(*attitude.shape[:-1], 3, 3)
 
     def normalised(self, q: Array) -> Array:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
@@ -142,54 +152,10 @@ class Kinematics(ABC):
         velocity, acceleration = self._found("turned", outputs, q, spin=spin, growth=growth)
         return velocity, acceleration
 
-    @abstractmethod
     def _entries(self, rotation: Array) -> Array:
         """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
-
-    @abstractmethod
-    def continued(self, last: Array, attitude: Array) -> Array:
-        """Entries (s, …) of the attitude in q that go on from the last ones: the same attitudes."""
-
-    @abstractmethod
-    def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
-
-    @abstractmethod
-    def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) of a base that is turned but moves on.
-
-        `turn` (3, 3) leads from its frame before to that after.
-        """
-
-    @abstractmethod
-    def reference(self, motion: Motion) -> Reference:
-        """Quintics through a motion."""
-
-
-class QuaternionKinematics(Kinematics):
-    """A base with a quaternion: `AngleKinematics` has the same methods for angles.
-
-    Errors of the position are in world axes. Those of the attitude are the rotation vector from the
-    actual to the desired attitude in the base's frame, and the difference of angular velocities
-    there.
-    """
-
-    def __init__(self, layout: Layout) -> None:
-        super().__init__(layout)
-        names = [*layout.v.names]
-        names[layout.v.position] = layout.q.names[layout.q.position]
-        names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
-        self.error_names = tuple(names)
-
-    def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), from the base's frame to the world, at q (…, nq) of unit length."""
-        # A copy, since SciPy refuses an empty array that is read-only.
-        quaternion = np.array(q[..., self.layout.q.attitude])
-        flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
-        return flat.reshape(*quaternion.shape[:-1], 3, 3)
-
-    def _entries(self, rotation: Array) -> Array:
-        """Quaternions (s, 4)."""
+        if not self.layout.is_quaternion:
+            return np.unwrap(attitude_angles(self.sequence, rotation), axis=0)
         quaternion = np.asarray(Rotation.from_matrix(rotation).as_quat())
         # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
         turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
@@ -197,21 +163,32 @@ class QuaternionKinematics(Kinematics):
         return quaternion
 
     def continued(self, last: Array, attitude: Array) -> Array:
-        """Quaternions (s, 4), or their opposites if the first of those is nearer to the last."""
-        return np.copysign(1.0, attitude[0] @ last) * attitude
+        """Entries (s, …) of the attitude in q that go on from the last ones: the same attitudes.
+
+        Angles with as many whole turns more, or quaternions or their opposites.
+        """
+        if self.layout.is_quaternion:
+            return np.copysign(1.0, attitude[0] @ last) * attitude
+        whole: Array = 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
+        return attitude + whole
 
     def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """Entries (…, 3) of the position in v and a, by its rates (…, 3) in world axes."""
+        if not self.layout.is_quaternion:
+            return velocity, acceleration
         inverse = transposed(turning.rotation)
         linear = times(inverse, velocity)
         carried = np.cross(times(inverse, turning.velocity), linear)
         return linear, times(inverse, acceleration) - carried
 
     def kept(self, v: Array, turn: Array) -> Array:
-        """Velocities (nv) whose linear and angular part are those before, in the turned frame."""
+        """Velocities (nv) of a base that is turned but moves on, or whose angles go on.
+
+        `turn` (3, 3) leads from its frame before to that after.
+        """
         after = v.copy()
         for part in (self.layout.v.position, self.layout.v.attitude):
-            after[part] = turn @ v[part]
+            after[part] = turn @ v[part] if self.layout.is_quaternion else v[part]
         return after
 
     def motion(self, c: Array, rates: Array, growth: Array) -> tuple[Array, Array, Array]:
@@ -224,8 +201,8 @@ class QuaternionKinematics(Kinematics):
         return q, v, a
 
     def reference(self, motion: Motion) -> Reference:
-        """Quintics of position, quaternion and joints, as `PoseReference` has them."""
-        return PoseReference(motion, self)
+        """Quintics of all coordinates, as `PoseReference` has those with a quaternion."""
+        return PoseReference(motion, self) if self.layout.is_quaternion else Reference(motion)
 
 
 class PoseReference(Reference):
@@ -235,7 +212,7 @@ class PoseReference(Reference):
     accelerations are the exact rates of what that gives.
     """
 
-    def __init__(self, motion: Motion, kinematics: QuaternionKinematics) -> None:
+    def __init__(self, motion: Motion, kinematics: Kinematics) -> None:
         self.kinematics, places = kinematics, kinematics.layout.v
         rates = kinematics.rates(motion.q, motion.v)
         # Rates of the rates: both turn with the base.
@@ -256,40 +233,6 @@ class PoseReference(Reference):
         return self.kinematics.motion(*super().__call__(time))
 
 
-class AngleKinematics(Kinematics):
-    """A base with Tait–Bryan angles: v holds the rates of q, and errors are differences."""
-
-    def __init__(self, layout: Layout) -> None:
-        super().__init__(layout)
-        self.sequence = layout.attitude
-        self.error_names = layout.q.names
-
-    def rotation(self, q: Array) -> Array:
-        """R (…, 3, 3), by the rotations of the three angles."""
-        return rotation_matrix(self.sequence, q[..., self.layout.q.attitude])
-
-    def _entries(self, rotation: Array) -> Array:
-        """Angles (s, 3); raises `SingularAttitudeError` where there are none."""
-        return np.unwrap(attitude_angles(self.sequence, rotation), axis=0)
-
-    def continued(self, last: Array, attitude: Array) -> Array:
-        """Angles (s, 3) with as many whole turns more as bring the first nearest to the last."""
-        whole: Array = 2.0 * np.pi * np.round((last - attitude[0]) / (2.0 * np.pi))
-        return attitude + whole
-
-    def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration (…, 3) of the position, which are entries of v and a."""
-        return velocity, acceleration
-
-    def kept(self, v: Array, turn: Array) -> Array:
-        """The same rates (nq): those of angles go on, not the angular velocity."""
-        return v
-
-    def reference(self, motion: Motion) -> Reference:
-        """Quintics of all coordinates."""
-        return Reference(motion)
-
-
 def kinematics_of(layout: Layout) -> Kinematics:
     """The kinematics of a base with angles, or with a quaternion; equal layouts share theirs."""
     return _of_layout(layout.attitude, layout.q.names, layout.q.units)
@@ -297,5 +240,4 @@ def kinematics_of(layout: Layout) -> Kinematics:
 
 @lru_cache(maxsize=64)
 def _of_layout(attitude: str, names: tuple[str, ...], units: tuple[str, ...]) -> Kinematics:
-    layout = Layout.listed(attitude, names, units, 0)
-    return QuaternionKinematics(layout) if layout.is_quaternion else AngleKinematics(layout)
+    return Kinematics(Layout.listed(attitude, names, units, 0))

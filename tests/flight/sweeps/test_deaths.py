@@ -16,6 +16,7 @@ import pytest
 
 from gibbs_codegen import UsageError, sweep, uniform
 from gibbs_codegen.flight.sweeps import chunks
+from gibbs_codegen.flight.sweeps.execution import Workers
 
 DEADLY = 0.063
 PARAMETERS = {
@@ -240,3 +241,15 @@ def test_workers_end_when_the_program_is_killed(robot, tmp_path):
     while any(Path(f"/proc/{each}").exists() for each in found):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="POSIX alone has masks")
+def test_ctrl_c_is_the_callers_while_workers_begin() -> None:
+    """Else a worker that is still importing would print a traceback; the caller hears it again."""
+    workers = Workers(1)
+    try:
+        held = workers.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+    finally:
+        workers.end()
+    assert signal.SIGINT in held
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
