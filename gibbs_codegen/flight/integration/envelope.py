@@ -219,7 +219,7 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
         return []
     q, around = _configurations(loop), loop.environment.around.walls
     frames = [frame for frame, _, _ in around]
-    places = loop.vehicle.frame_poses(q)[:, frames, :3, 3]
+    places = loop.vehicle.frame_poses(q)[..., :3, 3][:, frames]
     normals = np.empty_like(places)
     for k, (_, surface, count) in enumerate(around):
         figures, place = variable("figures", count, uniform=True), variable("place", 3)
