@@ -73,7 +73,7 @@ def module() -> Callable[[str], ModuleType]:
     """A random tree with rotors on links, with all derivatives."""
 
     def made(attitude: str) -> ModuleType:
-        robot = random_tree(7)
+        robot = random_tree(9)
         base = replace(robot.base, attitude=attitude)
         robot = replace(robot, name=f"arrays_{attitude}", base=base)
 
