@@ -56,19 +56,16 @@ class Fault(NamedTuple):
     def text(self, source: str) -> str:
         """The fault in one line, `source:line: key: message`, of a file."""
         place = source if self.line is None else f"{source}:{self.line}"
-        where = f"{place}: {_counted(self.path)}" if self.path else place
+
+        def number(found: re.Match[str]) -> str:
+            # What stands in quotes is a key of the file as it is.
+            if found[1] is None:
+                return found[0]
+            return f" {int(found[1]) + 1}" + (": " if found[2] else "")
+
+        path = re.sub(r"""\[(\d+)\](\.)?|['"].*""", number, self.path)
+        where = f"{place}: {path}" if self.path else place
         return f"{where}: {self.message}"
-
-
-def _counted(path: str) -> str:
-    """A key path that counts from 1; what stands in quotes is a key of the file as it is."""
-
-    def number(found: re.Match[str]) -> str:
-        if found[1] is None:
-            return found[0]
-        return f" {int(found[1]) + 1}" + (": " if found[2] else "")
-
-    return re.sub(r"""\[(\d+)\](\.)?|['"].*""", number, path)
 
 
 class RefusedFileError(GibbsCodegenError):
@@ -121,7 +118,10 @@ class SingularRobotError(GibbsCodegenError):
         self.robot = robot
         self.motions = tuple(motions)
         self.ill_conditioned = ill_conditioned
-        listed = [_listed(motion) for motion in self.motions[:_MOTIONS]]
+        listed = [
+            f"{', '.join(others)} and {last} moving together" if others else last
+            for *others, last in self.motions[:_MOTIONS]
+        ]
         if len(self.motions) > _MOTIONS:
             listed.append(f"and {len(self.motions) - _MOTIONS} more")
         what = "; ".join(listed)
@@ -146,13 +146,6 @@ class SingularRobotError(GibbsCodegenError):
     def joints(self) -> tuple[str, ...]:
         """Every coordinate of these degrees of freedom, once."""
         return tuple(dict.fromkeys(name for motion in self.motions for name in motion))
-
-
-def _listed(motion: Sequence[str]) -> str:
-    """Coordinates of one motion in words."""
-    if len(motion) == 1:
-        return motion[0]
-    return f"{', '.join(motion[:-1])} and {motion[-1]} moving together"
 
 
 class UsageError(GibbsCodegenError):

@@ -32,7 +32,19 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(words)
     path = Path(options.file)
     rotors = None if options.rotors is None else Path(options.rotors)
-    locks = _locked(options.lock)
+    locks: dict[str, float] = {}
+    for word in options.lock:
+        name, equals, text = word.rpartition("=")
+        if not equals:
+            name, text = word, "0"
+        try:
+            locks[name] = float(text)
+        except ValueError:
+            locks[name] = math.nan
+        if not abs(locks[name]) <= 1e6:
+            raise UsageError(
+                f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
+            )
     robot, findings = import_robot(
         path, ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
     )
@@ -76,21 +88,3 @@ def _check(
             table, dot, key = fault.path.partition(".")
             faults.append(Fault(named.get(table, table + dot) + key, fault.message))
         raise SourceFileError(options.file, faults) from None
-
-
-def _locked(words: Sequence[str]) -> dict[str, float]:
-    """Where joints are to be locked, by name."""
-    values = {}
-    for word in words:
-        name, equals, text = word.rpartition("=")
-        if not equals:
-            name, text = word, "0"
-        try:
-            values[name] = float(text)
-        except ValueError:
-            values[name] = math.nan
-        if not abs(values[name]) <= 1e6:
-            raise UsageError(
-                f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
-            )
-    return values

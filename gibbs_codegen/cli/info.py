@@ -317,7 +317,19 @@ def _print_report(model: Model, console: Console) -> None:
         print_table(_coordinate_table("Velocities v", model.description.velocities), console)
     print_table(_coordinate_table("Inputs u", model.description.inputs), console)
     if hybrid:
-        print_table(_row_table(data), console)
+        title = "\nRows of the hybrid system (eq. 18)"
+        table = plain_table(
+            title, "row", "unknown", "chains that add there", "inputs that act there"
+        )
+        rotors = data["rotors"]
+        thrusts = [entry["name"] for entry in data["inputs"][:rotors]]
+        for row in data["hybrid_rows"]:
+            acting = row["inputs"]
+            if rotors > 1 and acting[:rotors] == thrusts:
+                acting = ["all thrusts", *acting[rotors:]]
+            cells = (row["unknown"], _ranges(row["chains"]), ", ".join(acting) or "-")
+            table.add_row(str(row["row"]), *cells)
+        print_table(table, console)
         _print_pattern(robot, data, console)
     names = ("function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2")
     rows = [[name, *map(str, counts.values())] for name, counts in data["operations"].items()]
@@ -366,20 +378,6 @@ def _each(what: str, labels: Sequence[str], count: int, every: str) -> str:
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
     rows = ([str(i), c.name, c.unit, c.meaning] for i, c in enumerate(coordinates))
     return plain_table(f"\n{title}", "", "name", "unit", "meaning", rows=rows)
-
-
-def _row_table(data: dict[str, Any]) -> Table:
-    title = "\nRows of the hybrid system (eq. 18)"
-    table = plain_table(title, "row", "unknown", "chains that add there", "inputs that act there")
-    rotors = data["rotors"]
-    thrusts = [entry["name"] for entry in data["inputs"][:rotors]]
-    for row in data["hybrid_rows"]:
-        acting = row["inputs"]
-        if rotors > 1 and acting[:rotors] == thrusts:
-            acting = ["all thrusts", *acting[rotors:]]
-        cells = (row["unknown"], _ranges(row["chains"]), ", ".join(acting) or "-")
-        table.add_row(str(row["row"]), *cells)
-    return table
 
 
 def _ranges(numbers: Sequence[int]) -> str:

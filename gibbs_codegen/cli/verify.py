@@ -13,7 +13,6 @@ from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from gibbs_codegen.cli import robot_argument, terminal
@@ -98,11 +97,35 @@ def print_verification(verification: Verification, console: Console) -> None:
         others = [c for c in comparisons if c.against not in wide]
         title = f"{backend}: largest relative error of each function against …"
         for some in _fitting(wide, console.width):
-            console.print(_formulation_table(title, some))
+            table = plain_table(title, padding=(0, 2, 0, 0))
+            table.add_column("function", no_wrap=True, vertical="bottom")
+            for against in some:
+                table.add_column(
+                    _heading(against), justify="right", no_wrap=True, vertical="bottom"
+                )
+            functions = list(dict.fromkeys(what for rows in some.values() for what in rows))
+            for function in functions:
+                table.add_row(function, *(_cell(rows.get(function)) for rows in some.values()))
+            limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in some.values()]
+            counts = [str(max(c.states for c in rows.values())) for rows in some.values()]
+            table.add_row("limit", *limits, style="dim")
+            table.add_row("states", *counts, style="dim")
+            console.print(table)
             console.print()
             title = f"{backend}: … and against …"
         if others:
-            console.print(_invariant_table(backend, others))
+            table = plain_table(f"{backend}: other comparisons")
+            table.add_column("what", no_wrap=True)
+            table.add_column("against", overflow="fold")
+            for column in ("states", "error", "limit"):
+                table.add_column(column, justify="right")
+            for c in others:
+                limit = "exact" if c.limit == 0.0 else shown(c)[1]
+                states = str(c.states) if c.states else "-"
+                table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
+                if c.fault:
+                    table.add_row("", Text(c.fault, style="red"))
+            console.print(table)
             console.print()
     for what, reason in verification.not_done.items():
         console.print(Text(f"{what}: not compared: {reason}"))
@@ -141,36 +164,6 @@ def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
 def _heading(against: str) -> str:
     """A heading in short lines."""
     return textwrap.fill(against, 12, break_long_words=False)
-
-
-def _formulation_table(title: str, columns: Columns) -> Table:
-    table = plain_table(title, padding=(0, 2, 0, 0))
-    table.add_column("function", no_wrap=True, vertical="bottom")
-    for against in columns:
-        table.add_column(_heading(against), justify="right", no_wrap=True, vertical="bottom")
-    functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
-    for function in functions:
-        table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
-    limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in columns.values()]
-    states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
-    table.add_row("limit", *limits, style="dim")
-    table.add_row("states", *states, style="dim")
-    return table
-
-
-def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
-    table = plain_table(f"{backend}: other comparisons")
-    table.add_column("what", no_wrap=True)
-    table.add_column("against", overflow="fold")
-    for column in ("states", "error", "limit"):
-        table.add_column(column, justify="right")
-    for c in comparisons:
-        limit = "exact" if c.limit == 0.0 else shown(c)[1]
-        states = str(c.states) if c.states else "-"
-        table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
-        if c.fault:
-            table.add_row("", Text(c.fault, style="red"))
-    return table
 
 
 def _cell(comparison: Comparison | None) -> Text:

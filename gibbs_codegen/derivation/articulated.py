@@ -147,7 +147,11 @@ def articulated(
     their index, about the joint in the segment's own frame. Raises `ZeroPivotError` where one joint
     has no inertia to it.
     """
-    transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
+    transforms: list[Transform] = []
+    for k, segment in enumerate(tree.segments[1:], start=1):
+        turned = segment.parent == 0 and not root_turn(tree).is_identity
+        own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
+        transforms.append([*own, *tree.transform_in(tape, k)])
     joints: list[SolvedJoint] = []
     felt: list[ArticulatedBody] = []
     received = [ArticulatedBody(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
@@ -263,11 +267,3 @@ def root_turn(tree: SegmentTree) -> Rotation:
         if not first.starts_group and first.step == ZERO:
             return first.rotation
     return NO_ROTATION
-
-
-def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
-    """From segment k's working frame to its parent's, or to where the root's system is solved."""
-    segment = tree.segments[k]
-    turned = segment.parent == 0 and not root_turn(tree).is_identity
-    own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
-    return [*own, *tree.transform_in(tape, k)]

@@ -223,7 +223,16 @@ def convected_perturbations(
         is_revolute = segment.joint == "revolute"
         with tape.group(f"changes of {segment.joint_name} and of its rate"):
             angle, rate = _changes(tape, is_revolute, motions[k], doubled[k], carried)
-            moving = _moving_along(tape, is_revolute, felt, carried)
+            # What moves with the coordinate of the wrench on all that the joint carries: a revolute
+            # joint turns the wrench; otherwise its point moves.
+            wrench = []
+            for row, p in zip(felt.inertia.rows, felt.load.entries, strict=True):
+                pairs = zip(row, carried.entries, strict=True)
+                wrench.append(tape.let(sp.Add(*(tape.let(times(e, a)) for e, a in pairs)) - p))
+            (f_x, f_y, _, n_x, n_y, _), zero = wrench, sp.S.Zero
+            moving = [-f_y, f_x, zero, -n_y, n_x, zero]
+            if not is_revolute:
+                moving = [zero, zero, zero, -f_y, f_x, zero]
             parts = (joint, felt, coupling)
             changes: dict[Kind, Perturbation] = {
                 "coordinate": _perturbation(tape, *parts, *angle, -own.stiffness, moving),
@@ -255,24 +264,6 @@ def _changes(
     angle = Acceleration(linear, axis_acceleration())
     rate = Acceleration(tape.cross(doubled.linear, _E), twice_turning)
     return [(angle, turning), (rate, _E)]
-
-
-def _moving_along(
-    tape: Scalars, is_revolute: bool, felt: ArticulatedBody, carried: Acceleration
-) -> list[sp.Expr]:
-    """What moves with the joint (6) of the wrench on all that it carries.
-
-    A revolute joint turns the wrench; otherwise its point moves. `carried` is the joint's
-    acceleration without its own.
-    """
-    wrench = []
-    for row, p in zip(felt.inertia.rows, felt.load.entries, strict=True):
-        pairs = zip(row, carried.entries, strict=True)
-        wrench.append(tape.let(sp.Add(*(tape.let(times(e, a)) for e, a in pairs)) - p))
-    (f_x, f_y, _, n_x, n_y, _), zero = wrench, sp.S.Zero
-    if is_revolute:
-        return [-f_y, f_x, zero, -n_y, n_x, zero]
-    return [zero, zero, zero, -f_y, f_x, zero]
 
 
 def _perturbation(
@@ -383,25 +374,43 @@ class ArticulatedDerivatives:
 
     def _pass_joint(self, k: int) -> None:
         """Carry all columns of the parent over a joint, and begin those of the joint."""
-        tape, segment = self._tape, self._tree.segments[k]
+        tape, segment, transform = self._tape, self._tree.segments[k], self._transform(k)
         name, at_parent = segment.joint_name, self._at[segment.parent]
         before = dict(sorted(at_parent.items(), key=lambda item: _KINDS.index(item[0][0])))
         self._at.append({})
         with tape.group(f"turning of what {name} carries"):
-            turning = {key: self._turned(k, column.turning) for key, column in before.items()}
+            turning = {key: column.turning for key, column in before.items()}
+            for key in turning:
+                for step in reversed(transform):
+                    if isinstance(step, Rotation):
+                        turning[key] = step.inverse.vector(tape, turning[key])
             for vector in turning.values():
                 self._share(k, vector)
         for key, column in before.items():
             with tape.group(f"response of {name} to what is before it"):
-                arriving = column.acceleration.passed_out(tape, self._transform(k))
+                arriving = column.acceleration.passed_out(tape, transform)
                 if key[0] in ("wrench", "effort"):
                     self._receive(k, key, arriving)
                 self._push(k, key, arriving, turning[key])
+        # What an effort at the joint and its changes do to the parent, with ψ of the changes.
         with tape.group(f"responses to {name}, at its parent"):
-            begun = self._begun(k)
+            joint, changes = self._articulation.joints[k - 1], self._changes[k - 1].changes
+            wrenches: dict[Kind, Values] = {"effort": joint.ratios}
+            wrenches |= {kind: change.wrench for kind, change in changes.items()}
+            if self._by_inertia:
+                rows = passed_out(tape, self._inertias[segment.parent], transform)
+                begun = {kind: response(tape, rows, wrench) for kind, wrench in wrenches.items()}
+                self._inertias.append(with_joint(tape, joint, rows))
+            else:
+                begun = {
+                    kind: self._reached(segment.parent, (kind, k)).passed_out(tape, transform)
+                    for kind in wrenches
+                }
+            for kind, change in changes.items():
+                begun[kind] = begun[kind].plus(tape, change.acceleration)
         with tape.group(f"responses of {name} to itself"):
             self._push(k, ("effort", k), begun["effort"], ZERO, sp.S.One)
-            for kind, change in self._changes[k - 1].changes.items():
+            for kind, change in changes.items():
                 self._push(k, (kind, k), begun[kind], change.turning, change.effort)
 
     def _push(
@@ -449,29 +458,6 @@ class ArticulatedDerivatives:
             else:
                 self._joints[(kind, k), key[1]] = entry
 
-    def _begun(self, k: int) -> dict[Kind, Acceleration]:
-        """What an effort at joint k and its changes do to the parent, with ψ of the changes.
-
-        They are at the joint, in the segment's working frame.
-        """
-        tape, joint = self._tape, self._articulation.joints[k - 1]
-        parent, transform = self._tree.segments[k].parent, self._transform(k)
-        changes = self._changes[k - 1].changes
-        wrenches: dict[Kind, Values] = {"effort": joint.ratios}
-        wrenches |= {kind: change.wrench for kind, change in changes.items()}
-        if self._by_inertia:
-            rows = passed_out(tape, self._inertias[parent], transform)
-            found = {kind: response(tape, rows, wrench) for kind, wrench in wrenches.items()}
-            self._inertias.append(with_joint(tape, joint, rows))
-        else:
-            found = {
-                kind: self._reached(parent, (kind, k)).passed_out(tape, transform)
-                for kind in wrenches
-            }
-        for kind, change in changes.items():
-            found[kind] = found[kind].plus(tape, change.acceleration)
-        return found
-
     def _reached(self, k: int, key: Key) -> Acceleration:
         """What a column does to a segment that it is not carried to, by what it does to the joints.
 
@@ -485,13 +471,6 @@ class ArticulatedDerivatives:
         entries = self._reached(segment.parent, key).passed_out(tape, self._transform(k)).entries
         entries[segment.direction] = tape.let(entries[segment.direction] + self._joints[key, k])
         return Acceleration.of(entries)
-
-    def _turned(self, k: int, turning: Vector) -> Vector:
-        """A vector of the parent's frame in the working frame of a segment."""
-        for step in reversed(self._transform(k)):
-            if isinstance(step, Rotation):
-                turning = step.inverse.vector(self._tape, turning)
-        return turning
 
     def _transform(self, k: int) -> Transform:
         return self._articulation.transforms[k - 1]

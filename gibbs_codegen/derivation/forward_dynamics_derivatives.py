@@ -88,10 +88,27 @@ class BaseColumns:
         symbolic, tape = self.symbolic, self.symbolic.tape
         state = replace(symbolic.base_state, accelerations=accelerations)
         with tape.group("columns of attitude and position and of their velocities"):
-            turning, linear = (
-                self._turning(),
-                forward_dynamics.at_origin(symbolic, self.acceleration),
-            )
+            # Of r̈ of the origin, dω/dt and the joints for a change of each component of ω, in the
+            # root's group frame.
+            origin, _ = self._solved
+            columns = []
+            for k in range(3):
+                unit, column = axis_vector(k), self.columns.column("turning", k)
+                angular = tape.add(tuple(column[3:6]), tape.cross(unit, self.omega))
+                root = Acceleration(tuple(column[:3]), angular).passed_out(tape, [origin])
+                swung = tape.add(
+                    tape.cross(unit, tape.cross(self.omega, origin)),
+                    tape.cross(self.omega, tape.cross(unit, origin)),
+                )
+                columns.append([*tape.add(root.linear, swung), *angular, *column[6:]])
+            rows = tuple(zip(*columns, strict=True))
+            linear_rows, angular_rows, joints = rows[:3], rows[3:6], rows[6:]
+            for turn in self.articulation.root_turns:
+                linear_rows = rotated_block(tape, turn, linear_rows)
+                angular_rows = rotated_block(tape, turn, angular_rows)
+                joints = tuple(turn.vector(tape, row) for row in joints)
+            turning = list(zip(*linear_rows, *angular_rows, *joints, strict=True))
+            linear = forward_dynamics.at_origin(symbolic, self.acceleration)
             return symbolic.root.state_columns(tape, turning, linear, state)
 
     def by_rotors(self) -> list[Values]:
@@ -150,30 +167,6 @@ class BaseColumns:
                     wrench = Wrench.of(unit).shifted(tape, mounted.position)
                     columns.append(self._by_wrench(k, wrench))
         return columns
-
-    def _turning(self) -> list[Values]:
-        """Columns of r̈ of the origin, dω/dt and the joints for a change of each component of ω.
-
-        They are in the root's group frame.
-        """
-        tape, (origin, _) = self.symbolic.tape, self._solved
-        columns = []
-        for k in range(3):
-            unit, column = axis_vector(k), self.columns.column("turning", k)
-            angular = tape.add(tuple(column[3:6]), tape.cross(unit, self.omega))
-            root = Acceleration(tuple(column[:3]), angular).passed_out(tape, [origin])
-            swung = tape.add(
-                tape.cross(unit, tape.cross(self.omega, origin)),
-                tape.cross(self.omega, tape.cross(unit, origin)),
-            )
-            columns.append([*tape.add(root.linear, swung), *angular, *column[6:]])
-        rows = tuple(zip(*columns, strict=True))
-        linear, angular_rows, joints = rows[:3], rows[3:6], rows[6:]
-        for turn in self.articulation.root_turns:
-            linear = rotated_block(tape, turn, linear)
-            angular_rows = rotated_block(tape, turn, angular_rows)
-            joints = tuple(turn.vector(tape, row) for row in joints)
-        return list(zip(*linear, *angular_rows, *joints, strict=True))
 
     @cached_property
     def _solved(self) -> tuple[Vector, Conversion]:

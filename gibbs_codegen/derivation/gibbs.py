@@ -91,7 +91,27 @@ def link_partials() -> Partials:
 @cache
 def link_partials_by_gradient() -> Partials:
     """𝒮 and ℛ in r̈ and the acceleration gradient A, collected by the link's inertia."""
-    partials = [_by_gradient(partial) for partial in _partials()]
+    # ω̇ and the products ω_iω_j, by their powers, in terms of the entries of A.
+    w, w_dot, a = _polynomials(OMEGA), _polynomials(OMEGA_DOT), list(map(_polynomials, GRADIENT))
+    back = {_RING.one: _RING.one}
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        back[w_dot[i]] = (a[k][j] - a[j][k]) / 2
+        back[w[j] * w[k]] = (a[k][j] + a[j][k]) / 2
+        back[w[i] ** 2] = (a[i][i] - a[j][j] - a[k][k]) / 2
+    gradients = {moving.LM[: len(_TURNING)]: gradient for moving, gradient in back.items()}
+    size = len(_TURNING)
+    still = (0,) * size
+    partials = []
+    for partial in _partials():
+        rewritten = _RING.zero
+        for powers, factor in partial.terms():
+            rewritten += _RING({(*still, *powers[size:]): factor}) * gradients[powers[:size]]
+        collected = [
+            symbol * rewritten.diff(_POLYNOMIALS[symbol]).as_expr()  # It is linear in the inertia.
+            for symbol in _INERTIA
+        ]
+        partials.append(sp.Add(*collected))
     return Partials(tuple(partials[:3]), tuple(partials[3:]))
 
 
@@ -108,20 +128,6 @@ def evaluated(expression: sp.Expr, values: Mapping[sp.Expr, sp.Expr]) -> sp.Expr
             return value
         parts.append(value)
     return expression.func(*parts)
-
-
-def _by_gradient(partial: PolyElement) -> sp.Expr:
-    """A partial with A for ω̇ and the products of ω, collected by the link's inertia."""
-    back, size = _motion_by_gradient(), len(_TURNING)
-    still = (0,) * size
-    rewritten = _RING.zero
-    for powers, factor in partial.terms():
-        rewritten += _RING({(*still, *powers[size:]): factor}) * back[powers[:size]]
-    collected = [
-        symbol * rewritten.diff(_POLYNOMIALS[symbol]).as_expr()  # It is linear in the inertia.
-        for symbol in _INERTIA
-    ]
-    return sp.Add(*collected)
 
 
 def _polynomials(symbols: Sequence[sp.Symbol]) -> list[PolyElement]:
@@ -142,15 +148,3 @@ def link_mass_block() -> sp.Matrix:
     directions = _polynomials((*ACCELERATION, *OMEGA_DOT))
     partials = _partials()
     return sp.Matrix([[p.diff(d).as_expr() for d in directions] for p in partials])
-
-
-def _motion_by_gradient() -> dict[tuple[int, ...], PolyElement]:
-    """ω̇ and the products ω_iω_j, by their powers, in terms of the entries of A."""
-    w, w_dot, a = _polynomials(OMEGA), _polynomials(OMEGA_DOT), list(map(_polynomials, GRADIENT))
-    back = {_RING.one: _RING.one}
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        back[w_dot[i]] = (a[k][j] - a[j][k]) / 2
-        back[w[j] * w[k]] = (a[k][j] + a[j][k]) / 2
-        back[w[i] ** 2] = (a[i][i] - a[j][j] - a[k][k]) / 2
-    return {moving.LM[: len(_TURNING)]: gradient for moving, gradient in back.items()}

@@ -83,11 +83,7 @@ class Inertia:
         """The same in another frame, to which `rotation` takes components: C' = RC, E' = RERᵀ."""
         if rotation.is_identity:
             return self
-        return Inertia(
-            self.mass, rotation.vector(tape, self.moment), self._second_rotated(tape, rotation)
-        )
-
-    def _second_rotated(self, tape: Scalars, rotation: Rotation) -> SecondMoments:
+        moment = rotation.vector(tape, self.moment)
         r, (p, q) = rotation.axis, rotation.plane
         c, s = rotation.cos, rotation.sin
         pp, qq, pq = self.entry(p, p), self.entry(q, q), self.entry(p, q)
@@ -103,8 +99,7 @@ class Inertia:
             turned[_index(p, p)] = tape.let(pp - s * w)
             turned[_index(q, q)] = tape.let(qq + s * w)
             turned[_index(p, q)] = tape.let(c * w - pq)
-        xx, yy, zz, xy, xz, yz = (turned[i] for i in range(6))
-        return (xx, yy, zz, xy, xz, yz)
+        return Inertia(self.mass, moment, tuple(turned[i] for i in range(6)))
 
     def shifted(self, tape: Scalars, arm: Vector) -> Inertia:
         """The inertia about another point: C' = C + B₀r and E' = E + rCᵀ + Crᵀ + B₀rrᵀ.

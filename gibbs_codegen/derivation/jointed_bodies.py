@@ -110,7 +110,26 @@ def framed(
             link = replace(link, step=(link.step[0] + x, y, z))
         else:
             with tape.group("angles and places of the joints", Stage.PARAMETER):
-                link, frame = _turned(tape, placed, turn, parent, k)
+                gamma, alpha, beta = euler_zxz(
+                    product(parent.turn, product(placed.pose.turn, turn))
+                )
+                x, y, z = applied(turn_about(Z, -gamma), parent.point(tape, placed.pose.origin))
+                cos, sin = cos_sin_deg(alpha)
+                slide = sp.S.Zero
+                if sin == 0:
+                    slide, z = -cos * z, sp.S.Zero
+                elif y != 0 and abs(sin) > _LEAST_SINE:
+                    slide, y, z = y / sin, sp.S.Zero, z + y * cos / sin
+                frame = BodyFrame(k, back(turn), axis_vector(Z, -tape.let(slide)))
+                link = replace(
+                    link,
+                    inertia=frame.inertia(tape, link.inertia),
+                    turn_deg=gamma,
+                    step=(x, y, z),
+                    d=sp.S.Zero,
+                    alpha_deg=alpha,
+                    theta_deg=beta,
+                )
         jointed.append(link)
         frames.append(frame)
     return jointed, frames
@@ -138,35 +157,6 @@ def _turns(links: Sequence[PlacedLink]) -> list[Turn | None]:
             turn = product(turn, turn_about(Z, gamma))
         turns.append(turn)
     return turns
-
-
-def _turned(
-    tape: Scalars, placed: PlacedLink, turn: Turn, parent: BodyFrame, segment: int
-) -> tuple[JointedLink, BodyFrame]:
-    """A link in a frame of its own, and where the file's frame is in that.
-
-    `turn` are its own axes in the file's; `parent` says where the file's frame of its parent is in
-    the parent's own.
-    """
-    gamma, alpha, beta = euler_zxz(product(parent.turn, product(placed.pose.turn, turn)))
-    x, y, z = applied(turn_about(Z, -gamma), parent.point(tape, placed.pose.origin))
-    cos, sin = cos_sin_deg(alpha)
-    slide = sp.S.Zero
-    if sin == 0:
-        slide, z = -cos * z, sp.S.Zero
-    elif y != 0 and abs(sin) > _LEAST_SINE:
-        slide, y, z = y / sin, sp.S.Zero, z + y * cos / sin
-    frame = BodyFrame(segment, back(turn), axis_vector(Z, -tape.let(slide)))
-    link = replace(
-        placed.link,
-        inertia=frame.inertia(tape, placed.link.inertia),
-        turn_deg=gamma,
-        step=(x, y, z),
-        d=sp.S.Zero,
-        alpha_deg=alpha,
-        theta_deg=beta,
-    )
-    return link, frame
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,17 @@ def massless_motions(robot: Robot) -> list[Motion]:
     """
     found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
     fewest = min(found, key=len)
-    return list(dict.fromkeys(_named(robot, motion) for motion in fewest))
+    description = Description(robot)
+    q, joints = description.layout.q, description.layout.v.joint_places
+    named: dict[Motion, None] = {}
+    for motion in fewest:
+        names = [description.coordinate_text(joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
+        if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
+            names.append(f"the attitude ({', '.join(q.names[q.attitude])})")
+        elif any(k < 3 for k in motion):
+            names.append(f"the position ({', '.join(q.names[q.position])})")
+        named[tuple(names)] = None
+    return list(named)
 
 
 def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
@@ -141,18 +151,6 @@ def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
             pairs = zip(independent, np.abs(shares), strict=True)
             motions.append([k, *(i for i, share in reversed(list(pairs)) if share > _NO_SHARE)])
     return motions
-
-
-def _named(robot: Robot, motion: list[int]) -> Motion:
-    """Names of the coordinates of a motion of the base's twist and the joints."""
-    description = Description(robot)
-    q, joints = description.layout.q, description.layout.v.joint_places
-    names = [description.coordinate_text(joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
-    if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
-        return (*names, f"the attitude ({', '.join(q.names[q.attitude])})")
-    if any(k < 3 for k in motion):
-        return (*names, f"the position ({', '.join(q.names[q.position])})")
-    return tuple(names)
 
 
 def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:

@@ -246,40 +246,28 @@ def joint_velocities(
     rates: Values,
 ) -> list[JointVelocity]:
     """2V of all joints; `before` and `motions` are the segments' before and after joints move."""
-    velocities = [JointVelocity(ZERO, ZERO)]
+    velocities, two = [JointVelocity(ZERO, ZERO)], sp.Integer(2)
     for k, segment in enumerate(tree.segments[1:], start=1):
         with tape.group(f"velocity of {segment.joint_name}"):
             parent = velocities[segment.parent].after
-            velocity = after = _passed_out(
-                tape, tree, k, (motions[segment.parent].omega, before[k].omega), parent
-            )
+            omega = motions[segment.parent].omega
+            if segment.starts_group:
+                omega = segment.turn.inverse.vector(tape, omega)
+                velocity = segment.turn.inverse.vector(tape, parent)
+                velocity = tape.add(velocity, tape.cross(omega, tape.scale(two, segment.step)))
+                velocity = segment.twist.inverse.vector(tape, velocity)
+                along = axis_vector(Z, tape.let(2 * segment.d))
+                velocity = tape.add(velocity, tape.cross(before[k].omega, along))
+            else:
+                arm = tree.step_in_group(tape, k)
+                velocity = tape.add(parent, tape.cross(tape.scale(two, omega), arm))
+            after = velocity
             if segment.joint == "prismatic":
                 after = tape.add(velocity, axis_vector(Z, tape.let(2 * rates[k])))
             if tree.works_in_own_frame(k):
                 after = segment.rotation.inverse.vector(tape, after)
         velocities.append(JointVelocity(velocity, after))
     return velocities
-
-
-def _passed_out(
-    tape: Scalars, tree: SegmentTree, k: int, turning: tuple[Vector, Vector], velocity: Vector
-) -> Vector:
-    """2V of joint k ≥ 1 before it moves, in the group frame of segment k, from its parent's (m/s).
-
-    `turning` is ω of the parent in its working frame and in that group frame (rad/s); `velocity` is
-    2V of the parent in its working frame.
-    """
-    segment, two = tree.segments[k], sp.Integer(2)
-    omega, omega_in_group = turning
-    if not segment.starts_group:
-        arm = tree.step_in_group(tape, k)
-        return tape.add(velocity, tape.cross(tape.scale(two, omega), arm))
-    omega = segment.turn.inverse.vector(tape, omega)
-    velocity = segment.turn.inverse.vector(tape, velocity)
-    velocity = tape.add(velocity, tape.cross(omega, tape.scale(two, segment.step)))
-    velocity = segment.twist.inverse.vector(tape, velocity)
-    along = axis_vector(Z, tape.let(2 * segment.d))
-    return tape.add(velocity, tape.cross(omega_in_group, along))
 
 
 def subtree_moments(

@@ -76,7 +76,19 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     names = dict(base[:first])
     names |= _joint_names(symbolic, chain)
     names |= base[first:]
-    names |= _input_names(symbolic, chain)
+    # What acts: thrusts of rods by the item, others by the rotor.
+    acting = symbolic.description.inputs
+    for k in chain.motors:
+        index = str(k)
+        if k <= robot.base.rotors:
+            index = f"{chain.number},{3 if k == 1 else 5}"
+        meaning = f"{acting[k - 1].meaning} (N)"
+        names[symbolic.u[k - 1]] = name("F", index, Kind.INPUT, meaning)
+    for item, i in enumerate(jointed_links(robot, chain), start=4):
+        if i in robot.moving and i in chain.own:
+            place = robot.rotors + robot.moving.index(i)
+            meaning = f"{acting[place].meaning} ({acting[place].unit})"
+            names[symbolic.u[place]] = name("tau", f"{chain.number},{item}", Kind.INPUT, meaning)
     names |= _parameter_names(robot, symbolic.parameters)
     for k in (k for k in chain.motors if k <= robot.base.rotors):
         for axis, component in zip("xyz", robot.base.thrust[k - 1], strict=True):
@@ -154,22 +166,6 @@ def _joint_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Sym
         symbols = (symbolic.q[q], symbolic.v[v], symbolic.a[v])
         letter = _letter(robot, arm - robot.rotors)
         yield from _moving(symbols, letter, index, entry.meaning, entry.unit)
-
-
-def _input_names(symbolic: SymbolicRobot, chain: Chain) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of what acts in a chain: thrusts of rods by the item, others by the rotor."""
-    robot, acting = symbolic.robot, symbolic.description.inputs
-    for k in chain.motors:
-        index = str(k)
-        if k <= robot.base.rotors:
-            index = f"{chain.number},{3 if k == 1 else 5}"
-        meaning = f"{acting[k - 1].meaning} (N)"
-        yield symbolic.u[k - 1], name("F", index, Kind.INPUT, meaning)
-    for item, i in enumerate(jointed_links(robot, chain), start=4):
-        if i in robot.moving and i in chain.own:
-            place = robot.rotors + robot.moving.index(i)
-            meaning = f"{acting[place].meaning} ({acting[place].unit})"
-            yield symbolic.u[place], name("tau", f"{chain.number},{item}", Kind.INPUT, meaning)
 
 
 def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.Symbol, Name]]:

@@ -54,22 +54,21 @@ class Definitions:
         """A value in names, and numbered quantities, which are defined as need be."""
         symbols = _symbols(value)
         for symbol in symbols:
-            if symbol in self._tape.statements and symbol not in self._values:
-                self._values[symbol] = self._read(symbol)
+            statement = self._tape.statements.get(symbol)
+            if statement is None or symbol in self._values:
+                continue
+            if isinstance(statement, (sp.sin, sp.cos)):
+                self._values[symbol] = self._angle(statement)
+                continue
+            found = self.expression(statement)
+            leaves = _count_leaves(found)
+            if leaves > _LONG or (leaves > _SHORT and self._readers[symbol] > 1):
+                self._numbered += 1
+                numbered = sp.Symbol(f"h_{self._numbered}")
+                self.made.append((numbered, found))
+                found = numbered
+            self._values[symbol] = found
         return value.xreplace({symbol: self._values.get(symbol, symbol) for symbol in symbols})
-
-    def _read(self, symbol: sp.Symbol) -> sp.Expr:
-        statement = self._tape.statements[symbol]
-        if isinstance(statement, (sp.sin, sp.cos)):
-            return self._angle(statement)
-        expression = self.expression(statement)
-        leaves = _count_leaves(expression)
-        if leaves <= _SHORT or (self._readers[symbol] < 2 and leaves <= _LONG):
-            return expression
-        self._numbered += 1
-        numbered = sp.Symbol(f"h_{self._numbered}")
-        self.made.append((numbered, expression))
-        return numbered
 
     def _angle(self, expression: sp.Expr) -> sp.Expr:
         """A sine or cosine, whose angle is never a numbered quantity."""

@@ -35,6 +35,7 @@ class Page:
 
     dialect = typeset.TEXT
     between = "\n\n"  # What parts of the page are joined by.
+    opening = "{}"  # What comes first, with the robot and the chain; without it no introduction.
 
     def __init__(self, equations: Sequence[ChainEquation], width: int) -> None:
         if len({(equation.robot, equation.chain) for equation in equations}) != 1:
@@ -44,13 +45,19 @@ class Page:
         for equation in equations:
             self._names |= equation.names
         self._writer = typeset.Writer(self._names, self.dialect)
+        self.is_latex = self.dialect is typeset.LATEX
 
     def document(self) -> str:
         """The equations, one after the other, and the legend."""
-        blocks = self._opening(f"{self._equations[0].robot}, chain {self._equations[0].chain}")
+        blocks = self._introduction() if self.opening else []
         for equation in self._equations:
             title = f"Equation {equation.number}: {equation.title}"
-            blocks.append([*self._heading(title), *self._form(equation)])
+            if equation.number == 15:
+                form = self._motion(equation)
+            else:  # The paper's own.
+                own = FORMS[equation.number]
+                form = [filled_form(own.latex if self.is_latex else own.text, equation)]
+            blocks.append([*self._heading(title), *self._display(form)])
             if not equation.closed:
                 rest = f" {AT_REST}" if equation.number == 15 else ""
                 blocks.append(self._remark(f"{WHY_DEFINITIONS}{rest}"))
@@ -67,8 +74,9 @@ class Page:
         return self.between.join("\n".join(block) for block in blocks) + "\n"
 
     def _introduction(self) -> list[list[str]]:
-        """What the columns of eq. 15 are, and the table of frames."""
-        blocks = []
+        """The robot and the chain, what the columns of eq. 15 are, and the table of frames."""
+        head = f"{self._equations[0].robot}, chain {self._equations[0].chain}"
+        blocks = [[self.opening.format(head)]]
         if any(equation.number == 15 for equation in self._equations):
             blocks.append(self._remark(COLUMNS))
         if frames := next((e.frames for e in self._equations if e.frames), ()):
@@ -79,23 +87,12 @@ class Page:
             blocks.append(self._table(rows))
         return blocks
 
-    def _opening(self, head: str) -> list[list[str]]:
-        return [[head], *self._introduction()]
-
     def _table(self, rows: list[list[str]]) -> list[str]:
         widths = [max(map(typeset.text_width, column)) + 2 for column in zip(*rows, strict=True)]
         return ["".join(map(_padded, row, widths)).rstrip() for row in rows]
 
     def _heading(self, title: str) -> list[str]:
         return [title, "-" * len(title)]
-
-    def _form(self, equation: ChainEquation) -> list[str]:
-        """The equation in the paper's own form."""
-        if equation.number == 15:
-            return self._display(self._motion(equation))
-        form = FORMS[equation.number]
-        text = form.latex if self.dialect is typeset.LATEX else form.text
-        return self._display([filled_form(text, equation)])
 
     def _display(self, rows: Iterable[str]) -> list[str]:
         return [*rows]
@@ -124,10 +121,17 @@ class Page:
     def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
         lines = []
         for symbol, value in definitions:
-            left, ((_, first), *rest) = self._broken(symbol, value)
-            lines.append(f"{left} = {first}")
-            lines += [f"{' ' * (4 + 4 * depth)}{line}" for depth, line in rest]
-        return lines
+            left = self.dialect.symbol(self._names[symbol])
+            room = self.width - self.dialect.visible(left) - 3
+            terms = self._writer.terms(value)
+            if not self.is_latex:
+                terms = [self._cut(term) for term in terms]
+            (_, first), *rest = typeset.filled(terms, room, self.width - 8, self.dialect.visible)
+            lines.append(f"{left} {'&=' if self.is_latex else '='} {first}")
+            for depth, line in rest:
+                indent = f"&\\q{'q' * depth}uad {{}}" if self.is_latex else " " * (4 + 4 * depth)
+                lines.append(f"{indent}{line}")
+        return self._display(lines)
 
     def _coupling(self, rows: list[list[str]]) -> list[str]:
         return [f"{a:<6}{_padded(b, 16)}{_padded(c, 22)}{d:>3}".rstrip() for a, b, c, d in rows]
@@ -149,13 +153,6 @@ class Page:
         """An entry of a matrix or a vector: a symbol or a number."""
         return self.dialect.symbol(self._names[entry]) if entry.is_Symbol else str(entry)
 
-    def _broken(self, symbol: sp.Symbol, value: sp.Expr) -> tuple[str, list[tuple[int, str]]]:
-        """The left side of a definition, and the right side in lines with their depths."""
-        left = self.dialect.symbol(self._names[symbol])
-        room = self.width - self.dialect.visible(left) - 3
-        terms = [self._cut(term) for term in self._writer.terms(value)]
-        return left, typeset.filled(terms, room, self.width - 8, self.dialect.visible)
-
     def _cut(self, term: list[str]) -> list[str]:
         """A term in pieces that fit on a line: long products are cut before a sign of these."""
         pieces = []
@@ -174,7 +171,6 @@ class Page:
 
         Symbols of one meaning share an entry.
         """
-        is_latex = self.dialect is typeset.LATEX
         grouped: dict[str, list[str]] = {}
         for entry in _explained(self._equations):
             grouped.setdefault(entry.meaning, []).append(self.dialect.symbol(entry))
@@ -182,15 +178,25 @@ class Page:
         for index, angle in sorted(self._writer.angles.items()):
             symbols = [f"{letter}{self.dialect.index(index)}" for letter in "sc"]
             written = self._writer.angle(angle)
-            written = f"${written}$" if is_latex else written
+            written = f"${written}$" if self.is_latex else written
             entries.append((symbols, f"sine and cosine of {written}"))
         if any(name.kind is typeset.Kind.STEP for name in self._names.values()):
             steps = [self.dialect.index(k) for k in "12"]
             meaning = "intermediate results, numbered anew in each equation"
             entries.append(([f"h{k}" for k in steps], meaning))
         known = {symbol for symbols, _ in entries for symbol in symbols}
-        for latex, text, meaning in dict.fromkeys(_form_legend(self._equations)):
-            symbol = latex if is_latex else text
+        forms = []
+        for equation in self._equations:
+            forms += [
+                (filled_form(latex, equation), filled_form(text, equation), meaning)
+                for latex, text, meaning in FORMS[equation.number].legend
+            ]
+            for index, place in zip(held_indices(equation), equation.held, strict=True):
+                if equation.matrix:
+                    meaning = f"unit column with a 1 in row {place + 1}, for a constrained joint"
+                    forms.append((rf"\zeta_{{{index}}}", f"ζ_{{{index}}}", meaning))
+        for latex, text, meaning in dict.fromkeys(forms):
+            symbol = latex if self.is_latex else text
             if symbol not in known:
                 entries.append(([symbol], meaning))
         return [
@@ -200,21 +206,6 @@ class Page:
             )
             for symbols, meaning in entries
         ]
-
-
-def _form_legend(equations: Sequence[ChainEquation]) -> list[tuple[str, str, str]]:
-    """Symbols of the paper's own forms: LaTeX, text and meaning."""
-    entries = []
-    for equation in equations:
-        entries += [
-            (filled_form(latex, equation), filled_form(text, equation), meaning)
-            for latex, text, meaning in FORMS[equation.number].legend
-        ]
-        for index, place in zip(held_indices(equation), equation.held, strict=True):
-            if equation.matrix:
-                meaning = f"unit column with a 1 in row {place + 1}, for a constrained joint"
-                entries.append((rf"\zeta_{{{index}}}", f"ζ_{{{index}}}", meaning))
-    return entries
 
 
 def filled_form(form: str, equation: ChainEquation) -> str:
@@ -251,13 +242,7 @@ class LatexPage(Page):
 
     dialect = typeset.LATEX
     between = "\n"  # A display after a blank line would begin a paragraph.
-
-    def _opening(self, head: str) -> list[list[str]]:
-        needed = "Needs \\usepackage{amsmath}; long displays want \\allowdisplaybreaks."
-        return [[f"% {head}. {needed}"], *self._introduction()]
-
-    def _cut(self, term: list[str]) -> list[str]:
-        return term
+    opening = "% {}. Needs \\usepackage{{amsmath}}; long displays want \\allowdisplaybreaks."
 
     def _coupling(self, rows: list[list[str]]) -> list[str]:
         return self._table(rows)
@@ -309,14 +294,6 @@ class LatexPage(Page):
     def _remark(self, text: str) -> list[str]:
         return textwrap.wrap(text, 100)
 
-    def _definitions(self, definitions: Iterable[Definition]) -> list[str]:
-        rows = []
-        for symbol, value in definitions:
-            left, ((_, first), *rest) = self._broken(symbol, value)
-            rows.append(f"{left} &= {first}")
-            rows += [f"&\\q{'q' * depth}uad {{}}{line}" for depth, line in rest]
-        return self._display(rows)
-
     def _legend(self, entries: Iterable[LegendEntry]) -> list[str]:
         return [";\n".join(_explanations(entries)) + "."]
 
@@ -325,9 +302,7 @@ class MarkdownPage(LatexPage):
     """A page in Markdown with MathJax."""
 
     between = Page.between
-
-    def _opening(self, head: str) -> list[list[str]]:
-        return []
+    opening = ""
 
     def _heading(self, title: str) -> list[str]:
         return [f"**{title}**", ""]
@@ -343,21 +318,18 @@ class MarkdownPage(LatexPage):
         return [f"- {text}" for text in _explanations(entries)]
 
 
-def _escaped(meaning: str) -> str:
-    """Plain words with a few symbols as LaTeX text; formulas stand between dollars already."""
-    parts = meaning.split("$")
-    for i in range(0, len(parts), 2):
-        text = re.sub(r"\b([A-Z]_\d)(?: \+ ([A-Z]_\d))?", lambda m: f"${m[0]}$", parts[i])
-        parts[i] = text.replace("²", "$^2$").replace("°", r"$^{\circ}$").replace("−", "$-$")
-    return "".join(p if i % 2 == 0 else f"${p}$" for i, p in enumerate(parts))
-
-
 def _explanations(entries: Iterable[LegendEntry]) -> list[str]:
     """Entries of the legend as running text."""
     texts = []
     for symbols, meaning in entries:
         written = ", ".join(f"${symbol}$" if symbol != "…" else r"\dots" for symbol in symbols)
-        texts.append(f"{written}: {_escaped(meaning)}")
+        # Plain words with a few symbols; formulas stand between dollars already.
+        parts = meaning.split("$")
+        for i in range(0, len(parts), 2):
+            text = re.sub(r"\b([A-Z]_\d)(?: \+ ([A-Z]_\d))?", lambda m: f"${m[0]}$", parts[i])
+            parts[i] = text.replace("²", "$^2$").replace("°", r"$^{\circ}$").replace("−", "$-$")
+        escaped = "".join(p if i % 2 == 0 else f"${p}$" for i, p in enumerate(parts))
+        texts.append(f"{written}: {escaped}")
     return texts
 
 

@@ -281,8 +281,13 @@ class Writer:
             elif base.is_Integer:
                 inner = [dialect.root(str(base))]
                 exponent = 2 * exponent
+            elif base.is_Symbol:
+                inner = [self._raised(dialect.symbol(self._names[base]), exponent)]
             else:
-                inner = [self._raised(self._atom(base), exponent)]
+                letter = "s" if isinstance(base, sp.sin) else "c"
+                index = self.angle_index(base.args[0])
+                self.angles[index] = base.args[0]
+                inner = [self._raised(letter + dialect.index(index), exponent)]
             if pieces:
                 pieces[-1] = f"{pieces[-1]}{dialect.times}{inner[0]}"
                 pieces += inner[1:]
@@ -306,16 +311,6 @@ class Writer:
             digits, _, exponent = f"{float(number):.6g}".partition("e")
             return f"{digits}{self._dialect.ten(int(exponent))}" if exponent else digits
         raise TypeError(f"no way to write the number {number}")
-
-    def _atom(self, base: sp.Expr) -> str:
-        if base.is_Symbol:
-            return self._dialect.symbol(self._names[base])
-        if isinstance(base, (sp.sin, sp.cos)):
-            letter = "s" if isinstance(base, sp.sin) else "c"
-            index = self.angle_index(base.args[0])
-            self.angles[index] = base.args[0]
-            return letter + self._dialect.index(index)
-        raise TypeError(f"no way to write {type(base).__name__}: {base}")
 
     def angle_index(self, angle: sp.Expr) -> str:
         """The index of s and c; that of a sum of angles as j,3+4, a fixed part in degrees."""

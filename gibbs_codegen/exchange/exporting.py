@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -26,14 +25,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     """Text of a robot in another format, and lines on what this has no place for or cannot name."""
     is_urdf = form == "urdf"
     source = source_of(robot)
-    lines = [f"left out: {line}" for line in _left_out(robot, source, is_urdf)]
-    source, renamed = with_free_names(source, is_urdf)
-    text = urdf_text(source) if is_urdf else mjcf_text(source, ROOT)
-    return text, [*lines, *renamed]
-
-
-def _left_out(robot: Robot, source: sources.Source, is_urdf: bool) -> Iterator[str]:
-    """Lines on what a format, URDF or else MJCF, has no place for."""
+    missing = []
     for joint in source.joints:
         passive, limits = joint.passive, joint.limits
         if is_urdf:
@@ -43,16 +35,19 @@ def _left_out(robot: Robot, source: sources.Source, is_urdf: bool) -> Iterator[s
             if (limits.low is None) != (limits.high is None):
                 lost.append("limits, since it has one only")
         if joint.kind != "fixed" and lost:
-            yield f"joint {joint.name}: {' and '.join(lost)}"
+            missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
-        yield f"{link_label(robot, i)}: that a constraint torque holds it; it is welded"
+        missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
     if any(rotor.spin_inertia for rotor in robot.thrusters):
-        yield "spin inertias of rotors"
+        missing.append("spin inertias of rotors")
     if is_urdf:
         if slow := [rotor.name for rotor in source.rotors if rotor.time_constant]:
-            yield f"time constants of {', '.join(slow)}"
+            missing.append(f"time constants of {', '.join(slow)}")
         if source.gravity != 9.81:
-            yield f"gravity of {source.gravity:g} m/s²"
+            missing.append(f"gravity of {source.gravity:g} m/s²")
+    source, renamed = with_free_names(source, is_urdf)
+    text = urdf_text(source) if is_urdf else mjcf_text(source, ROOT)
+    return text, [*(f"left out: {line}" for line in missing), *renamed]
 
 
 def with_free_names(source: sources.Source, is_urdf: bool) -> tuple[sources.Source, list[str]]:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange.mjcf import read_mjcf
-from gibbs_codegen.exchange.sources import Finding, Kind, Source, snapped_source
+from gibbs_codegen.exchange.sources import Finding, Kind, snapped_source
 from gibbs_codegen.exchange.tree import check_kinds, locked, rerooted, with_root, without_anchor
 from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
@@ -76,23 +76,20 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         source = rerooted(source, options.base)
     name = name_from(source.name or path.name.split(".")[0])
     robot, findings = welded(source, name, options.attitude, options.snap)
-    return robot, [*source.findings, *findings, *_rotor_findings(source)]
-
-
-def _rotor_findings(source: Source) -> list[Finding]:
-    lines = []
     for rotor in source.rotors:
         limits = "" if rotor.limits is None else f", {rotor.limits[0]:g} to {rotor.limits[1]:g} N"
         detail = f"on {rotor.on}, drag {rotor.drag:g} m{limits} ({rotor.found_by})"
-        lines.append(Finding("rotor", rotor.name, detail))
+        findings.append(Finding("rotor", rotor.name, detail))
         if abs(rotor.drag) > LARGEST_DRAG:
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
-            lines.append(Finding("note", rotor.name, detail))
+            findings.append(Finding("note", rotor.name, detail))
     if not source.rotors:
         endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
-        lines.append(Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}"))
-    return lines
+        findings.append(
+            Finding("note", "rotors", f"none were found; --rotors FILE gives them{hint}")
+        )
+    return robot, [*source.findings, *findings]
 
 
 # In the order of a report, with what they mean.

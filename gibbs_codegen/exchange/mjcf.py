@@ -9,6 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -251,19 +252,8 @@ class _Reader:
 
     def _parts(self, j: int) -> list[tuple[str, int, Any]]:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
-        name = self.joint_names[j]
-        if lost := self._lost(j):
-            self._leave_out(name, ", ".join(lost))
-        if self.model.jnt_type[j] != _BALL:
-            return [(name, j, vector(self.model.jnt_axis[j]))]
-        self.findings.append(
-            sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
-        )
-        return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
-
-    def _lost(self, j: int) -> list[str]:
-        """What a joint has that is not imported, in words."""
-        model, dof = self.model, self.model.jnt_dofadr[j]
+        name, model = self.joint_names[j], self.model
+        dof = model.jnt_dofadr[j]
         friction = model.dof_frictionloss[dof]
         found = {f"dry friction {friction:g}": friction}
         if hasattr(model, "jnt_stiffnesspoly"):  # New versions of MuJoCo know more coefficients.
@@ -277,7 +267,14 @@ class _Reader:
                 "stiffness": model.jnt_stiffness[j],
                 "limits": model.jnt_limited[j],
             }
-        return [words for words, value in found.items() if np.any(value)]
+        if lost := [words for words, value in found.items() if np.any(value)]:
+            self._leave_out(name, ", ".join(lost))
+        if model.jnt_type[j] != _BALL:
+            return [(name, j, vector(model.jnt_axis[j]))]
+        self.findings.append(
+            sources.Finding("note", name, "a ball joint, as three hinges about x, y and z")
+        )
+        return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
 
     def _properties(self, j: int) -> tuple[Passive, JointLimits]:
         model = self.model
@@ -444,16 +441,10 @@ class _Shapes:
             elif found.tag == "geom":
                 given_class = found.get("class", kind) or "main"
                 mass = found.get("mass", self._masses.get(given_class))
-                if weighed or _is_zero(mass):
-                    element.remove(found)
-                    self.count += 1
-
-
-def _is_zero(text: str | None) -> bool:
-    try:
-        return text is not None and float(text) == 0.0
-    except ValueError:
-        return False
+                with suppress(ValueError):  # MuJoCo refuses what is no number.
+                    if weighed or (mass is not None and float(mass) == 0.0):
+                        element.remove(found)
+                        self.count += 1
 
 
 def _settle(root: xml_file.Element, path: Path) -> Iterator[sources.Finding]:

@@ -7,9 +7,8 @@ is welded to another; without it, the root.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from gibbs_codegen.errors import Fault, UsageError, printable
 from gibbs_codegen.exchange.placement import vector
@@ -93,10 +92,29 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
         if len(text) > _MOST_YAML:  # Its parser is slow.
             raise ValueError(f"more than {_MOST_YAML} characters")
         platform = yaml.safe_load(text)["platform"]
-        return tuple(
-            _eagle(platform, f"rotor_{number}", entry, source, path)
-            for number, entry in enumerate(platform["$rotors"], start=1)
-        )
+        rotors = []
+        for number, entry in enumerate(platform["$rotors"], start=1):
+            spin = entry["spin_direction"]
+            turn = [float(value) for value in entry["orientation"]]
+            size = math.hypot(*turn)
+            if not 0.0 < size < math.inf:
+                raise ValueError("orientation must be a quaternion x, y, z, w, which is not zero")
+            x, y, z, w = (value / size for value in turn)
+            rotor = Rotor(
+                f"rotor_{number}",
+                str(platform.get("base_link_name") or source.root),
+                vector(entry["translation"]),
+                vector(turn_of_quaternion(x, y, z, w)[:, 2]),
+                float(spin[0] if isinstance(spin, list) else spin)
+                * (float(platform["cm"]) / float(platform["cf"])),
+                (float(platform["min_thrust"]), float(platform["max_thrust"])),
+                found_by=path.name,
+            )
+            numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))
+            if not all(map(math.isfinite, numbers)):
+                raise ValueError("a number is not finite")
+            rotors.append(rotor)
+        return tuple(rotors)
     except Exception as e:  # Whatever its parser, and values of other kinds, raise.
         raise refusal(
             path,
@@ -104,33 +122,3 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[Rotor, ...]:
             "each with translation, orientation and spin_direction; "
             + printable(f"{type(e).__name__}: {e}", 100),
         ) from None
-
-
-def _eagle(
-    platform: Mapping[str, Any], name: str, entry: Mapping[str, Any], source: Source, path: Path
-) -> Rotor:
-    """One rotor of a platform, which has the coefficients of all.
-
-    `entry` is what it says of this one. Raises `ValueError` if a number is not finite, or the
-    orientation has no length.
-    """
-    spin = entry["spin_direction"]
-    turn = [float(value) for value in entry["orientation"]]
-    size = math.hypot(*turn)
-    if not 0.0 < size < math.inf:
-        raise ValueError("orientation must be a quaternion x, y, z, w, which is not zero")
-    x, y, z, w = (value / size for value in turn)
-    rotor = Rotor(
-        name,
-        str(platform.get("base_link_name") or source.root),
-        vector(entry["translation"]),
-        vector(turn_of_quaternion(x, y, z, w)[:, 2]),
-        float(spin[0] if isinstance(spin, list) else spin)
-        * (float(platform["cm"]) / float(platform["cf"])),
-        (float(platform["min_thrust"]), float(platform["max_thrust"])),
-        found_by=path.name,
-    )
-    numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError("a number is not finite")
-    return rotor

@@ -108,12 +108,35 @@ class Values:
 
 
 _THRUST = "thrust"
+_MOTOR = ("momentConstant", "motorConstant", "maxRotVelocity", "timeConstantUp", "motorNumber")
 
 
 def urdf_rotors(root: Element, values: Values) -> list[sources.Rotor]:
     """The rotors under `<robot>`, in the order of their numbers or of the file."""
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
+    numbered = []
+    for plugin in filter(is_motor, motors):
+        texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
+        turning = texts.get("turningDirection", "")
+        if turning not in ("cw", "ccw"):
+            values.fault(
+                plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}"
+            )
+        moment, constant, fastest, time_constant, number = (
+            values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
+            for tag in _MOTOR
+        )
+        most = constant * fastest**2
+        rotor = sources.Rotor(
+            name=texts["linkName"],
+            on=texts["linkName"],
+            drag=-moment if turning == "ccw" else moment,
+            limits=(0.0, most) if most > 0.0 else None,
+            time_constant=time_constant or None,
+            joint=texts.get("jointName"),
+            found_by="Gazebo",
+        )
+        numbered.append((number, rotor))
     gazebo = [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
     claimed = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
@@ -134,31 +157,6 @@ def is_motor(plugin: Element) -> bool:
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
     return child(plugin, "linkName") is not None and child(plugin, "motorConstant") is not None
-
-
-def _gazebo(plugin: Element, values: Values) -> tuple[float, sources.Rotor]:
-    """The rotor of a motor plugin, with its number."""
-    texts = {found.tag: (found.text or "").strip() for found in children(plugin)}
-
-    def number(tag: str) -> float:
-        return values.of_text(plugin, f"<{tag}>", texts[tag]) if texts.get(tag) else 0.0
-
-    turning = texts.get("turningDirection", "")
-    if turning not in ("cw", "ccw"):
-        values.fault(plugin, f"<turningDirection> must be cw or ccw, not {turning or 'left out'}")
-    moment = number("momentConstant")
-    most = number("motorConstant") * number("maxRotVelocity") ** 2
-    joint, link = texts.get("jointName"), texts["linkName"]
-    rotor = sources.Rotor(
-        name=link,
-        on=link,
-        drag=-moment if turning == "ccw" else moment,
-        limits=(0.0, most) if most > 0.0 else None,
-        time_constant=number("timeConstantUp") or None,
-        joint=joint,
-        found_by="Gazebo",
-    )
-    return number("motorNumber"), rotor
 
 
 def _jsk(root: Element, values: Values) -> list[sources.Rotor]:

@@ -36,7 +36,19 @@ def urdf_text(source: sources.Source) -> str:
     for link in source.links.values():
         _urdf_link(root, link.name, link.inertial)
     for joint in source.joints:
-        _urdf_joint(root, joint)
+        limits, ends = joint.limits, (joint.parent, joint.child)
+        kind = "continuous" if joint.continuous else joint.kind
+        element = _urdf_mount(root, joint.name, kind, joint.pose, ends)
+        if joint.kind == "fixed":
+            continue
+        ET.SubElement(element, "axis", xyz=numbers(joint.axis))
+        bounds = {} if joint.continuous else {"lower": limits.low, "upper": limits.high}
+        bounds |= {"effort": limits.effort, "velocity": limits.velocity}
+        endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
+        texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
+        ET.SubElement(element, "limit", texts)
+        if joint.passive.damping:
+            ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
     for number, rotor in enumerate(source.rotors, start=1):
         thrust = links.free(f"thrust{number}")
         _urdf_link(root, thrust)
@@ -85,22 +97,6 @@ def _urdf_mount(
     ET.SubElement(element, "parent", link=ends[0])
     ET.SubElement(element, "child", link=ends[1])
     return element
-
-
-def _urdf_joint(root: ET.Element, joint: sources.Joint) -> None:
-    limits, ends = joint.limits, (joint.parent, joint.child)
-    kind = "continuous" if joint.continuous else joint.kind
-    element = _urdf_mount(root, joint.name, kind, joint.pose, ends)
-    if joint.kind == "fixed":
-        return
-    ET.SubElement(element, "axis", xyz=numbers(joint.axis))
-    bounds = {} if joint.continuous else {"lower": limits.low, "upper": limits.high}
-    bounds |= {"effort": limits.effort, "velocity": limits.velocity}
-    endless = dict.fromkeys(bounds, _ENDLESS) | {"lower": -_ENDLESS}
-    texts = {key: repr(endless[key] if b is None else b) for key, b in bounds.items()}
-    ET.SubElement(element, "limit", texts)
-    if joint.passive.damping:
-        ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -168,8 +164,24 @@ class _Writer:
             ET.SubElement(element, "freejoint", name=self._joints.free("root"))
         _mjcf_inertial(element, name, inertial)
         for moved, its_frame in group:
-            if moved is not None and moved.kind != "fixed":
-                _mjcf_joint(element, moved, frame.inverse @ its_frame)
+            if moved is None or moved.kind == "fixed":
+                continue
+            # Its frame in the body's, its coordinate and those after it at zero.
+            seat = frame.inverse @ its_frame
+            limits = moved.limits
+            attributes = {
+                "name": moved.name,
+                "type": "slide" if moved.kind == "prismatic" else "hinge",
+                "axis": numbers(seat.matrix @ np.array(moved.axis)),
+                "pos": numbers(seat.xyz),
+            }
+            own = {
+                "springref" if key == "rest" else key: x for key, x in asdict(moved.passive).items()
+            }
+            attributes |= {key: repr(value) for key, value in own.items() if value}
+            if limits.low is not None and limits.high is not None:
+                attributes["range"] = numbers((limits.low, limits.high))
+            ET.SubElement(element, "joint", attributes)
         for found in below:
             self.body(element, found.child, [(found, found.pose)])
 
@@ -229,25 +241,6 @@ def _mjcf_inertial(element: ET.Element, name: str, inertial: sources.Inertial) -
         "xyaxes": numbers(place.T[:2].ravel()),
     }
     ET.SubElement(element, "inertial", attributes)
-
-
-def _mjcf_joint(element: ET.Element, joint: sources.Joint, frame: Placement) -> None:
-    """Write a joint into the body that it moves.
-
-    `frame` is its frame in the body's, its coordinate and those after it at zero.
-    """
-    limits = joint.limits
-    attributes = {
-        "name": joint.name,
-        "type": "slide" if joint.kind == "prismatic" else "hinge",
-        "axis": numbers(frame.matrix @ np.array(joint.axis)),
-        "pos": numbers(frame.xyz),
-    }
-    own = {"springref" if key == "rest" else key: x for key, x in asdict(joint.passive).items()}
-    attributes |= {key: repr(value) for key, value in own.items() if value}
-    if limits.low is not None and limits.high is not None:
-        attributes["range"] = numbers((limits.low, limits.high))
-    ET.SubElement(element, "joint", attributes)
 
 
 def _quaternion(pose: Placement) -> str:

@@ -168,7 +168,16 @@ def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
     """
     path, n = chain.path, len(chain.path)
     shown = list(range(n)) if n <= _MOST_LINKS else [*range(_MOST_LINKS - 1), n - 1]
-    steps = _arm_steps(robot, [path[place] for place in shown], len(shown) < n)
+    # From joint to joint, steep and flat by turns, and scaled so that they fit.
+    long = [
+        robot.links[i - 1].body.length or robot.links[i - 1].pose
+        for i in (path[at] for at in shown)
+    ]
+    sizes = np.array([0.7 if drawn else 0.5 for drawn in long])
+    slopes = np.deg2rad([(-75.0, -5.0)[step % 2] for step in range(len(shown))])
+    steps = sizes[:, np.newaxis] * np.stack([np.cos(slopes), np.sin(slopes)], axis=1)
+    room = _ARM_ROOM - _by(_GAP if len(shown) < n else 0.0, 0.0)
+    steps *= min(1.0, *(room / np.maximum(np.abs(steps.sum(axis=0)), 1e-9)))
     if robot.base.rotors:
         marks.draw_name(axes, "$O_2$", centre + _by(-0.27, -0.22), _QUIET)
     place = centre
@@ -217,19 +226,6 @@ def _draw_link_joint(
     text = f"${letter}_{index}$, $\\tau{prime}_{index}$"
     marks.draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
     marks.draw_joint(axes, place, "s" if slides else "o")
-
-
-def _arm_steps(robot: Robot, shown: list[int], gap: bool) -> Array:
-    """Steps (k, 2) from joint to joint of the links that are shown, steep and flat by turns.
-
-    They are scaled so that they fit; `gap` is whether links are left out.
-    """
-    long = [robot.links[i - 1].body.length or robot.links[i - 1].pose for i in shown]
-    sizes = np.array([0.7 if drawn else 0.5 for drawn in long])
-    slopes = np.deg2rad([(-75.0, -5.0)[step % 2] for step in range(len(shown))])
-    steps = sizes[:, np.newaxis] * np.stack([np.cos(slopes), np.sin(slopes)], axis=1)
-    room = _ARM_ROOM - _by(_GAP if gap else 0.0, 0.0)
-    return steps * min(1.0, *(room / np.maximum(np.abs(steps.sum(axis=0)), 1e-9)))
 
 
 def _by(x: float, y: float) -> Array:

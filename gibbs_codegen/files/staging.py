@@ -58,7 +58,14 @@ def staging_folder(parent: Path) -> Iterator[Path]:
     `OSError`.
     """
     with made(parent):
-        _remove_stale(parent)
+        # What a process that was killed outright could not remove; what it had taken is put back.
+        for stale in parent.glob(f"{_PREFIX}*"):
+            with suppress(OSError):
+                if stale.is_dir() and time.time() - stale.stat().st_mtime > _STALE_SECONDS:
+                    for path in stale.iterdir():
+                        if path.name != _NEW and not (parent / path.name).exists():
+                            os.replace(path, parent / path.name)
+                    shutil.rmtree(stale, ignore_errors=True)
         hidden = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))
         try:
             new = hidden / _NEW
@@ -82,17 +89,6 @@ def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
         if os.path.lexists(old):
             os.replace(old, place)
         raise
-
-
-def _remove_stale(parent: Path) -> None:
-    """Remove what a process that was killed outright could not, and put back what it had taken."""
-    for hidden in parent.glob(f"{_PREFIX}*"):
-        with suppress(OSError):
-            if hidden.is_dir() and time.time() - hidden.stat().st_mtime > _STALE_SECONDS:
-                for path in hidden.iterdir():
-                    if path.name != _NEW and not (parent / path.name).exists():
-                        os.replace(path, parent / path.name)
-                shutil.rmtree(hidden, ignore_errors=True)
 
 
 # Writing a module takes moments.

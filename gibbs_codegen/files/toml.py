@@ -126,9 +126,22 @@ def too_deep_line(text: str) -> int | None:
 
 def key_lines(text: str) -> dict[str, int]:
     """Lines, counted from 1, of the keys of a document, by key path like `link[0].mass`."""
+    # Where the headers of tables, and the keys that have values, begin.
+    depth = 0
+    starts: list[int] = []
+    for token in _TOKEN.finditer(text):
+        begin = token.start()
+        if (
+            depth == 0
+            and token[0][0] != "#"
+            and not text[text.rfind("\n", 0, begin) + 1 : begin].strip()
+        ):
+            starts.append(begin)
+        if bracket := token["bracket"]:
+            depth += 1 if bracket in "[{" else -1
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
-    starts, prefix, number, before = _statements(text), "", 1, 0
+    prefix, number, before = "", 1, 0
     for start, end in itertools.pairwise([*starts, len(text)]):
         number, before = number + text.count("\n", before, start), start
         # By itself each is a document: of one key, or a table without any.
@@ -147,22 +160,6 @@ def key_lines(text: str) -> dict[str, int]:
             prefix = place
         lines.setdefault(place, number)
     return lines
-
-
-def _statements(text: str) -> list[int]:
-    """Where the headers of tables, and the keys that have values, begin in a document."""
-    depth, starts = 0, []
-    for token in _TOKEN.finditer(text):
-        begin = token.start()
-        if (
-            depth == 0
-            and token[0][0] != "#"
-            and not text[text.rfind("\n", 0, begin) + 1 : begin].strip()
-        ):
-            starts.append(begin)
-        if bracket := token["bracket"]:
-            depth += 1 if bracket in "[{" else -1
-    return starts
 
 
 def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:

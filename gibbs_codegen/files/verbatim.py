@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,24 +31,18 @@ def python_source(*names: str) -> PythonSource:
         found = [*_IMPORT.finditer(text)]
         lines += [match[0] for match in found if _OWN not in match[0]]
         bodies.append(text[found[-1].end() :].strip())
-    return PythonSource(_imports(lines), "\n\n\n".join(bodies))
-
-
-def _imports(lines: Iterable[str]) -> str:
-    """Imports in the order that linters want, those from one module in one line.
-
-    They are of the standard library and of NumPy, some of them twice.
-    """
-    names: dict[str, set[str]] = {}
+    # In the order that linters want, those from one module, some of them twice, in one line.
+    imported_names: dict[str, set[str]] = {}
     for line in lines:
         start, _, imported = line.partition(" import ")
-        names.setdefault(start, set()).update(imported.split(", "))
+        imported_names.setdefault(start, set()).update(imported.split(", "))
     groups: dict[str, list[str]] = {"__future__": [], "": [], "numpy": []}
-    for start in sorted(names, key=lambda start: (start.startswith("from"), start)):
+    for start in sorted(imported_names, key=lambda start: (start.startswith("from"), start)):
         package = start.split()[1].partition(".")[0]
-        imported = ", ".join(sorted(names[start]))
+        imported = ", ".join(sorted(imported_names[start]))
         groups.get(package, groups[""]).append(f"{start} import {imported}" if imported else start)
-    return "\n\n".join("\n".join(group) for group in groups.values())
+    imports = "\n\n".join("\n".join(group) for group in groups.values())
+    return PythonSource(imports, "\n\n\n".join(bodies))
 
 
 def c_source(name: str) -> str:

@@ -31,32 +31,23 @@ def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
     if not operands:
         return []
     (ref,) = operands
-    if kind is Kind.RECIPROCAL:
-        outer = graph.minus(graph.product(2 * node, 2 * node))
-    else:
-        outer = _derivative_of_call(graph, node, str(graph.labels[node]), ref)
-    return [(ref >> 1, graph.minus(outer) if ref & 1 else outer)]
-
-
-def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -> Ref:
-    """The derivative of a function at its argument, zero for a sign, constant wherever it has one.
-
-    `node` is the call. Raises `ValueError` where the derivative of the function is not known.
-    """
-    match function:
+    match "reciprocal" if kind is Kind.RECIPROCAL else graph.labels[node]:
+        case "reciprocal":
+            outer = graph.minus(graph.product(2 * node, 2 * node))
         case "sin":
-            return graph.call("cos", argument)
+            outer = graph.call("cos", ref)
         case "cos":
-            return graph.minus(graph.call("sin", argument))
+            outer = graph.minus(graph.call("sin", ref))
         case "sqrt":
-            return graph.product(graph.number(0.5), graph.reciprocal(2 * node))
+            outer = graph.product(graph.number(0.5), graph.reciprocal(2 * node))
         case "atan":
-            square = graph.product(argument, argument)
-            return graph.reciprocal(graph.sum([graph.one, square]))
+            square = graph.product(ref, ref)
+            outer = graph.reciprocal(graph.sum([graph.one, square]))
         case "sign":
-            return graph.zero
+            outer = graph.zero
         case unknown:
             raise ValueError(f"the derivative of the function {unknown!r} is not known")
+    return [(ref >> 1, graph.minus(outer) if ref & 1 else outer)]
 
 
 def jvp(graph: Graph, outputs: Sequence[Ref], direction: Direction) -> list[Ref]:

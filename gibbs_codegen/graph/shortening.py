@@ -144,23 +144,20 @@ class _Factoring(Rebuilding):
         best, most = 0, 0
         for factor, members in found.items():
             if len(members) > 1:
-                saved = self._saved(factor, members)
+                # Operations that it saves to take the factor out of these terms.
+                constants = 0
+                products = 0
+                for term in members:
+                    if term & ~1 == factor:
+                        constants += 1
+                    else:
+                        products += 1
+                        first, second = self.graph.operands[term >> 1]
+                        constants += self.graph.constant[first >> 1] and second == factor
+                saved = products - 1 + max(constants - 1, 0)
                 if saved > most:
                     best, most = factor, saved
         return best, found[best] if most else []
-
-    def _saved(self, factor: Ref, members: Sequence[Ref]) -> int:
-        """Operations that it saves to take a factor out of some terms."""
-        constants = 0
-        products = 0
-        for term in members:
-            if term & ~1 == factor:
-                constants += 1
-            else:
-                products += 1
-                first, second = self.graph.operands[term >> 1]
-                constants += self.graph.constant[first >> 1] and second == factor
-        return products - 1 + max(constants - 1, 0)
 
     def _without(self, ref: Ref, factor: Ref) -> Ref:
         """A term without a factor of its, its other factors multiplied as they were."""

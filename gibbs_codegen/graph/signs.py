@@ -110,31 +110,34 @@ class Conditions:
         return False
 
     def _mend_greedily(self, condition: int, _: set[int]) -> bool:
-        """Mend a condition though that breaks others, and then as many of those as can be."""
-        return any(self._chain(choice) for choice in self._choices[condition])
+        """Mend a condition though that breaks others, and then as many of those as can be.
 
-    def _chain(self, choice: int | None) -> bool:
-        """Change a choice, then those that mend what was broken; keep the part that helps most."""
-        changed: dict[int, None] = {}
-        gain = best = kept = 0
-        broken: dict[int, None] = {}
-        for steps_left in range(_STEPS, 0, -1):
-            if choice is None or gain < -steps_left:  # There is nothing to mend, or too much.
-                break
-            gain += self._gain(choice)
-            self._change(choice)
-            changed[choice] = None
-            if gain > best:
-                best, kept = gain, len(changed)
-            for condition, _ in self._places[choice]:
-                if self._is_broken(condition):
-                    broken[condition] = None
-                else:
-                    broken.pop(condition, None)
-            choice = self._best_near(broken, changed)
-        for choice in list(changed)[kept:]:
-            self._change(choice)
-        return kept > 0
+        The part of the changes that helps most is kept.
+        """
+        for first in self._choices[condition]:
+            choice: int | None = first
+            changed: dict[int, None] = {}
+            gain = best = kept = 0
+            broken: dict[int, None] = {}
+            for steps_left in range(_STEPS, 0, -1):
+                if choice is None or gain < -steps_left:  # There is nothing to mend, or too much.
+                    break
+                gain += self._gain(choice)
+                self._change(choice)
+                changed[choice] = None
+                if gain > best:
+                    best, kept = gain, len(changed)
+                for other, _bits in self._places[choice]:
+                    if self._is_broken(other):
+                        broken[other] = None
+                    else:
+                        broken.pop(other, None)
+                choice = self._best_near(broken, changed)
+            for choice in list(changed)[kept:]:
+                self._change(choice)
+            if kept:
+                return True
+        return False
 
     def _best_near(self, broken: dict[int, None], changed: Container[int]) -> int | None:
         """The choice that helps most in what was last broken, of those not changed before."""
@@ -157,13 +160,27 @@ class Polarity:
     """
 
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
-        self._graph = graph
         self.conditions = Conditions()
         # What the sign of a node depends on, where it depends on anything.
         self.choices: dict[int, tuple[int, ...]] = {}
         for node in graph.reached_varying(outputs):
             if graph.operands[node]:
-                self._read(node)
+                kind, operands, label = graph.kinds[node], graph.operands[node], graph.labels[node]
+                if kind is Kind.PRODUCT:
+                    first, second = (self.choices.get(ref >> 1, ()) for ref in operands)
+                    # What changes both factors changes nothing.
+                    both = set(first).intersection(second)
+                    found = tuple([choice for choice in first + second if choice not in both])
+                elif kind is Kind.SUM or label in ("sin", "cos"):
+                    found = (node,)
+                    self._require([graph.one] if label in EVEN else operands, found)
+                elif label == "sqrt":
+                    found = ()
+                    self._require(operands)
+                else:
+                    found = self.choices.get(operands[0] >> 1, ())
+                if found:
+                    self.choices[node] = found
         for output in dict.fromkeys(outputs):
             if graph.value(output) is None:
                 self._require([output])
@@ -183,26 +200,6 @@ class Polarity:
             for node, choices in self.choices.items()
             if sum([choice in changed for choice in choices]) % 2 == 1
         }
-
-    def _read(self, node: int) -> None:
-        """Find what the sign of a node depends on, and what the node requires."""
-        graph, choices = self._graph, self.choices
-        kind, operands, label = graph.kinds[node], graph.operands[node], graph.labels[node]
-        if kind is Kind.PRODUCT:
-            first, second = (choices.get(ref >> 1, ()) for ref in operands)
-            # What changes both factors changes nothing.
-            both = set(first).intersection(second)
-            found = tuple([choice for choice in first + second if choice not in both])
-        elif kind is Kind.SUM or label in ("sin", "cos"):
-            found = (node,)
-            self._require([graph.one] if label in EVEN else operands, found)
-        elif label == "sqrt":
-            found = ()
-            self._require(operands)
-        else:
-            found = choices.get(operands[0] >> 1, ())
-        if found:
-            choices[node] = found
 
     def _require(self, refs: Sequence[Ref], own: tuple[int, ...] = ()) -> None:
         """One of some values must come with a plus, all of them changed by a choice of its own."""

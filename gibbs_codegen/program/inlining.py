@@ -59,7 +59,18 @@ def inline_single_uses(
             pending[statement.name] = value
             continue
         kept.append(_with_value(statement, value))
-    return _restored(kept, pending, statements)
+    # What found no room has its definition again, in its place.
+    used = {name for statement in kept for name in names_in(statement.value)}
+    missing = [name for name in used if name in pending]
+    needed: set[str] = set()
+    while missing:
+        name = missing.pop()
+        if name not in needed:
+            needed.add(name)
+            missing.extend(n for n in names_in(pending[name]) if n in pending)
+    values = {statement.name: statement.value for statement in kept}
+    values.update({name: pending[name] for name in needed})
+    return [_with_value(s, values[s.name]) for s in statements if s.name in values]
 
 
 def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
@@ -75,26 +86,6 @@ def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
             chosen[name] = pending[name]
             room -= cost
     return substituted(node, chosen) if chosen else node
-
-
-def _restored(
-    kept: list[Statement], pending: Mapping[str, Node], statements: Sequence[Statement]
-) -> list[Statement]:
-    """Restore, in place, the definitions of pending names that found no room.
-
-    `kept` are the statements that are left of all `statements`.
-    """
-    used = {name for statement in kept for name in names_in(statement.value)}
-    missing = [name for name in used if name in pending]
-    needed = set()
-    while missing:
-        name = missing.pop()
-        if name not in needed:
-            needed.add(name)
-            missing.extend(n for n in names_in(pending[name]) if n in pending)
-    values = {statement.name: statement.value for statement in kept}
-    values.update({name: pending[name] for name in needed})
-    return [_with_value(s, values[s.name]) for s in statements if s.name in values]
 
 
 def _with_value(statement: Statement, value: Node) -> Statement:

@@ -140,19 +140,6 @@ class _Matcher:
                         break
                     yield -count * length, length, first
 
-    def _same_sources(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
-        """Whether two blocks agree in what they read of shared names and of their own.
-
-        This is quickly told, and mostly false. `first` is the first step of one block, `last` that
-        of the last; `shared` has for each step of a block the names that all blocks read.
-        """
-        return all(
-            names <= self._names[first + i]
-            and [s - first for s in self._sources[first + i] if s >= first]
-            == [s - last for s in self._sources[last + i] if s >= last]
-            for i, names in enumerate(shared)
-        )
-
     def _independent(self, start: int, length: int, last: int) -> list[int]:
         """First steps of the last blocks, the last one first, whose order is of no account.
 
@@ -182,7 +169,13 @@ class _Matcher:
         last = start + (count - 1) * length
         shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
         for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
-            if not self._same_sources(first, last, shared):
+            # What blocks read of shared names and of their own: quickly told, and mostly different.
+            if not all(
+                names <= self._names[first + i]
+                and [s - first for s in self._sources[first + i] if s >= first]
+                == [s - last for s in self._sources[last + i] if s >= last]
+                for i, names in enumerate(shared)
+            ):
                 return None
         pattern: list[object] = []
         blocks: list[tuple[Terms, ...]] = []

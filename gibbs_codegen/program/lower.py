@@ -74,6 +74,26 @@ def lower(
         own = map(lowering.name, sorted(numbers))
         return tuple(numbered.get(name, name) for name in own)
 
+    functions = []
+    for draft in drafts:  # Temporaries are numbered from 1, so that each reads by itself.
+        values = dict(constants)
+        values.update(
+            {s.name: nodes.Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)}
+        )
+        statements = tuple(
+            nodes.Statement(f"t{i}", substituted(statement.value, values), statement.group)
+            for i, statement in enumerate(draft.statements, start=1)
+        )
+        outputs = tuple(
+            nodes.Output(
+                output.shape, tuple(substituted(entry, values) for entry in output.entries)
+            )
+            for output in draft.outputs
+        )
+        piece = draft.piece
+        functions.append(
+            nodes.Function(piece.name, piece.arguments, names(draft.constants), statements, outputs)
+        )
     return nodes.Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
@@ -82,26 +102,8 @@ def lower(
             nodes.Statement(numbered[s.name], substituted(s.value, constants), s.group)
             for s in prepare
         ),
-        functions=tuple(_numbered(draft, constants, names(draft.constants)) for draft in drafts),
+        functions=tuple(functions),
     )
-
-
-def _numbered(
-    draft: _Draft, constants: Mapping[str, nodes.Node], constant_names: tuple[str, ...]
-) -> nodes.Function:
-    """A function whose temporaries are numbered from 1, so that each reads by itself."""
-    values = dict(constants)
-    values.update({s.name: nodes.Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
-    statements = tuple(
-        nodes.Statement(f"t{i}", substituted(statement.value, values), statement.group)
-        for i, statement in enumerate(draft.statements, start=1)
-    )
-    outputs = tuple(
-        nodes.Output(output.shape, tuple(substituted(entry, values) for entry in output.entries))
-        for output in draft.outputs
-    )
-    piece = draft.piece
-    return nodes.Function(piece.name, piece.arguments, constant_names, statements, outputs)
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:

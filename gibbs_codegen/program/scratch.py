@@ -160,8 +160,28 @@ def allocate_scratch(
                     for operand in loop.operands.values()
                 )
     slots = _linear_scan(tuples, live)
+    found = []
+    for number, section in enumerate(sections):
+        if section and isinstance(section[0], steps.Loop):
+            loop = section[0]
+            reloads = {name: slots[name] for name in loop.invariants if name in slots}
+            reloads |= {name: slots[row[0]] for name, row in loop.operands.items()}
+            found.append(
+                Section(loop, reloads, {name: slots[row[0]] for name, row in loop.results.items()})
+            )
+            continue
+        straight = tuple(item for item in section if not isinstance(item, steps.Loop))
+        used = dict.fromkeys(name for step in straight for name in steps.used_names(step))
+        defined = [name for step in straight for name in steps.defined_names(step)]
+        found.append(
+            Section(
+                straight,
+                {name: slots[name] for name in used if name in slots and name not in defined},
+                {name: slots[name] for name in defined if live.last_use[name] > number},
+            )
+        )
     return Allocation(
-        tuple(_section(i, section, slots, live) for i, section in enumerate(sections)),
+        tuple(found),
         1 + max(slots.values(), default=-1),
         frozenset(negated),
     )
@@ -184,7 +204,15 @@ def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:
         lowest, size = min(members), max(members) - min(members) + 1
         if start > present:  # A straight section reloads all before it spills.
             present, kept = start, start - live.is_loop(start)
-            free = _joined([*free, *(slot[:2] for slot in occupied if slot[2] <= kept)])
+            ranges = [*free, *(slot[:2] for slot in occupied if slot[2] <= kept)]
+            # In order, those that touch as one.
+            joined: list[tuple[int, int]] = []
+            for first, stop in sorted(ranges):
+                if joined and joined[-1][1] == first:
+                    joined[-1] = (joined[-1][0], stop)
+                elif first < stop:
+                    joined.append((first, stop))
+            free = joined
             occupied = [slot for slot in occupied if slot[2] > kept]
         place = next(i for i, (base, stop) in enumerate(free) if stop - base >= size)
         base, stop = free[place]
@@ -193,36 +221,6 @@ def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:
         for offset, names in members.items():
             slots.update(dict.fromkeys(names, base + offset - lowest))
     return slots
-
-
-def _joined(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Ranges of slots in order, those that touch as one."""
-    joined: list[tuple[int, int]] = []
-    for first, stop in sorted(ranges):
-        if joined and joined[-1][1] == first:
-            joined[-1] = (joined[-1][0], stop)
-        elif first < stop:
-            joined.append((first, stop))
-    return joined
-
-
-def _section(
-    number: int, items: Sequence[steps.Item], slots: Mapping[str, int], live: LiveRanges
-) -> Section:
-    """Section `number`, from 0, of steps or a loop, with the slots of all names that have one."""
-    if items and isinstance(items[0], steps.Loop):
-        loop = items[0]
-        reloads = {name: slots[name] for name in loop.invariants if name in slots}
-        reloads |= {name: slots[row[0]] for name, row in loop.operands.items()}
-        return Section(loop, reloads, {name: slots[row[0]] for name, row in loop.results.items()})
-    straight = tuple(item for item in items if not isinstance(item, steps.Loop))
-    used = dict.fromkeys(name for step in straight for name in steps.used_names(step))
-    defined = [name for step in straight for name in steps.defined_names(step)]
-    return Section(
-        straight,
-        {name: slots[name] for name in used if name in slots and name not in defined},
-        {name: slots[name] for name in defined if live.last_use[name] > number},
-    )
 
 
 _DOUBLE = 8

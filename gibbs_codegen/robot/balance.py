@@ -178,8 +178,15 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
         if bounds and not bounds[0] <= thrust <= bounds[1]
     ]
     known = [bounds for bounds in limits if bounds]
-    limited = margin and size and len(known) == robot.rotors
-    return Hover(found, _margin(matrix, needed, known) if limited else None, tuple(beyond))
+    times = None
+    if margin and size and len(known) == robot.rotors:
+        from scipy.optimize import linprog  # It takes longer to import than all else here.
+
+        balanced = np.column_stack([matrix, -needed / size])
+        most = np.append(np.zeros(len(known)), -1.0)
+        limited = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*known, (0.0, None)])
+        times = float(limited.x[-1] / size) if limited.success else None
+    return Hover(found, times, tuple(beyond))
 
 
 def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
@@ -219,20 +226,6 @@ def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
     left = needed[3:] - moments @ thrusts
     left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
     return tuple(map(float, posture.rounded(left, float(np.abs(needed).max()))))
-
-
-def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:
-    """How many times a wrench (6) the rotors can produce within limits, N; None for no multiple.
-
-    `matrix` (6, N) has wrenches of unit thrusts.
-    """
-    from scipy.optimize import linprog  # It takes longer to import than all else here.
-
-    size = np.abs(needed).max()
-    balanced = np.column_stack([matrix, -needed / size])
-    most = np.append(np.zeros(len(limits)), -1.0)
-    found = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*limits, (0.0, None)])
-    return float(found.x[-1] / size) if found.success else None
 
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.

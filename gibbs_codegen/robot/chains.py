@@ -62,7 +62,25 @@ class Chain:
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
     """Open chains that a robot falls into (eq. 1), in order."""
-    chains = [_rod_chain(robot, k) for k in range(2, robot.base.rotors + 1)]
+    chains = []
+    for k in range(2, robot.base.rotors + 1):
+        first = k == 2
+        own = constrained_coordinate(robot, k)
+        coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
+        chains.append(
+            Chain(
+                number=k - 1,
+                links=(*_ROOT_ARMS, k),
+                rod=k,
+                path=(),
+                own=(),
+                has_core=first,
+                motors=(1, k) if first else (k,),
+                constrained=(k,),
+                coordinates=coordinates,
+                unknowns=(*coordinates, constraint_torque(robot, k).name),
+            )
+        )
     # Numbers of the bodies whose mass is in a chain.
     counted: set[int] = {BASE} if chains else set()
     # The ways to links that carry no other, or one empty way.
@@ -77,24 +95,6 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
         chains.append(_link_chain(robot, len(chains) + 1, path, {BASE, *path} - counted))
         counted.update((BASE, *path))
     return tuple(chains)
-
-
-def _rod_chain(robot: Robot, k: int) -> Chain:
-    first = k == 2
-    own = constrained_coordinate(robot, k)
-    coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
-    return Chain(
-        number=k - 1,
-        links=(*_ROOT_ARMS, k),
-        rod=k,
-        path=(),
-        own=(),
-        has_core=first,
-        motors=(1, k) if first else (k,),
-        constrained=(k,),
-        coordinates=coordinates,
-        unknowns=(*coordinates, constraint_torque(robot, k).name),
-    )
 
 
 def _link_chain(robot: Robot, number: int, path: tuple[int, ...], new: set[int]) -> Chain:

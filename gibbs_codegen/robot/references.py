@@ -138,7 +138,20 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     rods = arms.get("rotors", 0)
     rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
     registry = NameRegistry(rods)
-    named = _named({"link": links, "rotor": rotors, "frame": frames}, registry)
+    # What the file names, or has a default for.
+    named: list[_Named] = []
+    for array, tables in (("link", links), ("rotor", rotors), ("frame", frames)):
+        for number, table in enumerate(tables, start=1):
+            kind: NamedKind = "frame" if array == "frame" else "rotor"
+            if array == "link":
+                kind = "link" if "mass" in table else "rod"
+            whose = f"{array} {number}"
+            if name := _text(table, "name"):
+                named.append(((array, number - 1, "name"), kind, name, whose))
+            elif array != "frame":  # A frame needs its name.
+                registry.add(kind, default_prefix(array, number), whose)
+                if array == "rotor":  # Its thrust is called by its number.
+                    registry.add(kind, str(number), whose)
     yield from _clashes(named, registry)
     if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
         yield from _coordinate_clashes(links, rods + len(rotors), registry)
@@ -190,27 +203,6 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
         else:
             why = f"{shown(name)} comes later; move this link below it"
         yield ("link", i - 1, "parent"), f"{right}: {why}"
-
-
-def _named(arrays: Mapping[str, Sequence[Entry]], registry: NameRegistry) -> list[_Named]:
-    """Place, kind and name of what the file names or has a default for, and whose it is, in words.
-
-    `registry` has the names of the base.
-    """
-    named: list[_Named] = []
-    for array, tables in arrays.items():
-        for number, table in enumerate(tables, start=1):
-            kind: NamedKind = "frame" if array == "frame" else "rotor"
-            if array == "link":
-                kind = "link" if "mass" in table else "rod"
-            whose = f"{array} {number}"
-            if name := _text(table, "name"):
-                named.append(((array, number - 1, "name"), kind, name, whose))
-            elif array != "frame":  # A frame needs its name.
-                registry.add(kind, default_prefix(array, number), whose)
-                if array == "rotor":  # Its thrust is called by its number.
-                    registry.add(kind, str(number), whose)
-    return named
 
 
 def _coordinate_clashes(

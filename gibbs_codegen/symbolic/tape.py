@@ -233,13 +233,9 @@ class Tape(Scalars):
         if expression.is_Symbol or expression.is_Number:
             return expression
         self._parts.append(expression)
-        result = self._results.get(expression)
-        if result is None:
-            result = self._results[expression] = self._named(expression)
-        return result
-
-    def _named(self, expression: sp.Expr) -> sp.Expr:
-        """Name an expression; where another function has named it, only its words are new."""
+        if (result := self._results.get(expression)) is not None:
+            return result
+        # Where another function has named it, only its words are new.
         if expression in self._known:
             result, parts = self._known[expression]
             for part in parts:
@@ -247,9 +243,11 @@ class Tape(Scalars):
                     self._say(part)
                 else:
                     self.let(part)
+            self._results[expression] = result
             return result
         outer, self._parts = self._parts, []
         result = self._name(expression)
+        self._results[expression] = result
         self._known[expression] = (result, self._parts)
         self._parts = outer
         return result

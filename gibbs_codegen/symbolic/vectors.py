@@ -61,15 +61,15 @@ def gather(expression: sp.Expr) -> sp.Expr:
         number = sp.Mul(*(factor for factor in factors if factor.is_number))
         rest = sp.Mul(*(factor for factor in factors if not factor.is_number))
         coefficients[rest] = coefficients.get(rest, sp.S.Zero) + number
-    return sp.Add(*(_settled(number) * rest for rest, number in coefficients.items()))
-
-
-def _settled(number: sp.Expr) -> sp.Expr:
-    if number.is_Rational:
-        return number
-    multiple = _FRACTION * sp.N(number, DIGITS)
-    nearest = sp.Integer(round(multiple))
-    return nearest / _FRACTION if abs(multiple - nearest) < _VANISHING else number
+    terms = []
+    for rest, number in coefficients.items():
+        if not number.is_Rational:
+            multiple = _FRACTION * sp.N(number, DIGITS)
+            nearest = sp.Integer(round(multiple))
+            if abs(multiple - nearest) < _VANISHING:
+                number = nearest / _FRACTION
+        terms.append(number * rest)
+    return sp.Add(*terms)
 
 
 Matrix = list[list[sp.Expr]]

@@ -43,31 +43,24 @@ class InfixPrinter:
             case Number(value):
                 return self.number(value)
             case Sum(terms):
-                return self._sum(terms)
+                text = ""
+                for sign, term in terms:
+                    operator = "-" if sign < 0 else "+" if text else ""
+                    space = " " if text else ""
+                    inner = self.expression(term)
+                    inner = f"({inner})" if isinstance(term, Sum) or inner[0] == "-" else inner
+                    text += f"{space}{operator}{space}{inner}"
+                return text
             case Product(factors):
                 return f" {self.TIMES} ".join(map(self._factor, factors))
             case Reciprocal(argument):
-                return f"{self.number(1.0)} {self.OVER} {self._divisor(argument)}"
+                divisor = self._factor(argument)
+                divisor = f"({divisor})" if isinstance(argument, Product) else divisor
+                return f"{self.number(1.0)} {self.OVER} {divisor}"
             case Call(function, argument):
                 return self.call(function, self.expression(argument))
             case _:
                 assert_never(node)
-
-    def _sum(self, terms: tuple[tuple[int, Node], ...]) -> str:
-        text = ""
-        for sign, term in terms:
-            operator = "-" if sign < 0 else "+" if text else ""
-            space = " " if text else ""
-            text += f"{space}{operator}{space}{self._term(term)}"
-        return text
-
-    def _divisor(self, node: Node) -> str:
-        text = self._factor(node)
-        return f"({text})" if isinstance(node, Product) else text
-
-    def _term(self, node: Node) -> str:
-        text = self.expression(node)
-        return f"({text})" if isinstance(node, Sum) or text.startswith("-") else text
 
     def _factor(self, node: Node) -> str:
         text = self.expression(node)

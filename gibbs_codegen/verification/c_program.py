@@ -97,21 +97,18 @@ class CProgram(Evaluation):
         parts, first = [], 0
         for count in self._batches:
             some = [x[first : first + count].reshape(count, -1) for x in arguments]
-            parts.append(self._batch(name, count, some))
+            # Unused lanes hold what would be seen if it were read.
+            lanes = self._lanes
+            inputs = [
+                in_blocks(x, np.full(x.shape[1], np.nan), lanes).astype(self._real) for x in some
+            ]
+            blocks = [(len(inputs[0]), math.prod(shape), lanes) for shape in shapes]
+            outputs = self._filled(f"{name}_batch", [self._constants, count, *inputs], blocks)
+            # One state after the other, without those that fill up the last block.
+            flat = [x.swapaxes(1, 2).reshape(-1, x.shape[1])[:count] for x in outputs]
+            parts.append([x.reshape(count, *shape) for x, shape in zip(flat, shapes, strict=True)])
             first += count
         return [np.concatenate(part) for part in zip(*parts, strict=True)]
-
-    def _batch(self, name: str, count: int, rows: Sequence[Array]) -> list[Array]:
-        """Results (count, …) of a function for one batch of arguments (count, width)."""
-        # Unused lanes hold what would be seen if it were read.
-        lanes = self._lanes
-        inputs = [in_blocks(x, np.full(x.shape[1], np.nan), lanes).astype(self._real) for x in rows]
-        shapes = self.signatures[name].shapes
-        blocks = [(len(inputs[0]), math.prod(shape), lanes) for shape in shapes]
-        outputs = self._filled(f"{name}_batch", [self._constants, count, *inputs], blocks)
-        # One state after the other, without those that fill up the last block.
-        rows = [x.swapaxes(1, 2).reshape(-1, x.shape[1])[:count] for x in outputs]
-        return [x.reshape(count, *shape) for x, shape in zip(rows, shapes, strict=True)]
 
     def _filled(
         self, name: str, arguments: Sequence[Array | int], shapes: Sequence[tuple[int, ...]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -42,8 +42,18 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         rows.append(
             _verdict(name, _FILE, "" if alike else f"is {_shown(found)}, not {_shown(value)}")
         )
-    functions = getattr(module, "FUNCTIONS", None)
-    faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot, functions)
+    parameters, faults = getattr(module, "PARAMETERS", None), []
+    if not isinstance(parameters, dict):
+        return [*rows, _verdict("PARAMETERS", _FILE, "is not a dict")]
+    functions, values = getattr(module, "FUNCTIONS", None), parameter_values(robot)
+    for name, value in parameters.items():
+        if name not in values:
+            faults.append(f"{_shown(name)} is no parameter of this robot")
+        elif repr(value) != repr(values[name]):
+            faults.append(f"{name} is {_shown(value)}, not {values[name]!r}")
+    for name, value in values.items():
+        if name not in parameters and value != 0.0 and has_effect(robot, name, functions):
+            faults.append(f"{name} is missing, and not zero")
     return [*rows, _verdict("PARAMETERS", _FILE, "; ".join(faults))]
 
 
@@ -95,23 +105,6 @@ def has_effect(robot: Robot, name: str, functions: Collection[str] | None = None
     changes = ((np.abs(there[what][0] - here[what][0]), there[what][1]) for what in seen)
     # What is no number any more has changed too.
     return not all((change <= _CONSTANTS_LIMIT * size).all() for change, size in changes)
-
-
-def _parameter_faults(
-    found: object, robot: Robot, functions: Collection[str] | None
-) -> Iterator[str]:
-    if not isinstance(found, dict):
-        yield "is not a dict"
-        return
-    expected = parameter_values(robot)
-    for name, value in found.items():
-        if name not in expected:
-            yield f"{_shown(name)} is no parameter of this robot"
-        elif repr(value) != repr(expected[name]):
-            yield f"{name} is {_shown(value)}, not {expected[name]!r}"
-    for name, value in expected.items():
-        if name not in found and value != 0.0 and has_effect(robot, name, functions):
-            yield f"{name} is missing, and not zero"
 
 
 def _verdict(what: str, against: str, fault: str) -> Comparison:

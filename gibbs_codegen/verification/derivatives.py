@@ -326,8 +326,11 @@ class _Forces(_Function):
             finite = np.isfinite(scaled).all(axis=(1, 2))
             condition = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0))
             self.loss = condition * _ROUNDING / LIMIT
+            try:
+                forces = np.abs(np.linalg.solve(matrix, self.w[..., None])[..., 0])
+            except np.linalg.LinAlgError:
+                forces = np.full_like(self.w, np.nan)
             # In rounding the largest counts for all.
-            forces = np.abs(_solved(matrix, self.w))
             largest = (units * forces).max(axis=-1, keepdims=True) / units
             self.weights = forces + self.loss[:, None] * largest
         self.values = [(self.as_forces(self.value), self.effort)]
@@ -359,14 +362,6 @@ class _Forces(_Function):
         units = self.point.sizes.free_units.reshape(*slopes.shape[:2], *[1] * (slopes.ndim - 2))
         largest = np.abs(units * slopes).max(axis=1, keepdims=True)
         return units * largest * (1 + self.loss.reshape(-1, *[1] * (slopes.ndim - 1)))
-
-
-def _solved(matrices: Array, vectors: Array) -> Array:
-    """Solutions (s, n) of linear equations, or NaN where one matrix has none."""
-    try:
-        return np.linalg.solve(matrices, vectors[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        return np.full_like(vectors, np.nan)
 
 
 def _value_rows(function: _Function, values: Values) -> Iterator[Row]:

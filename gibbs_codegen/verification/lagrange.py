@@ -35,7 +35,24 @@ class Lagrange:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self._points, self._masses = _point_masses(tree)
+        # On each principal axis of a body two point masses, and one where its centre of mass is.
+        # The two stand one radius of gyration away: they have the second moment along their axis.
+        self._points: list[Point] = []
+        masses: list[float] = []
+        for number, joint in enumerate(tree.joints):
+            if joint.mass == 0.0:
+                continue
+            second_moments = 0.5 * np.trace(joint.inertia) * np.eye(3) - joint.inertia
+            moments, axes = np.linalg.eigh(second_moments)
+            reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
+            shares = moments / (2 * reach**2)
+            for share, axis in zip(shares, axes.T, strict=True):
+                self._points += [Point(number, joint.com + reach * axis)]
+                self._points += [Point(number, joint.com - reach * axis)]
+                masses += [share, share]
+            self._points.append(Point(number, joint.com))
+            masses.append(joint.mass - 2 * sum(shares))
+        self._masses = np.array(masses)
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes."""
@@ -119,26 +136,3 @@ class Lagrange:
 def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Array:
     """Derivative of a function along rates (…, size) of its coordinates, which may be complex."""
     return np.imag(function(q + 1j * _COMPLEX_STEP * direction)) / _COMPLEX_STEP
-
-
-def _point_masses(tree: Tree) -> tuple[list[Point], Array]:
-    """Points and their masses: on each principal axis of a body two, and one where its com is.
-
-    The two stand one radius of gyration away, so that they have the second moment along their axis.
-    """
-    points: list[Point] = []
-    masses: list[float] = []
-    for number, joint in enumerate(tree.joints):
-        if joint.mass == 0.0:
-            continue
-        second_moments = 0.5 * np.trace(joint.inertia) * np.eye(3) - joint.inertia
-        moments, axes = np.linalg.eigh(second_moments)
-        reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
-        shares = moments / (2 * reach**2)
-        for share, axis in zip(shares, axes.T, strict=True):
-            points += [Point(number, joint.com + reach * axis)]
-            points += [Point(number, joint.com - reach * axis)]
-            masses += [share, share]
-        points.append(Point(number, joint.com))
-        masses.append(joint.mass - 2 * sum(shares))
-    return points, np.array(masses)

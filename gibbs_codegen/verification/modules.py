@@ -105,8 +105,6 @@ def verify(
             if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                 step("as a C program calls it")
                 comparisons += _compare_c(module, folder, robot, verification)
-                step("rollouts")
-                comparisons += _compare_rollouts(folder, robot, verification)
         verification.comparisons[backend] = comparisons
         verification.not_done |= compared_with_themselves(comparisons)
     return verification
@@ -165,9 +163,9 @@ def _works(compiler: c_library.Compiler) -> bool:
 def _compare_c(
     module: ModuleType, folder: Path, robot: Robot, verification: Verification
 ) -> list[Comparison]:
-    """Compare what only a C program uses of the C source.
+    """Compare what only a C program uses of the C source, rollouts in both precisions among it.
 
-    `verification` gets the reason where single precision cannot be compared.
+    `verification` gets the reasons for what cannot be compared.
     """
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
@@ -177,24 +175,20 @@ def _compare_c(
         path = c_library.compiled_library(folder, robot.name, _compiler(), flags)
         single, not_done = c_program.compare_single_precision(str(path), module, robot, seed)
     except (c_library.CompilerError, CacheError) as error:
-        return [*comparisons, failed(c_program.SINGLE_PRECISION, "", error)]
-    verification.not_done |= not_done
-    return comparisons + single
-
-
-def _compare_rollouts(folder: Path, robot: Robot, verification: Verification) -> list[Comparison]:
-    """Compare rollouts in C, in single precision too unless it is not compared at all."""
-    given = load(folder), Tree(robot), verification.seed
-    single = c_program.SINGLE_PRECISION not in verification.not_done
-    rows: list[Comparison] = []
+        single, not_done = [failed(c_program.SINGLE_PRECISION, "", error)], {}
+    comparisons += single
+    precisions = get_args(Precision)[: 1 if c_program.SINGLE_PRECISION in not_done else 2]
     try:
-        for precision in get_args(Precision)[: 1 + single]:
-            found, not_done = c_program.compare_rollouts(*given, precision, _UNOPTIMISED)
-            rows += found
-            verification.not_done |= not_done
+        for precision in precisions:
+            rows, lacking = c_program.compare_rollouts(
+                load(folder), Tree(robot), seed, precision, _UNOPTIMISED
+            )
+            comparisons += rows
+            not_done |= lacking
     except MissingFunctionError as error:
-        verification.not_done[c_program.ROLLOUTS] = str(error)
-    return rows
+        not_done[c_program.ROLLOUTS] = str(error)
+    verification.not_done |= not_done
+    return comparisons
 
 
 def _source(folder: Path) -> str:

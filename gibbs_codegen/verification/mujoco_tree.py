@@ -14,7 +14,7 @@ from gibbs_codegen.verification.formulation import (
     state_by_state,
 )
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Joint, Point, Tree
+from gibbs_codegen.verification.tree import WORLD, Joint, Tree
 from gibbs_codegen.verification.vectors import Array
 
 # Of moments of inertia, beside the largest.
@@ -96,33 +96,22 @@ class MuJoCo:
         matrix = np.empty((tree.size, tree.size))
         for row, unit in zip(matrix, np.eye(tree.size), strict=True):
             mujoco.mj_mulM(model, data, row, unit)
+        poses = np.tile(np.eye(4), (len(tree.seats), 1, 1))
+        jacobians = np.empty((len(tree.seats), 6, tree.size))
+        for seat, pose, jacobian in zip(tree.seats, poses, jacobians, strict=True):
+            body = int(data.body(f"body_{seat.joint}").id)
+            axes = data.xmat[body].reshape(3, 3)
+            pose[:3, :3], pose[:3, 3] = axes @ seat.rotation, data.xpos[body] + axes @ seat.local
+            mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], pose[:3, 3], body)
         return Quantities(
             mass_matrix=matrix,
             residual=-data.qfrc_bias,
             inverse_dynamics=data.qfrc_inverse.copy(),
-            poses=np.array([self._pose(seat) for seat in tree.seats]),
-            jacobians=np.array([self._jacobian(seat) for seat in tree.seats]),
+            poses=poses,
+            jacobians=jacobians,
             kinetic_energy=data.energy[1],
             potential_energy=data.energy[0],
         )
-
-    def _body(self, joint: int) -> int:
-        return int(self._data.body(f"body_{joint}").id)
-
-    def _pose(self, point: Point) -> Array:
-        body = self._body(point.joint)
-        pose = np.eye(4)
-        axes = self._data.xmat[body].reshape(3, 3)
-        pose[:3, :3] = axes @ point.rotation
-        pose[:3, 3] = self._data.xpos[body] + axes @ point.local
-        return pose
-
-    def _jacobian(self, point: Point) -> Array:
-        jacobian = np.empty((6, self.tree.size))
-        place = self._pose(point)[:3, 3]
-        linear, angular = jacobian[:3], jacobian[3:]
-        mujoco.mj_jac(self._model, self._data, linear, angular, place, self._body(point.joint))
-        return jacobian
 
 
 @contextmanager

@@ -232,15 +232,29 @@ def variation(robot: model.Robot, names: Collection[str], seed: int, number: int
     inertia change their signs as if axes of the body did.
     """
     draw, tree = _Draw(seed, number), Tree(robot)
-    reach, period = tree.reach, 1.0 / tree.tempo
+    reach, mass, period = tree.reach, robot.total_mass, 1.0 / tree.tempo
 
     def other(name: str, value: float, dimension: Dimension) -> float:
         # Masses that turn with a joint alone are positive as well.
         drawn = draw.sized if name.endswith("_armature") else draw.signed
-        return drawn(value, dimension.unit(reach, robot.total_mass, period))
+        return drawn(value, dimension.unit(reach, mass, period))
 
     def of_body(body: model.Body) -> model.Body:
-        return _varied_body(body, draw, reach, robot.total_mass)
+        if isinstance(body, model.Rod):
+            sign = draw.sign()
+            length = sign * draw.sized(body.length, reach)
+            density = sign * draw.sized(body.mass_per_length, mass / reach)
+            natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
+            x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
+            return model.Rod(length, density, (x, y, z))
+        natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
+        cx, cy, cz = (draw.signed(value, reach) for value in body.com)
+        return model.RigidBody(
+            draw.signed(body.length, reach),
+            draw.sized(body.mass, mass),
+            (cx, cy, cz),
+            _stretched(body.inertia, draw, natural),
+        )
 
     values = parameter_values(mapped(robot, other, of_body))
     return with_values(robot, {name: values[name] for name in names})
@@ -333,25 +347,6 @@ class _Draw:
     def signed(self, value: float, natural: float) -> float:
         """Another number of either sign."""
         return self.sign() * self.sized(value, natural)
-
-
-def _varied_body(body: model.Body, draw: _Draw, reach: float, mass: float) -> model.Body:
-    """A body of the same kind with other numbers; `reach`, in m, and `mass`, in kg, are natural."""
-    if isinstance(body, model.Rod):
-        sign = draw.sign()
-        length = sign * draw.sized(body.length, reach)
-        density = sign * draw.sized(body.mass_per_length, mass / reach)
-        natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
-        x, y, z = (draw.sized(i, natural) for i in body.section_inertia)
-        return model.Rod(length, density, (x, y, z))
-    natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
-    cx, cy, cz = (draw.signed(value, reach) for value in body.com)
-    return model.RigidBody(
-        draw.signed(body.length, reach),
-        draw.sized(body.mass, mass),
-        (cx, cy, cz),
-        _stretched(body.inertia, draw, natural),
-    )
 
 
 def _stretched(inertia: Inertia, draw: _Draw, natural: float) -> Inertia:

@@ -109,7 +109,11 @@ def _function_text(
     constants = len(program.constants)
     if FUNCTIONS[signature.name].composed:
         work = calls(model.description, signature.name)
-        body = _step_lines(model, signature)
+        step = emitted_step(Functions(model.listing), signature.name)
+        body = MatlabPages(step, f"{model.robot.name}.internal.product").lines()
+        if _has_derivatives(signature):
+            # Pages of constants stand beside those of all states, also where these share q.
+            body.insert(0, "q = q .* ones(1, count);")
     else:
         function = program.function(signature.name)
         work = operations(function)
@@ -146,14 +150,6 @@ def _function_text(
 
 def _has_derivatives(step: Signature) -> bool:
     return step.name.endswith("_derivatives")
-
-
-def _step_lines(model: Model, signature: Signature) -> Lines:
-    """The body of a time step."""
-    step = emitted_step(Functions(model.listing), signature.name)
-    lines = MatlabPages(step, f"{model.robot.name}.internal.product").lines()
-    # Pages of constants stand beside those of all states, also where these share q.
-    return ["q = q .* ones(1, count);", *lines] if _has_derivatives(signature) else lines
 
 
 def _model_text(
