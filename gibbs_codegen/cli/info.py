@@ -54,10 +54,7 @@ def run(options: argparse.Namespace) -> int:
     functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
     with terminal.progress() as progress:
         model = derive(
-            robot,
-            progress=progress,
-            derivatives=options.derivatives or False,
-            functions=functions,
+            robot, progress=progress, derivatives=options.derivatives or False, functions=functions
         )
 
     if options.json:

@@ -9,7 +9,7 @@ import sys
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isnan
 from typing import Any
 
@@ -42,6 +42,11 @@ def run(options: argparse.Namespace) -> int:
         log = logging.getLogger("gibbs_codegen.flight.sweeps")
         log.setLevel(logging.INFO)
         log.addHandler(logging.StreamHandler())
+    fixed = _pairs(options.set, "--set", "duration=5")
+    parameters = _pairs(options.vary, "--vary", "motors.time_constant=0,0.01")
+    if both := fixed.keys() & parameters.keys():
+        raise UsageError(f"--set {printable(min(both), _MOST_SHOWN)}: --vary has this key too")
+    measures = _pairs(options.measure, "--measure", "worst=tip_error.max")
     start, done = time.perf_counter(), 0.0
     with terminal.progress_bar() as bar:
 
@@ -51,7 +56,18 @@ def run(options: argparse.Namespace) -> int:
             bar(what, share)
 
         try:
-            study = _study(options, progress)
+            study = sweep(
+                options.robots,
+                options.scenario or ["paper"],
+                {key: [_value(text)] for key, text in fixed.items()}
+                | {key: varied(text, key) for key, text in parameters.items()},
+                options.samples,
+                options.seed,
+                measures or None,
+                out=options.out,
+                progress=progress,
+                workers=options.workers,
+            )
         except KeyboardInterrupt:
             state = f"interrupted when {100.0 * done:.0f} % were done, which {options.out} keeps"
             again = "the same command goes on from there"
@@ -62,27 +78,6 @@ def run(options: argparse.Namespace) -> int:
         write_study_figures(study, study.folder)
     print_study(study, seconds)
     return 1 if len(study.failures) == len(study.table) else 0
-
-
-def _study(options: argparse.Namespace, progress: Callable[[str, float], None]) -> Study:
-    """The study that the options ask for; `progress` is as of `sweep`."""
-    fixed = _pairs(options.set, "--set", "duration=5")
-    parameters = _pairs(options.vary, "--vary", "motors.time_constant=0,0.01")
-    if both := fixed.keys() & parameters.keys():
-        raise UsageError(f"--set {printable(min(both), _MOST_SHOWN)}: --vary has this key too")
-    measures = _pairs(options.measure, "--measure", "worst=tip_error.max")
-    return sweep(
-        options.robots,
-        options.scenario or ["paper"],
-        {key: [_value(text)] for key, text in fixed.items()}
-        | {key: varied(text, key) for key, text in parameters.items()},
-        options.samples,
-        options.seed,
-        measures or None,
-        out=options.out,
-        progress=progress,
-        workers=options.workers,
-    )
 
 
 def varied(text: str, key: str) -> Any:

@@ -324,8 +324,18 @@ class ArticulatedDerivatives:
         self._joints: dict[tuple[Key, int], sp.Expr] = {}
         self._at: list[dict[Key, _Carried]] = [{}]
         with tape.group("responses of the base to wrenches and to its angular velocity"):
-            inverse = self._start(coupling)
-        self._inertias = [inverse]
+            units = [[sp.Integer(i == c) for i in range(6)] for c in range(6)]
+            solved = self._articulation.root_responses(tape, units)
+            inverse = [[solved[max(i, j)][min(i, j)] for j in range(6)] for i in range(6)]
+            for c, column in enumerate(inverse):
+                self._root["wrench", c] = column
+                self._at[0]["wrench", c] = _Carried(Acceleration.of(column))
+            for c in range(3):
+                load = [row[c] for row in coupling.rows]
+                column = [-tape.sum_of_products(row, load) for row in inverse]
+                self._root["turning", c] = column
+                self._at[0]["turning", c] = _Carried(Acceleration.of(column), axis_vector(c))
+            self._inertias = [_other_half_first(inverse)]
         for k in range(1, len(self._tree.segments)):
             self._pass_joint(k)
         for k in range(1, len(self._tree.segments)):
@@ -355,22 +365,6 @@ class ArticulatedDerivatives:
         keys: list[Key] = [("wrench", c) for c in range(6)]
         keys += [("effort", i) for i in range(1, len(self._tree.segments))]
         return [tape.sum_of_products(self._reached(k, key).entries, wrench) for key in keys]
-
-    def _start(self, coupling: VelocityCoupling) -> ArticulatedInertia:
-        """Columns of wrenches on the root and of its turning; its inverse inertia, ω̇ first."""
-        tape = self._tape
-        units = [[sp.Integer(i == c) for i in range(6)] for c in range(6)]
-        solved = self._articulation.root_responses(tape, units)
-        inverse = [[solved[max(i, j)][min(i, j)] for j in range(6)] for i in range(6)]
-        for c, column in enumerate(inverse):
-            self._root["wrench", c] = column
-            self._at[0]["wrench", c] = _Carried(Acceleration.of(column))
-        for c in range(3):
-            load = [row[c] for row in coupling.rows]
-            column = [-tape.sum_of_products(row, load) for row in inverse]
-            self._root["turning", c] = column
-            self._at[0]["turning", c] = _Carried(Acceleration.of(column), axis_vector(c))
-        return ArticulatedInertia.of_entries(lambda i, j: inverse[(i + 3) % 6][(j + 3) % 6])
 
     def _pass_joint(self, k: int) -> None:
         """Carry all columns of the parent over a joint, and begin those of the joint."""

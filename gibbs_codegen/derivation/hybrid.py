@@ -90,18 +90,8 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
     constrained = range(size)[symbolic.description.layout.constrained]
     for here, torque in zip(constrained, range(size - len(constrained), size), strict=True):
         matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
-    _fill_rods(symbolic, system)
-    _fill_links(symbolic, system)
-    return system
-
-
-def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
-    """Fill the rows of the base rods' joints, each from its own chain.
-
-    Where a chain's joint and its root coordinates stand among the hybrid unknowns is what the
-    coupling map says.
-    """
-    matrix, state = system.matrix, symbolic.state.unaccelerated
+    # The rows of the base rods' joints, each from its own chain, where the coupling map says.
+    state = symbolic.state.unaccelerated
     maps = coupling_map(symbolic.robot)
     for (chain, serial), places in zip(symbolic.open_chains, maps, strict=True):
         if chain.rod is None:
@@ -116,6 +106,8 @@ def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
         matrix[here][here] = inertia.entries[0, 0]
         system.residual[here] = -serial.segments[1].row(rod_wrench(symbolic, serial, state))
         system.inputs[here][chain.rod - 1] = motor_torque_about_rod(symbolic, chain.rod)
+    _fill_links(symbolic, system)
+    return system
 
 
 def rod_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> Wrench:

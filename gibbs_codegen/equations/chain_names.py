@@ -26,12 +26,7 @@ from gibbs_codegen.robot.description import (
     constraint_torque,
 )
 from gibbs_codegen.robot.model import AXIS_PAIRS, Robot, Rod
-from gibbs_codegen.robot.names import (
-    JOINT_LETTERS,
-    default_prefix,
-    link_label,
-    rotor_label,
-)
+from gibbs_codegen.robot.names import JOINT_LETTERS, default_prefix, link_label, rotor_label
 from gibbs_codegen.robot.references import NamedKind, parameter_names
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage, signed
 from gibbs_codegen.symbolic.vectors import Rotation, Wrench

@@ -49,7 +49,18 @@ class Page:
 
     def document(self) -> str:
         """The equations, one after the other, and the legend."""
-        blocks = self._introduction() if self.opening else []
+        blocks = []
+        if self.opening:
+            head = f"{self._equations[0].robot}, chain {self._equations[0].chain}"
+            blocks.append([self.opening.format(head)])
+            if any(equation.number == 15 for equation in self._equations):
+                blocks.append(self._remark(COLUMNS))
+            if frames := next((e.frames for e in self._equations if e.frames), ()):
+                rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
+                for number, row in enumerate(frames, start=4):
+                    rows.append([str(number), *map(self._writer.line, row)])
+                blocks.append([*self._heading("Frames of the items"), *self._remark(FRAMES)])
+                blocks.append(self._table(rows))
         for equation in self._equations:
             title = f"Equation {equation.number}: {equation.title}"
             if equation.number == 15:
@@ -72,20 +83,6 @@ class Page:
                 blocks.append(self._coupling(rows))
         blocks.append([*self._heading("Symbols"), *self._legend(self._legend_entries())])
         return self.between.join("\n".join(block) for block in blocks) + "\n"
-
-    def _introduction(self) -> list[list[str]]:
-        """The robot and the chain, what the columns of eq. 15 are, and the table of frames."""
-        head = f"{self._equations[0].robot}, chain {self._equations[0].chain}"
-        blocks = [[self.opening.format(head)]]
-        if any(equation.number == 15 for equation in self._equations):
-            blocks.append(self._remark(COLUMNS))
-        if frames := next((e.frames for e in self._equations if e.frames), ()):
-            rows = [["item", "joint", "gamma", "x", "y", "z", "alpha", "d", "theta"]]
-            for item, row in enumerate(frames, start=4):
-                rows.append([str(item), *map(self._writer.line, row)])
-            blocks.append([*self._heading("Frames of the items"), *self._remark(FRAMES)])
-            blocks.append(self._table(rows))
-        return blocks
 
     def _table(self, rows: list[list[str]]) -> list[str]:
         widths = [max(map(typeset.text_width, column)) + 2 for column in zip(*rows, strict=True)]

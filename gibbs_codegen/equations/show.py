@@ -219,7 +219,7 @@ FORMS = {
                 "what is left without accelerations: velocity terms, gravity, springs, dampers",
             ),
             ("F_{@}", "F_@", "generalised forces of thrusts and joint torques"),
-        ),
+        )
     ),
     18: Form(
         r"I_H \ddot{\theta}_H &= R_H + F_H",

@@ -203,11 +203,7 @@ def snapped_source(source: Source) -> Source:
     frames = [replace(frame, pose=exact(frame.name, frame.pose)) for frame in source.frames]
     rotors = [replace(r, direction=exact(r.name, r.direction)) for r in source.rotors]
     return source.found(
-        *findings,
-        joints=tuple(joints),
-        links=links,
-        frames=tuple(frames),
-        rotors=tuple(rotors),
+        *findings, joints=tuple(joints), links=links, frames=tuple(frames), rotors=tuple(rotors)
     )
 
 

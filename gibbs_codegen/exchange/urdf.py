@@ -273,7 +273,21 @@ def _joint(element: Element, values: Values) -> sources.Joint:
             values.fault(element, "its axis has no length; give a direction such as 0 0 1")
         elif abs(size - 1.0) > 4e-16:  # Else, as far as numbers go, it is kept digit by digit.
             axis = vector(np.array(axis) / size)
-    limits = _limits(element, word, values)
+    limit = child(element, "limit")
+    limits = JointLimits()
+    if limit is not None and word in ("revolute", "prismatic", "continuous"):
+        effort, velocity = values.bound(limit, "effort"), values.bound(limit, "velocity")
+        low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
+        # In URDF a bound that is left out is 0; a continuous joint has none.
+        low = 0.0 if limit.get("lower") is None else low
+        high = 0.0 if limit.get("upper") is None else high
+        if word == "continuous":
+            low = high = None
+        if low is not None and high is not None and low > high:
+            values.fault(limit, f"lower {low:g} is above upper {high:g}")
+        # Files that know no bound of these say 0.
+        effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
+        limits = JointLimits(low, high, effort, velocity)
     return sources.Joint(
         values.name(element),
         kind,
@@ -286,27 +300,6 @@ def _joint(element: Element, values: Values) -> sources.Joint:
         continuous=kind == "revolute" and sources.endless(limits),
         line=element.line,
     )
-
-
-def _limits(element: Element, kind: str, values: Values) -> JointLimits:
-    """Limits of a joint, of effort and rate only if it is continuous.
-
-    In URDF a bound that `<limit>` leaves out is 0.
-    """
-    limit = child(element, "limit")
-    if limit is None or kind not in ("revolute", "prismatic", "continuous"):
-        return JointLimits()
-    effort, velocity = values.bound(limit, "effort"), values.bound(limit, "velocity")
-    low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
-    low = 0.0 if limit.get("lower") is None else low
-    high = 0.0 if limit.get("upper") is None else high
-    if kind == "continuous":
-        low = high = None
-    if low is not None and high is not None and low > high:
-        values.fault(limit, f"lower {low:g} is above upper {high:g}")
-    # Files that know no bound of these say 0.
-    effort, velocity = (b if b is not None and b > 0.0 else None for b in (effort, velocity))
-    return JointLimits(low, high, effort, velocity)
 
 
 def _left_out(root: Element, values: Values) -> list[sources.Finding]:

@@ -13,14 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
-from gibbs_codegen.exchange.sources import (
-    Finding,
-    Inertial,
-    Joint,
-    Source,
-    quiet,
-    quiet_inertia,
-)
+from gibbs_codegen.exchange.sources import Finding, Inertial, Joint, Source, quiet, quiet_inertia
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
 from gibbs_codegen.robot.placement import Array

@@ -235,10 +235,7 @@ def _by(x: float, y: float) -> Array:
 
 def _chain_keys(robot: Robot) -> list[Line2D]:
     """What the parts of a chain mean."""
-    bar: dict[str, Any] = {
-        "lw": 3.6,
-        "path_effects": [withStroke(linewidth=5.0, foreground=DARK)],
-    }
+    bar: dict[str, Any] = {"lw": 3.6, "path_effects": [withStroke(linewidth=5.0, foreground=DARK)]}
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": marks.THRUST, "ms": 8, "mew": 1.3}
     normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
     thrusts = [normal, marks.arrow_key(marks.THRUST, "thrust in the plane")]

@@ -15,7 +15,7 @@ import re
 import signal
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import source_from_cache
 from pathlib import Path
 
@@ -103,16 +103,11 @@ def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
             yield path.name
             continue
         for kept in sorted(path.iterdir()):
-            if not (_is_plain(kept) and _source(kept) in names):
+            source = ""  # What Python compiled it from.
+            with suppress(ValueError):
+                source = Path(source_from_cache(str(kept))).name if kept.suffix == ".pyc" else ""
+            if not (_is_plain(kept) and source in names):
                 yield f"{_CACHE}/{kept.name}"
-
-
-def _source(kept: Path) -> str:
-    """Name of the source that a file of Python's cache was compiled from; empty for other files."""
-    try:
-        return Path(source_from_cache(str(kept))).name if kept.suffix == ".pyc" else ""
-    except ValueError:
-        return ""
 
 
 def _is_plain(path: Path) -> bool:

@@ -112,10 +112,7 @@ _NOUNS = {
     "tuple_type": "a list",
 }
 _CONFIG = pydantic.ConfigDict(
-    extra="forbid",
-    arbitrary_types_allowed=True,
-    hide_input_in_errors=True,
-    populate_by_name=True,
+    extra="forbid", arbitrary_types_allowed=True, hide_input_in_errors=True, populate_by_name=True
 )
 AnyTable = TypeVar("AnyTable", bound="Table")
 

@@ -200,28 +200,7 @@ class _Sharing(Rebuilding):
         self._first = len(graph)
         self._pairs: list[_Pair] = []
         self._made: dict[int, Ref] = {}
-        self._share()
-
-    def sum(self, node: int) -> Ref:
-        """The sum of its terms, pairs among them."""
-        terms = self._sums[node]
-        if len(terms) == len(self.graph.operands[node]):
-            return self.remade(node)
-        return self.graph.sum([self._term(term, sign) for term, sign in terms.items()])
-
-    def _term(self, term: int, sign: int) -> Ref:
-        """A term by its reference; a pair is added where it is first used."""
-        if term < self._first:
-            return self.new(2 * term ^ sign)
-        made = self._made.get(term)
-        if made is None:
-            first, second, sign_between = _parts(self._pairs[term - self._first])
-            made = self.graph.sum([self._term(first, 0), self._term(second, sign_between)])
-            self._made[term] = made
-        return self.graph.minus(made) if sign else made
-
-    def _share(self) -> None:
-        """Make the pair that most sums have a term, until no two sums have a pair in common."""
+        # The pair that most sums have becomes a term, until no two sums have a pair in common.
         often = Counter(chain.from_iterable(self._sums.values()))
         users: dict[_Pair, list[int]] = {}
         for node, signs in self._sums.items():
@@ -243,6 +222,24 @@ class _Sharing(Rebuilding):
             elif len(sums) > 1:
                 users[pair] = sums
                 heappush(heap, (-len(sums), pair))
+
+    def sum(self, node: int) -> Ref:
+        """The sum of its terms, pairs among them."""
+        terms = self._sums[node]
+        if len(terms) == len(self.graph.operands[node]):
+            return self.remade(node)
+        return self.graph.sum([self._term(term, sign) for term, sign in terms.items()])
+
+    def _term(self, term: int, sign: int) -> Ref:
+        """A term by its reference; a pair is added where it is first used."""
+        if term < self._first:
+            return self.new(2 * term ^ sign)
+        made = self._made.get(term)
+        if made is None:
+            first, second, sign_between = _parts(self._pairs[term - self._first])
+            made = self.graph.sum([self._term(first, 0), self._term(second, sign_between)])
+            self._made[term] = made
+        return self.graph.minus(made) if sign else made
 
     def _replace(self, pair: _Pair, sums: Sequence[int]) -> dict[_Pair, list[int]]:
         """Make a pair a term of some sums, and find the pairs that these have with it."""

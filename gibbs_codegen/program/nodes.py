@@ -215,10 +215,7 @@ class Program:
         return values
 
     def evaluate(
-        self,
-        name: str,
-        parameters: Mapping[str, float],
-        arguments: Mapping[str, Sequence[float]],
+        self, name: str, parameters: Mapping[str, float], arguments: Mapping[str, Sequence[float]]
     ) -> list[list[float]]:
         """Interpret a function: the entries of each output, in C order."""
         values = self.prepared(parameters)

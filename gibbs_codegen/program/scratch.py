@@ -180,11 +180,7 @@ def allocate_scratch(
                 {name: slots[name] for name in defined if live.last_use[name] > number},
             )
         )
-    return Allocation(
-        tuple(found),
-        1 + max(slots.values(), default=-1),
-        frozenset(negated),
-    )
+    return Allocation(tuple(found), 1 + max(slots.values(), default=-1), frozenset(negated))
 
 
 def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:

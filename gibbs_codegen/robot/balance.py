@@ -167,9 +167,20 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
     needed = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
     matrix = wrench_matrix(robot)
     size = float(np.abs(needed).max())
+    if not robot.rotors:
+        return Hover(None, None, ())
     thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
-    if not robot.rotors or np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
-        return Hover(None, None, (), _moment_left(matrix, needed) if robot.rotors else None)
+    if np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
+        # The least moment that thrusts leave which carry the weight.
+        forces, moments = matrix[:3], matrix[3:]
+        _, values, right = np.linalg.svd(forces)
+        idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
+        thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
+        if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * size:
+            return Hover(None, None, ())
+        left = needed[3:] - moments @ thrusts
+        left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
+        return Hover(None, None, (), tuple(map(float, posture.rounded(left, size))))
     found = tuple(map(float, posture.rounded(thrusts, size)))
     limits = [rotor.limits for rotor in robot.thrusters]
     beyond = [
@@ -210,22 +221,6 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
         efforts.append(-link.passive.stiffness * link.passive.rest - along @ frame.axes @ link.axis)
     size = robot.gravity * robot.total_mass
     return list(map(float, posture.rounded(np.array(efforts), size)))
-
-
-def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
-    """The least moment (3), N m, that thrusts leave which carry the weight; None where none do.
-
-    `matrix` (6, N) has wrenches of unit thrusts, `needed` (6) is that of hovering.
-    """
-    forces, moments = matrix[:3], matrix[3:]
-    _, values, right = np.linalg.svd(forces)
-    idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
-    thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
-    if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * np.abs(needed).max():
-        return None
-    left = needed[3:] - moments @ thrusts
-    left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
-    return tuple(map(float, posture.rounded(left, float(np.abs(needed).max()))))
 
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.

@@ -11,7 +11,9 @@ For the paper's robots these are chains j = 1 … N−1 of the rods, and chain N
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from gibbs_codegen.robot.description import Description, constrained_coordinate, constraint_torque
 from gibbs_codegen.robot.layout import Layout, joint_terms
@@ -21,7 +23,7 @@ from gibbs_codegen.robot.names import coordinate_of
 _ROOT_ARMS = (-1, 0, 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Chain:
     """One open chain: its arms by number, its unknowns in order, and what acts in it.
 
@@ -35,9 +37,9 @@ class Chain:
 
     number: int
     links: tuple[int, ...]
-    rod: int | None
-    path: tuple[int, ...]
-    own: tuple[int, ...]
+    rod: int | None = None
+    path: tuple[int, ...] = ()
+    own: tuple[int, ...] = ()
     has_core: bool
     motors: tuple[int, ...]
     constrained: tuple[int, ...]
@@ -64,23 +66,14 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
     """Open chains that a robot falls into (eq. 1), in order."""
     chains = []
     for k in range(2, robot.base.rotors + 1):
-        first = k == 2
-        own = constrained_coordinate(robot, k)
-        coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
-        chains.append(
-            Chain(
-                number=k - 1,
-                links=(*_ROOT_ARMS, k),
-                rod=k,
-                path=(),
-                own=(),
-                has_core=first,
-                motors=(1, k) if first else (k,),
-                constrained=(k,),
-                coordinates=coordinates,
-                unknowns=(*coordinates, constraint_torque(robot, k).name),
-            )
+        first, held = k == 2, constrained_coordinate(robot, k)
+        chain = _chain(
+            *(robot, k - 1, [(held.name, held.unit)], (k,), (*_ROOT_ARMS, k)),
+            rod=k,
+            has_core=first,
+            motors=(1, k) if first else (k,),
         )
+        chains.append(chain)
     # Numbers of the bodies whose mass is in a chain.
     counted: set[int] = {BASE} if chains else set()
     # The ways to links that carry no other, or one empty way.
@@ -92,36 +85,44 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
                 way.insert(0, before)
             paths.append(tuple(way))
     for path in paths or [()]:
-        chains.append(_link_chain(robot, len(chains) + 1, path, {BASE, *path} - counted))
-        counted.update((BASE, *path))
+        new = {BASE, *path} - counted
+        counted |= new
+        jointed = [i for i in path if i in robot.moving or i in robot.constrained]
+        on_rods = [1] if robot.base.rotors and BASE in new else []
+        placed = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]
+        chain = _chain(
+            *(robot, len(chains) + 1),
+            [(coordinate_of(robot, i), joint_terms(robot, i).unit) for i in jointed],
+            tuple(robot.rotors + i for i in path if i in robot.constrained),
+            (*_ROOT_ARMS, *(robot.rotors + i for i in path)),
+            path=path,
+            own=tuple(i for i in path if i in new),
+            has_core=BASE in new,
+            motors=(*on_rods, *placed),
+        )
+        chains.append(chain)
     return tuple(chains)
 
 
-def _link_chain(robot: Robot, number: int, path: tuple[int, ...], new: set[int]) -> Chain:
-    """A chain that ends in a link.
-
-    `path` are numbers of its links, from the base outwards, and `new` those of the bodies that no
-    chain before it has.
-    """
-    rotors = robot.rotors
-    jointed = [i for i in path if i in robot.moving or i in robot.constrained]
-    names = [coordinate_of(robot, i) for i in jointed]
-    units = [joint_terms(robot, i).unit for i in jointed]
+def _chain(
+    robot: Robot,
+    number: int,
+    joints: Sequence[tuple[str, str]],
+    constrained: tuple[int, ...],
+    arms: tuple[int, ...],
+    **parts: Any,
+) -> Chain:
+    """A chain by names and units of its joints' coordinates, and the arms that are held."""
+    names, units = [name for name, _ in joints], [unit for _, unit in joints]
     coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
-    constrained = tuple(rotors + i for i in path if i in robot.constrained)
-    on_rods = [1] if robot.base.rotors and BASE in new else []
-    motors = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]
+    torques = [constraint_torque(robot, arm).name for arm in constrained]
     return Chain(
         number=number,
-        links=(*_ROOT_ARMS, *(rotors + i for i in path)),
-        rod=None,
-        path=path,
-        own=tuple(i for i in path if i in new),
-        has_core=BASE in new,
-        motors=(*on_rods, *motors),
+        links=arms,
         constrained=constrained,
         coordinates=coordinates,
-        unknowns=(*coordinates, *(constraint_torque(robot, arm).name for arm in constrained)),
+        unknowns=(*coordinates, *torques),
+        **parts,
     )
 
 

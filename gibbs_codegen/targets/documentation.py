@@ -58,9 +58,7 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
-    items += [
-        f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised.",
-    ]
+    items += [f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised."]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
         lines += [*wrapped([details(description, row)], _DOXYGEN_WIDTH, ""), ""]

@@ -306,18 +306,15 @@ def _problems(
     desired = rollouts.Feedback(gain, np.repeat(q, _STEPS, axis=1), v * by_step)
     whole = replace(whole, constants=numpy.prepare(varied), feedback=desired)
     calm = replace(whole, wrenches=None)
-    bounded = (replace(problem, bounds=_bounds(problem)) for problem in (calm, whole))
+    bounded = []
+    for problem in calm, whole:  # One or two states exceed some entries, none by rounding alone.
+        free = rollouts.numpy_rollout(replace(problem, every=1))
+        entries = np.concatenate([free.q, free.v], axis=-1)
+        largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -3:]
+        widest = np.diff(largest, axis=1).argmax(axis=1)[:, None]
+        between = np.take_along_axis(0.5 * (largest[:, 1:] + largest[:, :-1]), widest, axis=1)
+        bounds = np.where(np.arange(between.shape[2]) % 4 == [[0], [2]], between[:, 0], np.inf)
+        bounded.append(replace(problem, bounds=np.array([-bounds[0], bounds[1]])))
     for problem in inputs_alone, some, *bounded:
         for method in get_args(rollouts.Method):
             yield replace(problem, method=method)
-
-
-def _bounds(problem: rollouts.Problem) -> Array:
-    """Bounds (2, nq + nv) that one or two states exceed in some entries, none by rounding alone."""
-    free = rollouts.numpy_rollout(replace(problem, every=1))
-    entries = np.concatenate([free.q, free.v], axis=-1)
-    largest = np.sort([-entries.min(axis=1), entries.max(axis=1)], axis=1)[:, -3:]
-    widest = np.diff(largest, axis=1).argmax(axis=1)[:, None]
-    between = np.take_along_axis(0.5 * (largest[:, 1:] + largest[:, :-1]), widest, axis=1)
-    bounds = np.where(np.arange(between.shape[2]) % 4 == [[0], [2]], between[:, 0], np.inf)
-    return np.array([-bounds[0], bounds[1]])

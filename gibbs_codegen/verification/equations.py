@@ -14,11 +14,7 @@ from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.newton_euler import wrench_sizes
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import (
-    Array,
-    cross,
-    times,
-)
+from gibbs_codegen.verification.vectors import Array, cross, times
 
 # A few units in the last place.
 _ROUNDING = 1e-15
@@ -54,7 +50,6 @@ class Expected:
         rows = [
             *((what, residual + by, size) for what, (by, size) in self._driven.items()),
             *_system(tree, found, inputs, states, self.sizes),
-            *_hybrid(tree, found, inputs, self.sizes),
             *frame_rows(tree, found, states, self.sizes),
             *mass_rows(tree, found, states, self.sizes),
             *displacement_rows(tree, states),
@@ -109,7 +104,7 @@ def input_matrix(tree: Tree, found: Quantities) -> Array:
 def _system(
     tree: Tree, found: Quantities, inputs: Array, states: States, sizes: Sizes
 ) -> Iterator[Row]:
-    """The equations of motion M a = R + B u, the torques of the constraints, and the energies.
+    """The equations of motion M a = R + B u, torques of the constraints, energies, hybrid system.
 
     Each array that a function returns has its name, its value, and the sizes of its entries.
     """
@@ -130,10 +125,7 @@ def _system(
     yield "gibbs", by_parts, sizes.gibbs
     yield "kinetic_energy", found.kinetic_energy, sizes.kinetic
     yield "potential_energy", found.potential_energy, sizes.potential
-
-
-def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Iterator[Row]:
-    """The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those."""
+    # The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
     more = (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
     torques = tree.size + np.arange(len(tree.constrained))
@@ -155,7 +147,32 @@ def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, 
     """
     layout = tree.layout
     if layout.is_quaternion:
-        rates, moved, apart = _free_base(layout.q, layout.v, states)
+        q, v = layout.q, layout.v
+        attitude, turn, step = (
+            states.q[:, q.attitude],
+            states.v[:, v.attitude],
+            states.v[:, v.position],
+        )
+        rotation = Rotation.from_quat(attitude)
+        rates, moved = np.zeros_like(states.q), np.zeros_like(states.q)
+        vector, scalar = attitude[:, :3], attitude[:, 3:]
+        turning = scalar * turn + cross(vector, turn)
+        falling = -np.sum(vector * turn, axis=-1, keepdims=True)
+        rates[:, q.attitude] = 0.5 * np.concatenate([turning, falling], axis=-1)
+        rates[:, q.position] = rotation.apply(step)
+        rates[:, q.joints] = states.v[:, v.joints]
+        ends = (rotation * Rotation.from_rotvec(turn)).as_quat()
+        ends *= np.where(np.sum(ends * attitude, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+        moved[:, q.attitude] = ends
+        moved[:, q.position] = states.q[:, q.position] + rotation.apply(times(_gains(turn), step))
+        moved[:, q.joints] = states.q[:, q.joints] + states.v[:, v.joints]
+        back = Rotation.from_quat(states.q0[:, q.attitude]).inv()
+        way = back.apply(states.q1[:, q.position] - states.q0[:, q.position])
+        turns = (back * Rotation.from_quat(states.q1[:, q.attitude])).as_rotvec()
+        apart = np.zeros_like(states.v)
+        apart[:, v.attitude] = turns
+        apart[:, v.position] = np.linalg.solve(_gains(turns), way[..., None])[..., 0]
+        apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
     else:
         rates, moved, apart = states.v, states.q + states.v, states.q1 - states.q0
     places, twists = _largest(layout.q, states.q), _largest(layout.v, states.v)
@@ -174,32 +191,6 @@ def _largest(entries: Entries, values: Array) -> Array:
     kinds = _kinds(entries)
     along, about = (np.abs(values[:, kinds == kind]).max(axis=-1) for kind in (0, 1))
     return np.stack([along, np.maximum(about, 1.0)], axis=-1)
-
-
-def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Array]:
-    """Rates and new coordinates (s, nq), and displacements (s, nv), of a base with a quaternion."""
-    attitude, turn, step = states.q[:, q.attitude], states.v[:, v.attitude], states.v[:, v.position]
-    rotation = Rotation.from_quat(attitude)
-    rates, moved = np.zeros_like(states.q), np.zeros_like(states.q)
-    vector, scalar = attitude[:, :3], attitude[:, 3:]
-    turning = scalar * turn + cross(vector, turn)
-    falling = -np.sum(vector * turn, axis=-1, keepdims=True)
-    rates[:, q.attitude] = 0.5 * np.concatenate([turning, falling], axis=-1)
-    rates[:, q.position] = rotation.apply(step)
-    rates[:, q.joints] = states.v[:, v.joints]
-    ends = (rotation * Rotation.from_rotvec(turn)).as_quat()
-    ends *= np.where(np.sum(ends * attitude, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
-    moved[:, q.attitude] = ends
-    moved[:, q.position] = states.q[:, q.position] + rotation.apply(times(_gains(turn), step))
-    moved[:, q.joints] = states.q[:, q.joints] + states.v[:, v.joints]
-    back = Rotation.from_quat(states.q0[:, q.attitude]).inv()
-    way = back.apply(states.q1[:, q.position] - states.q0[:, q.position])
-    turns = (back * Rotation.from_quat(states.q1[:, q.attitude])).as_rotvec()
-    apart = np.zeros_like(states.v)
-    apart[:, v.attitude] = turns
-    apart[:, v.position] = np.linalg.solve(_gains(turns), way[..., None])[..., 0]
-    apart[:, v.joints] = states.q1[:, q.joints] - states.q0[:, q.joints]
-    return rates, moved, apart
 
 
 def _gains(turns: Array) -> Array:

@@ -8,11 +8,7 @@ from contextlib import contextmanager
 import mujoco
 import numpy as np
 
-from gibbs_codegen.verification.formulation import (
-    NotApplicableError,
-    Quantities,
-    state_by_state,
-)
+from gibbs_codegen.verification.formulation import NotApplicableError, Quantities, state_by_state
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import WORLD, Joint, Tree
 from gibbs_codegen.verification.vectors import Array

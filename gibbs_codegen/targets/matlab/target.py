@@ -10,7 +10,7 @@ from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.matlab_text import MatlabPages
 from gibbs_codegen.arrays.steps import emitted_step
 from gibbs_codegen.files.verbatim import matlab_source
-from gibbs_codegen.interface import FUNCTIONS, Row, Signature
+from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.program.patterns import patterns
@@ -236,7 +236,14 @@ def help_text(
 
     `work` is as of `documentation.docstring`; `constants` is how many there are.
     """
-    row = _in_own_names(FUNCTIONS[signature.name])
+
+    def named(text: str) -> str:
+        # Functions of the package stand in place of constants.
+        return re.sub(r"\b[A-Z_]+\b", lambda found: _NAMED.get(found[0], found[0]), text)
+
+    row = FUNCTIONS[signature.name]
+    outputs = tuple(replace(output, entries=named(output.entries)) for output in row.outputs)
+    row = replace(row, outputs=outputs, summary=named(row.summary), details=named(row.details))
     places = zip(signature.arguments, signature.argument_shapes, strict=True)
     takes = [
         f"{a}  {_size(shape)}: {meaning(description, a)}, {argument_text(description, a)}"
@@ -266,16 +273,6 @@ def help_text(
         lines += ["", *wrapped([heading], _WIDTH, ""), *body]
     below = [f"   {line}".rstrip() for line in lines]
     return [f"{signature.name.upper()} {row.summary}", *below]
-
-
-def _in_own_names(row: Row) -> Row:
-    """A row whose words name functions of the package in place of constants."""
-
-    def named(text: str) -> str:
-        return re.sub(r"\b[A-Z_]+\b", lambda found: _NAMED.get(found[0], found[0]), text)
-
-    outputs = tuple(replace(output, entries=named(output.entries)) for output in row.outputs)
-    return replace(row, outputs=outputs, summary=named(row.summary), details=named(row.details))
 
 
 def _size(shape: tuple[int, ...]) -> str:
