@@ -110,22 +110,16 @@ class _Expansion:
 
     def polynomial(self, expression: sp.Expr) -> Any:
         """Numbers by monomials."""
-        known = self._known.get(expression)
-        if known is None:
-            known = self._made(expression)
-            if len(known) > self._most:
-                raise TooLongError
-            self._known[expression] = known
-        return known
-
-    def _made(self, expression: sp.Expr) -> Any:
+        if expression in self._known:
+            return self._known[expression]
+        found, factors = self._ring.one, []
         if expression in self._gens:
-            return self._gens[expression]
-        if expression.is_Rational:
-            return self._ring(sp.QQ(expression.p, expression.q))
-        if expression.is_Add:
-            return sum(map(self.polynomial, expression.args), self._ring.zero)
-        if expression.is_Mul:
+            found = self._gens[expression]
+        elif expression.is_Rational:
+            found = self._ring(sp.QQ(expression.p, expression.q))
+        elif expression.is_Add:
+            found = sum(map(self.polynomial, expression.args), self._ring.zero)
+        elif expression.is_Mul:
             factors = [self.polynomial(argument) for argument in expression.args]
         elif expression.is_Pow and expression.exp == sp.Rational(1, 2):
             factors = [self._gens[sp.sqrt(p)] for p in sp.factorint(expression.base)]
@@ -133,17 +127,19 @@ class _Expansion:
             factors = [self.polynomial(expression.base)] * int(expression.exp)
         else:
             raise TypeError(f"no polynomial: {type(expression).__name__}: {expression}")
-        product = self._ring.one
         for factor in sorted(factors, key=len):
-            if len(product) * len(factor) > 50 * self._most:
+            if len(found) * len(factor) > 50 * self._most:
                 raise TooLongError
-            terms = dict(product * factor)
+            terms = dict(found * factor)
             for place, base in self._roots:
                 terms = _square_replaced(terms, place, [(None, base)])
             for cosine, sine in self._angles:
                 terms = _square_replaced(terms, sine, [(None, 1), (cosine, -1)])
-            product = self._ring.from_dict(terms)
-        return product
+            found = self._ring.from_dict(terms)
+        if len(found) > self._most:
+            raise TooLongError
+        self._known[expression] = found
+        return found
 
     def shortest(self, terms: Terms) -> Terms:
         """The same polynomial in fewer terms.

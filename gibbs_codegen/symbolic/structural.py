@@ -58,16 +58,21 @@ def z_onto(direction: Sequence[float]) -> Turn:
 
 def product(first: Turn, second: Turn) -> Turn:
     """The rotation `second`, seen in the frame that `first` turns from: the matrix product."""
-    columns = list(zip(*second, strict=True))
-    return _turn(
-        [
-            [
-                _settled(sp.Add(*(p * q for p, q in zip(row, column, strict=True))))
-                for column in columns
-            ]
-            for row in first
-        ]
-    )
+    rows = []
+    for row in first:
+        entries = []
+        for column in zip(*second, strict=True):
+            entry = sp.Add(*(p * q for p, q in zip(row, column, strict=True)))
+            if not entry.is_Rational:  # Exact where it is whole, or where it is short and exact.
+                value = _number(entry)
+                whole = sp.Integer(round(value))
+                if abs(value - whole) < _VANISHING:
+                    entry = whole
+                elif not entry.is_number or entry.has(sp.Float):
+                    entry = sp.Float(value, DIGITS)
+            entries.append(entry)
+        rows.append(entries)
+    return _turn(rows)
 
 
 def back(turn: Turn) -> Turn:
@@ -112,17 +117,6 @@ def _degrees(sine: sp.Expr, cosine: sp.Expr) -> Fraction:
 
 def _number(entry: sp.Expr) -> sp.Float:
     return sp.Float(sp.N(entry, _GUARD), _GUARD)
-
-
-def _settled(entry: sp.Expr) -> sp.Expr:
-    """An entry as it should stand: exact where it is whole, or where it is short and exact."""
-    if entry.is_Rational:
-        return entry
-    value = _number(entry)
-    whole = sp.Integer(round(value))
-    if abs(value - whole) < _VANISHING:
-        return whole
-    return entry if entry.is_number and not entry.has(sp.Float) else sp.Float(value, DIGITS)
 
 
 def _turn(rows: Sequence[Sequence[sp.Expr]]) -> Turn:
