@@ -83,11 +83,6 @@ class Segment:
     joint_name: str = ""
 
     @property
-    def placed_parallel(self) -> bool:
-        """Whether its joint axis is parallel to its parent's."""
-        return self.twist.is_identity and self.turn.is_identity
-
-    @property
     def direction(self) -> int:
         """Which component of (r̈, ω̇), or of a wrench, is along the joint: a row of 0 … 5."""
         return ANGULAR + Z if self.joint == "revolute" else LINEAR + Z
@@ -111,7 +106,8 @@ class SegmentTree:
         for k, segment in enumerate(self.segments):
             if not (0 <= segment.parent < k or (k == 0 and segment.parent == NO_PARENT)):
                 raise ValueError(f"segment {k}: its parent {segment.parent} does not come before")
-            if not (segment.starts_group or segment.placed_parallel):
+            parallel = segment.twist.is_identity and segment.turn.is_identity
+            if not (segment.starts_group or parallel):
                 raise ValueError(f"segment {k} is twisted against the group that it belongs to")
         for k, children in enumerate(self.children):
             if len({self.segments[child].starts_group for child in children}) > 1:

@@ -84,15 +84,6 @@ class LiveRanges:
                         for iteration, name in enumerate(row)
                     }
 
-    @property
-    def slotted(self) -> list[str]:
-        """Names that need a slot: a later section uses them, or they are results of a loop."""
-        return [
-            name
-            for name, i in self.first_definition.items()
-            if self.last_use[name] > i or self.is_loop(i)
-        ]
-
     def is_loop(self, section: int) -> bool:
         """Whether a section is a loop, not straight-line steps."""
         return section in self._defining
@@ -150,8 +141,10 @@ def allocate_scratch(
     sections = steps.split_into_sections(placed, limit)
     live = LiveRanges(sections)
     tuples.keep(live.first_definition)
-    for name in live.slotted:
-        tuples.add(name)
+    for name, i in live.first_definition.items():
+        # A later section uses it, or it is a result of a loop.
+        if live.last_use[name] > i or live.is_loop(i):
+            tuples.add(name)
     for loop in placed:
         if isinstance(loop, steps.Loop):
             for result in loop.results.values():

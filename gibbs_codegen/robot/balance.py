@@ -232,21 +232,17 @@ _MOST_LISTED = 12
 def balance_lines(robot: Robot) -> list[str]:
     """Mass, centre of mass and inertia of the base, and hover thrusts, in words."""
     found = posture.base_properties(robot)
+    where = "the origin of the base's frame"
+    if robot.base.rotors:
+        by_rule = robot.base.azimuth_deg is None
+        where = f"the base centre in {'arm 1' if by_rule else 'the base'}'s axes"
     x, y, z = map(number, found.com)
     pairs = zip(AXIS_PAIRS, found.inertia, strict=True)
     return [
-        f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {frame_text(robot)}",
+        f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {where}",
         f"inertia about it: {', '.join(f'{a} {number(v)}' for a, v in pairs)} kg m²",
         *hover_lines(robot, hover(robot, margin=False)),
     ]
-
-
-def frame_text(robot: Robot) -> str:
-    """The frame that masses are told in, such as "the base centre in arm 1's axes"."""
-    if not robot.base.rotors:
-        return "the origin of the base's frame"
-    by_rule = robot.base.azimuth_deg is None
-    return f"the base centre in {'arm 1' if by_rule else 'the base'}'s axes"
 
 
 def hover_lines(robot: Robot, found: Hover) -> list[str]:

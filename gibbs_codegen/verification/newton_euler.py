@@ -29,62 +29,35 @@ def joint_wrenches(tree: Tree, motions: list[Motion], frames: Frames, u: Array) 
     What carries each body does that to it: force and moment at the origin of its frame, in its
     axes.
     """
-    balance = _Balance(tree, frames, len(u))
-    balance.add_inertia(motions)
-    balance.add_thrusts(u)
-    balance.pass_inwards()
-    rows = [balance.in_own_axes(body) for body in tree.carriers]
-    return np.stack(rows, axis=1) if rows else np.zeros((len(u), 0, 6))
+    rotations, upwards = frames.rotations, np.array([0.0, 0.0, tree.gravity])
+    # On bodies at the origins of their frames, in world axes, (s, 3) each.
+    forces = {body: np.zeros((len(u), 3)) for body in tree.bodies}
+    moments = {body: np.zeros((len(u), 3)) for body in tree.bodies}
 
-
-class _Balance:
-    """Forces and moments on bodies at the origins of their frames, in world axes, (s, 3) each."""
-
-    def __init__(self, tree: Tree, frames: Frames, states: int) -> None:
-        self._tree, self._frames = tree, frames
-        self._forces = {body: np.zeros((states, 3)) for body in tree.bodies}
-        self._moments = {body: np.zeros((states, 3)) for body in tree.bodies}
-
-    def add_inertia(self, motions: list[Motion]) -> None:
-        """Add what inertia and gravity take."""
-        upwards = np.array([0.0, 0.0, self._tree.gravity])
-        for part in self._tree.parts:
-            motion, rotation = motions[part.joint], self._frames.rotations[part.joint]
-            force, moment = _inertial(part, motion, rotation, upwards)
-            self._add(part.body, Point(part.joint, part.com), force, moment)
-
-    def add_thrusts(self, u: Array) -> None:
-        """Add what motors supply."""
-        for k, (motor, seat) in enumerate(zip(self._tree.motors, self._tree.seats, strict=False)):
-            axes = self._frames.rotations[seat.joint] @ seat.rotation
-            thrust = u[:, k, None] * (axes @ motor.direction)
-            self._add(motor.body, seat, -thrust, -motor.drag * thrust)
-
-    def pass_inwards(self) -> None:
-        """Add to every body what those that it carries take."""
-        for body, carrier in reversed([*self._tree.carriers.items()]):
-            at = self._tree.bodies[body]
-            self._add(carrier, at, self._forces[body], self._moments[body])
-
-    def in_own_axes(self, body: int) -> Array:
-        """Force and moment on a body, (s, 6), in the axes of its frame."""
-        at = self._tree.bodies[body]
-        axes = self._frames.rotations[at.joint] @ at.rotation
-        back = np.swapaxes(axes, -1, -2)
-        own = times(back, self._forces[body]), times(back, self._moments[body])
-        return np.concatenate(own, axis=-1)
-
-    def _add(self, body: int, at: Point, force: Array, moment: Array) -> None:
-        """Add a force and a moment in world axes, (s, 3) each, to those on a body.
-
-        The force acts at a point of the joint that carries the body, or of one that this does.
-        """
-        rotations, frame = self._frames.rotations, self._tree.bodies[body]
+    def add(body: int, at: Point, force: Array, moment: Array) -> None:
+        """Add a force at a point of the body's joint, or of one that this carries, and a moment."""
+        frame = tree.bodies[body]
         lever = rotations[at.joint] @ at.local - rotations[frame.joint] @ frame.local
         if at.joint != frame.joint:
-            lever = lever + self._frames.steps[at.joint]
-        self._forces[body] = self._forces[body] + force
-        self._moments[body] = self._moments[body] + moment + cross(lever, force)
+            lever = lever + frames.steps[at.joint]
+        forces[body] = forces[body] + force
+        moments[body] = moments[body] + moment + cross(lever, force)
+
+    for part in tree.parts:  # What inertia and gravity take.
+        taken = _inertial(part, motions[part.joint], rotations[part.joint], upwards)
+        add(part.body, Point(part.joint, part.com), *taken)
+    for k, (motor, seat) in enumerate(zip(tree.motors, tree.seats, strict=False)):
+        thrust = u[:, k, None] * (rotations[seat.joint] @ seat.rotation @ motor.direction)
+        add(motor.body, seat, -thrust, -motor.drag * thrust)
+    for body, carrier in reversed([*tree.carriers.items()]):
+        add(carrier, tree.bodies[body], forces[body], moments[body])
+    rows = []
+    for body in tree.carriers:
+        at = tree.bodies[body]
+        back = np.swapaxes(rotations[at.joint] @ at.rotation, -1, -2)
+        own = times(back, forces[body]), times(back, moments[body])
+        rows.append(np.concatenate(own, axis=-1))
+    return np.stack(rows, axis=1) if rows else np.zeros((len(u), 0, 6))
 
 
 def _inertial(
