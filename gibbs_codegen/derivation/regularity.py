@@ -113,8 +113,7 @@ def massless_motions(robot: Robot) -> list[Motion]:
     Each is the coordinates that must move together, outermost joint first. No coordinate can be
     left out of a motion without its moving mass.
     """
-    found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
-    fewest = min(found, key=len)
+    fewest = min((_null_motions(*_momenta(robot, k)) for k in range(_CONFIGURATIONS)), key=len)
     description = Description(robot)
     q, joints = description.layout.q, description.layout.v.joint_places
     named: dict[Motion, None] = {}

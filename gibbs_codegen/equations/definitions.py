@@ -57,10 +57,8 @@ class Definitions:
             statement = self._tape.statements.get(symbol)
             if statement is None or symbol in self._values:
                 continue
-            if isinstance(statement, (sp.sin, sp.cos)):
-                self._values[symbol] = self._angle(statement)
-                continue
-            found = self.expression(statement)
+            is_angle = isinstance(statement, (sp.sin, sp.cos))
+            found = self._angle(statement) if is_angle else self.expression(statement)
             leaves = _count_leaves(found)
             if leaves > _LONG or (leaves > _SHORT and self._readers[symbol] > 1):
                 self._numbered += 1

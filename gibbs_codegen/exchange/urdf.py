@@ -169,9 +169,7 @@ def _jsk(root: Element, values: Values) -> list[sources.Rotor]:
     thrust = child(root, "thrust_link")
     prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
     numbered = []
-    for joint in children(root):
-        if joint.tag != "joint":
-            continue
+    for joint in (found for found in children(root) if found.tag == "joint"):
         own, link = child(joint, "m_f_rate"), child(joint, "child")
         name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
         by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
@@ -317,9 +315,7 @@ def _left_out(root: Element, values: Values) -> list[sources.Finding]:
         findings.append(
             sources.Finding("note", "rotors", f"{many}may be that many times too large")
         )
-    for joint in children(root):
-        if joint.tag != "joint":
-            continue
+    for joint in (found for found in children(root) if found.tag == "joint"):
         name = joint.get("name", "")
         if (mimic := child(joint, "mimic")) is not None:
             other = mimic.get("joint", "?")

@@ -175,9 +175,8 @@ class _Writer:
                 "axis": numbers(seat.matrix @ np.array(moved.axis)),
                 "pos": numbers(seat.xyz),
             }
-            own = {
-                "springref" if key == "rest" else key: x for key, x in asdict(moved.passive).items()
-            }
+            own = asdict(moved.passive)
+            own["springref"] = own.pop("rest")
             attributes |= {key: repr(value) for key, value in own.items() if value}
             if limits.low is not None and limits.high is not None:
                 attributes["range"] = numbers((limits.low, limits.high))

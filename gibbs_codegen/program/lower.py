@@ -76,24 +76,19 @@ def lower(
 
     functions = []
     for draft in drafts:  # Temporaries are numbered from 1, so that each reads by itself.
-        values = dict(constants)
-        values.update(
-            {s.name: nodes.Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)}
-        )
+        values = constants | {
+            s.name: nodes.Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)
+        }
         statements = tuple(
             nodes.Statement(f"t{i}", substituted(statement.value, values), statement.group)
             for i, statement in enumerate(draft.statements, start=1)
         )
         outputs = tuple(
-            nodes.Output(
-                output.shape, tuple(substituted(entry, values) for entry in output.entries)
-            )
+            nodes.Output(output.shape, tuple(substituted(e, values) for e in output.entries))
             for output in draft.outputs
         )
-        piece = draft.piece
-        functions.append(
-            nodes.Function(piece.name, piece.arguments, names(draft.constants), statements, outputs)
-        )
+        own = draft.piece.name, draft.piece.arguments, names(draft.constants)
+        functions.append(nodes.Function(*own, statements, outputs))
     return nodes.Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),

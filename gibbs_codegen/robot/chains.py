@@ -64,16 +64,20 @@ class Chain:
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
     """Open chains that a robot falls into (eq. 1), in order."""
-    chains = []
+    chains: list[Chain] = []
+
+    def add(joints: Sequence[tuple[str, str]], constrained: Sequence[int], **parts: Any) -> None:
+        """Add a chain by names and units of its joints' coordinates, and the arms that are held."""
+        names, units = zip(*joints, strict=True) if joints else ((), ())
+        coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
+        unknowns = (*coordinates, *(constraint_torque(robot, arm).name for arm in constrained))
+        parts |= {"coordinates": coordinates, "unknowns": unknowns}
+        chains.append(Chain(number=len(chains) + 1, constrained=tuple(constrained), **parts))
+
     for k in range(2, robot.base.rotors + 1):
-        first, held = k == 2, constrained_coordinate(robot, k)
-        chain = _chain(
-            *(robot, k - 1, [(held.name, held.unit)], (k,), (*_ROOT_ARMS, k)),
-            rod=k,
-            has_core=first,
-            motors=(1, k) if first else (k,),
-        )
-        chains.append(chain)
+        held, motors = constrained_coordinate(robot, k), (1, k) if k == 2 else (k,)
+        arms = (*_ROOT_ARMS, k)
+        add([(held.name, held.unit)], [k], links=arms, rod=k, has_core=k == 2, motors=motors)
     # Numbers of the bodies whose mass is in a chain.
     counted: set[int] = {BASE} if chains else set()
     # The ways to links that carry no other, or one empty way.
@@ -89,41 +93,16 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
         counted |= new
         jointed = [i for i in path if i in robot.moving or i in robot.constrained]
         on_rods = [1] if robot.base.rotors and BASE in new else []
-        placed = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]
-        chain = _chain(
-            *(robot, len(chains) + 1),
+        add(
             [(coordinate_of(robot, i), joint_terms(robot, i).unit) for i in jointed],
-            tuple(robot.rotors + i for i in path if i in robot.constrained),
-            (*_ROOT_ARMS, *(robot.rotors + i for i in path)),
+            [robot.rotors + i for i in path if i in robot.constrained],
+            links=(*_ROOT_ARMS, *(robot.rotors + i for i in path)),
             path=path,
             own=tuple(i for i in path if i in new),
             has_core=BASE in new,
-            motors=(*on_rods, *placed),
+            motors=(*on_rods, *(k for k, r in enumerate(robot.thrusters, 1) if r.on in new)),
         )
-        chains.append(chain)
     return tuple(chains)
-
-
-def _chain(
-    robot: Robot,
-    number: int,
-    joints: Sequence[tuple[str, str]],
-    constrained: tuple[int, ...],
-    arms: tuple[int, ...],
-    **parts: Any,
-) -> Chain:
-    """A chain by names and units of its joints' coordinates, and the arms that are held."""
-    names, units = [name for name, _ in joints], [unit for _, unit in joints]
-    coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
-    torques = [constraint_torque(robot, arm).name for arm in constrained]
-    return Chain(
-        number=number,
-        links=arms,
-        constrained=constrained,
-        coordinates=coordinates,
-        unknowns=(*coordinates, *torques),
-        **parts,
-    )
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:

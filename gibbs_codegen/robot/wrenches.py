@@ -30,15 +30,14 @@ def directions(basis: NDArray[np.float64], names: Sequence[str] = DIRECTIONS) ->
         rest -= np.outer(axis, axis @ rest)
     # Reduced so that each direction has a component of its own, and is that alone if it can be.
     reduced = basis @ np.linalg.inv(basis[sorted(pivots)])
-    found = []
-    for direction in reduced.T:
-        parts: list[str] = []
-        for component, name in zip(direction, names, strict=True):
-            if abs(component) > 1e-6:
-                factor = "" if abs(abs(component) - 1.0) < 1e-6 else f"{abs(component):.3g} × "
-                sign = (
-                    ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")
-                )
-                parts.append(f"{sign}{factor}{name}")
-        found.append(" ".join(parts))
-    return tuple(found)
+    return tuple(_in_words(direction, names) for direction in reduced.T)
+
+
+def _in_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
+    parts: list[str] = []
+    for component, name in zip(direction, names, strict=True):
+        if abs(component) > 1e-6:
+            factor = "" if abs(abs(component) - 1.0) < 1e-6 else f"{abs(component):.3g} × "
+            sign = ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")
+            parts.append(f"{sign}{factor}{name}")
+    return " ".join(parts)

@@ -66,8 +66,7 @@ def gather(expression: sp.Expr) -> sp.Expr:
         if not number.is_Rational:
             multiple = _FRACTION * sp.N(number, DIGITS)
             nearest = sp.Integer(round(multiple))
-            if abs(multiple - nearest) < _VANISHING:
-                number = nearest / _FRACTION
+            number = nearest / _FRACTION if abs(multiple - nearest) < _VANISHING else number
         terms.append(number * rest)
     return sp.Add(*terms)
 
