@@ -1,4 +1,4 @@
-"""What is nested too deeply is told from what only looks so."""
+"""Where keys are, and what is nested too deeply, told from what only looks so."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ import tomllib
 
 import pytest
 
-from gibbs_codegen.files.toml import MAX_DEPTH, too_deep_line
+from gibbs_codegen.files.toml import MAX_DEPTH, key_lines, too_deep_line
 
 DOTS = ".".join("abcdefghijklmnopqrstuvwxyz")
+
+
+def test_every_table_and_key_has_a_line() -> None:
+    """By hand: also tables of which all keys may be missing, and those that dots make."""
+    text = "x.y = 1\n[a.b]\nc = 2\n[[link]]\n\n[[link]]\nd = 3\n[link.e]\n"
+    lines = {"x": 1, "x.y": 1, "a.b": 2, "a.b.c": 3, "link": 4, "link[0]": 4}
+    assert key_lines(text) == lines | {"link[1]": 6, "link[1].d": 7, "link.e": 8}
 
 
 @pytest.mark.parametrize(

@@ -167,6 +167,7 @@ def test_operations_of_arrays(small: ModuleType, tmp_path: Path) -> None:
         "within": clip(a, -0.3, 0.2),
         "signs": copysign(x, x - 0.1) - (-x) / (1.5 - (s - 2.0)),
         "chosen": choose(x, 0.0, 1.0 / x, s),
+        "inverse": -1.0 / x,
         "scaled": scaled,
         "square": square,
         "again": x,

@@ -171,14 +171,12 @@ def listed(names: Sequence[str]) -> str:
 class MovingAllocation(Allocation):
     """Thrusts for wrenches at configurations, each by the allocation that holds there.
 
-    As an allocation by itself it is that of configuration `q` (nq), of which `missing` tells.
+    As an allocation by itself it is that of the neutral configuration, of which `missing` tells.
     `limits`, N, are (2, N) or one pair for all.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, q: Array, limits: Array | tuple[float, float] | None = None
-    ) -> None:
-        super().__init__(vehicle.thrust_wrenches(q), limits)
+    def __init__(self, vehicle: Vehicle, limits: Array | tuple[float, float] | None = None) -> None:
+        super().__init__(vehicle.thrust_wrenches(), limits)
         self.vehicle = vehicle
 
     @property
@@ -225,16 +223,15 @@ def _smallest(columns: Array, wrenches: Array) -> Array:
 
 
 def allocation_of(
-    vehicle: Vehicle, q: Array | None = None, limits: Array | tuple[float, float] | None = None
+    vehicle: Vehicle, limits: Array | tuple[float, float] | None = None
 ) -> Allocation:
     """The allocation of a robot's rotors, which serves at every configuration.
 
-    Of `q` (nq), or zero, it is told what the rotors cannot command, if they move. `limits`, N, are
-    (2, N) or one pair for all.
+    `limits`, N, are (2, N) or one pair for all.
     """
     if not vehicle.rotors_move:
         return Allocation(vehicle.thrust_wrenches(), limits)
-    return MovingAllocation(vehicle, vehicle.neutral if q is None else q, limits)
+    return MovingAllocation(vehicle, limits)
 
 
 def thrust_axis(vehicle: Vehicle, q: Array) -> Array | None:

@@ -77,7 +77,7 @@ def test_a_controller_is_traced(module: ModuleType, jax_module: ModuleType) -> N
 
     def law(time: Any, q: Any, v: Any) -> Any:
         rates = v[:, : len(module.INPUTS)]
-        return 2.0 + time - 0.5 * rates
+        return 2.0 + time - 0.5 * rates + 0.1 * q[:, -len(module.INPUTS) :]
 
     found, expected = (rollout(m, **given | {"control": law}) for m in (jax_module, module))
     np.testing.assert_allclose(found.q, expected.q, rtol=1e-12, atol=1e-12)

@@ -214,6 +214,8 @@ def test_a_tip_force_is_a_push_of_the_tip() -> None:
     """Scenarios of before there were pushes at any frame keep their meaning."""
     old = LEAST + "[tip_force]\nforce = [1, 2, 3]\nbegin = 2\n"
     assert parse_scenario(old).push == Push((1, 2, 3), begin=2, frame="tip")
+    whole = parse_scenario(LEAST + "[tip_force]\nforce = [1, 2, 3]\n").push
+    assert whole == Push((1, 2, 3), frame="tip")
     new = old.replace("tip_force", "push")
     assert parse_scenario(new).push == parse_scenario(old).push
     assert faults(new + "[tip_force]\nforce = [1, 2, 3]\n") == [
