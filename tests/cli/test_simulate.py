@@ -17,6 +17,7 @@ from types import ModuleType
 import pytest
 from support.command import ENVIRONMENT, run
 
+from gibbs_codegen.cli.terminal import ended_by_signals
 from gibbs_codegen.flight.record.flight import read_flight
 
 
@@ -133,6 +134,24 @@ def test_a_flight_that_ends_early_fails_with_its_reason_and_its_results(workplac
     assert "the flight ended early: at t = " in done.stderr
     assert "Traceback" not in done.stderr
     assert read_flight(workplace / "lost" / "flight.npz").stopped
+
+
+def test_signals_to_end_unwind_the_work() -> None:
+    """One that is ignored, as by nohup, stays ignored."""
+    before = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGHUP)]
+    try:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        with ended_by_signals():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+            with pytest.raises(SystemExit) as ended:
+                signal.raise_signal(signal.SIGTERM)
+        assert ended.value.code == 128 + signal.SIGTERM
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
