@@ -39,7 +39,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.arrays.steps import METHODS
+from gibbs_codegen.arrays.steps import runge_kutta_4
 
 # Least time constant, s, of a motor that lags: faster ones follow at once.
 _LEAST_LAG = 1e-6
@@ -59,7 +59,7 @@ class Horizon:
     robot: Functions
     points: tuple[int, ...] = ()
     orientations: tuple[int, ...] = ()
-    method: str = "euler"
+    method: str = "trapezoidal"
     lags: bool = False
     changes: bool = False
     carries: bool = False
@@ -256,7 +256,12 @@ class Horizon:
             found: Node = robot.forward_dynamics(q, v, acting)
             return found
 
-        q_next, v_next = METHODS[self.method](robot.integrate, accelerate, q, v, h)
+        if self.method == "rk4":
+            q_next, v_next = runge_kutta_4(robot.integrate, accelerate, q, v, h)
+        else:
+            # Exact where accelerations are constant, and as stable as semi-implicit Euler's.
+            v_next = v + h * accelerate(q, v, 0)
+            q_next = robot.integrate(q, 0.5 * h * (v + v_next))
         outputs |= {"q_next": q_next, "v_next": v_next}
         if self.changes:
             outputs["before_next"] = u

@@ -4,9 +4,10 @@ One real-time iteration an instant: the plan of the instant before, moved on, is
 the state is known, and when it is, one quadratic program with all limits gives the next plan. All
 of it is C (`runtime/predictive`), which allocates nothing.
 
-The steps of the prediction are semi-implicit Euler's. Dampers would make them unstable where links
-are light; so they take the dampers' torques at their end, which is the step of a robot whose joints
-have an armature that is larger by step times damping:
+The prediction takes velocities by Euler's steps, and coordinates by the mean of those before and
+after. Dampers would make them unstable where links are light; so they take the dampers' torques at
+their end, which is the step of a robot whose joints have an armature that is larger by step times
+damping:
 
     M (v⁺ − v) / h = R − D v⁺ + B u    is    (M + h D) (v⁺ − v) / h = R − D v + B u
 
@@ -29,10 +30,10 @@ from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
+from gibbs_codegen.flight.control.laws import ControlLaw
 from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.plant.actuators import Actuators, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
-from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.predictive import CompiledPredictive, Row, Transcription
 
@@ -133,6 +134,7 @@ class Predictive:
         orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
         posture: Coordinates (n, nq) at times (n), s; those of hover, moved along with the first
             point, if None.
+        feedforward: Inputs (n, nu) at times (n), s, off which they cost; those of hover if None.
         parameters: Of the robot as it is known, as `prepare` takes them.
         step: Length of the first step, s, which is also how often it plans.
         nodes: How many steps the horizon has.
@@ -144,7 +146,7 @@ class Predictive:
         delay: How much later inputs take effect, s, for which it makes up.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
             followed meanwhile; None if it is waited for.
-        method: How the prediction takes its steps: "euler", or "rk4" for robots without fast
+        method: How the prediction takes its steps: "trapezoidal", or "rk4" for robots without fast
             dampers.
 
     Raises:
@@ -158,6 +160,7 @@ class Predictive:
     points: Mapping[str, Path] = field(default_factory=dict)
     orientations: Mapping[str, Path] = field(default_factory=dict)
     posture: Path | None = None
+    feedforward: Path | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     step: float = 0.02
     nodes: int = 20
@@ -168,7 +171,7 @@ class Predictive:
     iterations: int = 1
     delay: float = 0.0
     deadline: float | None = None
-    method: str = "euler"
+    method: str = "trapezoidal"
 
     def __post_init__(self) -> None:
         self._check()
@@ -209,6 +212,11 @@ class Predictive:
         told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
         self._first_point = self._position(self.hover.q)
         told["ahead"][:] = self._ahead_costs(constants, weights)
+        # What follows the horizon costs by displacements and velocities in the base's frame.
+        nv = robot.space.velocities
+        to_base = np.linalg.inv(self._in_base(self.hover.q))
+        costs = told["ahead"][: 4 * nv * nv].reshape(2 * nv, 2 * nv)
+        self._costs_in_base = to_base.T @ costs @ to_base
         self.log: list[Instant] = []
         self.reset()
 
@@ -302,9 +310,10 @@ class Predictive:
         for name, (value, is_right, words) in wanted.items():
             if not is_right:
                 raise UsageError(f"predictive: {name} must be {words}, not {value}")
-        if self.method not in ("euler", "rk4"):
+        if self.method not in ("trapezoidal", "rk4"):
             raise UsageError(
-                f'predictive: method must be "euler" or "rk4", not {printable(str(self.method))}'
+                'predictive: method must be "trapezoidal" or "rk4", not '
+                f"{printable(str(self.method))}"
             )
 
     def _frame(self, name: str) -> int:
@@ -327,7 +336,7 @@ class Predictive:
         known = {**self.module.PARAMETERS, **self.parameters}
         changed = dict(self.parameters)
         for name, damping in known.items():
-            if not name.endswith("_damping") or not np.any(damping) or self.method != "euler":
+            if not name.endswith("_damping") or not np.any(damping) or self.method == "rk4":
                 continue
             armature = name.removesuffix("damping") + "armature"
             if armature not in known:
@@ -421,6 +430,7 @@ class Predictive:
         rotations = [np.asarray(path(times)) for path in self.orientations.values()]
         if self.posture is not None:
             q = np.asarray(self.posture(times))
+            self._turn_costs(q[-1])
             moved = [np.asarray(self.posture(times + sign * _DIFFERENCE)) for sign in (-1.0, 1.0)]
             v = self.vehicle.function("difference")(*moved) / (2.0 * _DIFFERENCE)
         else:
@@ -432,8 +442,25 @@ class Predictive:
                 q[:, layout.q.position] += points[0] - self._first_point
                 v[:, layout.v.position] = speed / (2.0 * _DIFFERENCE) @ self._turn.T
         u = np.tile(self.hover.u, (count, 1))
+        if self.feedforward is not None:
+            u = np.asarray(self.feedforward(times))
         rows = [*points, *(x.reshape(count, 9) for x in rotations), q, v, u]
         return np.concatenate(rows, axis=1)
+
+    def _in_base(self, q: Array) -> Array:
+        """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
+        base, nv = self.vehicle.layout.v.base, self.vehicle.layout.v.size
+        jacobian = self.vehicle.function("frame_jacobians")(q)[self.vehicle.frames.index("base")]
+        rotation = self.vehicle.base_rotation(q)
+        turned = np.eye(nv)
+        turned[np.ix_(base, base)] = np.kron(np.eye(2), rotation.T) @ jacobian[:, base]
+        return np.asarray(np.kron(np.eye(2), turned), np.float64)
+
+    def _turn_costs(self, q: Array) -> None:
+        """Let what follows the horizon cost as in hover, seen from a base that has turned."""
+        turned = self._in_base(q)
+        costs = turned.T @ self._costs_in_base @ turned
+        self._compiled.arrays["ahead"][: costs.size] = costs.ravel()
 
     @property
     def _turn(self) -> Array:
@@ -530,34 +557,46 @@ class _Rest(NamedTuple):
 _RATE = 50.0
 
 
-def predictive_law(
-    vehicle: Vehicle, reference: Reference, scenario: Scenario, actuators: Actuators
-) -> Predictive:
+def predictive_law(law: ControlLaw, scenario: Scenario, actuators: Actuators) -> Predictive:
     """The predictive law of a scenario: it leads the tip, if that has a path, and else the base.
 
-    `vehicle` is the robot as the law knows it. The posture is that of the desired motion. Raises as
-    `Predictive` does.
+    `law` knows the robot, and commands the inputs of the desired motion, off which inputs cost as
+    the posture does off its coordinates. Raises as `Predictive` does.
     """
+    vehicle, reference, control = law.vehicle, law.reference, scenario.control
+    step = 1.0 / (control.rate or _RATE)
+    # Between instants too, where commands are late.
+    spacing = step / 8.0
+    times = np.arange(reference.begin, reference.end + 2.0 * spacing, spacing)
+    q = vehicle.kinematics.normalised(reference(times)[0])
+    still = np.zeros((len(times), vehicle.layout.v.size))
+    forward = law.commanded(times, q, still, still[:, :0], {})[0]
+    force = vehicle.inverse_dynamics(q[0], still[0], still[0])
+    rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
 
-    def posture(times: Array) -> Array:
-        return vehicle.kinematics.normalised(reference(times)[0])
+    def table(rows: Array) -> Path:
+        """Rows at any times; the first before, and the last after."""
 
-    def tip(times: Array) -> Array:
-        found: Array = vehicle.frame_poses(posture(times))[:, vehicle.frames.index("tip"), :3, 3]
+        def found(at: Array) -> Array:
+            place = np.clip((at - times[0]) / spacing, 0.0, len(times) - 1.0)
+            first = np.minimum(place.astype(int), len(times) - 2)
+            share = (place - first)[:, np.newaxis]
+            between: Array = (1.0 - share) * rows[first] + share * rows[first + 1]
+            return between
+
         return found
 
-    q = posture(np.array([reference.begin]))[0]
-    still = np.zeros(vehicle.layout.v.size)
-    force = vehicle.inverse_dynamics(q, still, still)
-    u = np.asarray(np.linalg.lstsq(vehicle.input_matrix(q), force, rcond=None)[0], np.float64)
-    control = scenario.control
+    coordinates, points = table(q), {}
+    if scenario.arm.tip is not None:
+        points["tip"] = table(vehicle.frame_poses(q)[:, vehicle.frames.index("tip"), :3, 3])
     return Predictive(
         vehicle.module,
-        _Rest(q, u),
-        {} if scenario.arm.tip is None else {"tip": tip},
-        posture=posture,
+        _Rest(q[0], np.asarray(rest, np.float64)),
+        points,
+        posture=lambda at: vehicle.kinematics.normalised(coordinates(at)),
+        feedforward=table(forward),
         parameters=scenario.parameters,
-        step=1.0 / (control.rate or _RATE),
+        step=step,
         delay=control.delay,
         actuators=actuators,
     )

@@ -293,7 +293,7 @@ def law_in_time(
     rate, delay = control.rate, control.delay
     sensing = Sensing(law.vehicle, law.reference, sensors)
     if controller is None and control.law == PREDICTIVE:
-        planning = predictive_law(law.vehicle, law.reference, scenario, actuators)
+        planning = predictive_law(law, scenario, actuators)
         return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)
     if controller is None:
         if rate is None and sensors is None:

@@ -229,7 +229,7 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"step": 0.0}, "step must be a finite time above 0"),
         ({"nodes": 0}, "nodes must be 1 to 500"),
         ({"points": {"hand": lambda t: t}}, "no frame hand; its frames: base, tip"),
-        ({"method": "heun"}, 'method must be "euler" or "rk4"'),
+        ({"method": "heun"}, 'method must be "trapezoidal" or "rk4"'),
     ):
         with pytest.raises(UsageError, match=words):
             controller_of(module, **changes)
