@@ -30,7 +30,7 @@ from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
-from gibbs_codegen.flight.control.laws import ControlLaw
+from gibbs_codegen.flight.control.laws import Controller
 from gibbs_codegen.flight.control.observation import Observation
 from gibbs_codegen.flight.plant.actuators import Actuators, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -557,7 +557,7 @@ class _Rest(NamedTuple):
 _RATE = 50.0
 
 
-def predictive_law(law: ControlLaw, scenario: Scenario, actuators: Actuators) -> Predictive:
+def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) -> Predictive:
     """The predictive law of a scenario: it leads the tip, if that has a path, and else the base.
 
     `law` knows the robot, and commands the inputs of the desired motion, off which inputs cost as
@@ -567,7 +567,7 @@ def predictive_law(law: ControlLaw, scenario: Scenario, actuators: Actuators) ->
     step = 1.0 / (control.rate or _RATE)
     # Between instants too, where commands are late.
     spacing = step / 8.0
-    times = np.arange(reference.begin, reference.end + 2.0 * spacing, spacing)
+    times = np.arange(reference.begin, reference.end, spacing)
     q = vehicle.kinematics.normalised(reference(times)[0])
     still = np.zeros((len(times), vehicle.layout.v.size))
     forward = law.commanded(times, q, still, still[:, :0], {})[0]
@@ -575,10 +575,10 @@ def predictive_law(law: ControlLaw, scenario: Scenario, actuators: Actuators) ->
     rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
 
     def table(rows: Array) -> Path:
-        """Rows at any times; the first before, and the last after."""
+        """Rows at any times; after the last they go on as they went."""
 
         def found(at: Array) -> Array:
-            place = np.clip((at - times[0]) / spacing, 0.0, len(times) - 1.0)
+            place = np.maximum((at - times[0]) / spacing, 0.0)
             first = np.minimum(place.astype(int), len(times) - 2)
             share = (place - first)[:, np.newaxis]
             between: Array = (1.0 - share) * rows[first] + share * rows[first + 1]

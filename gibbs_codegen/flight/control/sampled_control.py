@@ -292,7 +292,7 @@ def law_in_time(
     control, sensors = scenario.control, scenario.sensors
     rate, delay = control.rate, control.delay
     sensing = Sensing(law.vehicle, law.reference, sensors)
-    if controller is None and control.law == PREDICTIVE:
+    if controller is None and control.law == PREDICTIVE and isinstance(law, Controller):
         planning = predictive_law(law, scenario, actuators)
         return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)
     if controller is None:
