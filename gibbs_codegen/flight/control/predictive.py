@@ -146,8 +146,8 @@ class Predictive:
         delay: How much later inputs take effect, s, for which it makes up.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
             followed meanwhile; None if it is waited for.
-        method: How the prediction takes its steps: "trapezoidal", or "rk4" for robots without fast
-            dampers.
+        method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
+            make unstable; if None the one where no joint has a damper, and else the other.
 
     Raises:
         UsageError: If an argument is not what it must be.
@@ -171,12 +171,13 @@ class Predictive:
     iterations: int = 1
     delay: float = 0.0
     deadline: float | None = None
-    method: str = "trapezoidal"
+    method: str | None = None
 
     def __post_init__(self) -> None:
         self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
+        self._method = self.method or ("trapezoidal" if np.any(vehicle.damping) else "rk4")
         self._limits = self.actuators or module_actuators(vehicle)
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
@@ -187,7 +188,7 @@ class Predictive:
             robot,
             tuple(self._frame(name) for name in self.points),
             tuple(self._frame(name) for name in self.orientations),
-            self.method,
+            self._method,
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
             self._carries,
@@ -310,7 +311,7 @@ class Predictive:
         for name, (value, is_right, words) in wanted.items():
             if not is_right:
                 raise UsageError(f"predictive: {name} must be {words}, not {value}")
-        if self.method not in ("trapezoidal", "rk4"):
+        if self.method not in (None, "trapezoidal", "rk4"):
             raise UsageError(
                 'predictive: method must be "trapezoidal" or "rk4", not '
                 f"{printable(str(self.method))}"
@@ -336,7 +337,7 @@ class Predictive:
         known = {**self.module.PARAMETERS, **self.parameters}
         changed = dict(self.parameters)
         for name, damping in known.items():
-            if not name.endswith("_damping") or not np.any(damping) or self.method == "rk4":
+            if not name.endswith("_damping") or not np.any(damping) or self._method == "rk4":
                 continue
             armature = name.removesuffix("damping") + "armature"
             if armature not in known:
