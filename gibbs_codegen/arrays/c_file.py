@@ -14,8 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gibbs_codegen.arrays.c_text import (
-    CProgram,
+from gibbs_codegen.arrays.c_text import CProgram
+from gibbs_codegen.arrays.contents import (
     check_distinct,
     externals_of,
     inner_programs,

@@ -20,20 +20,21 @@ from functools import cached_property
 from typing import NamedTuple
 
 from gibbs_codegen.arrays import nodes
+from gibbs_codegen.arrays.contents import (
+    check_distinct,
+    externals_of,
+    inner_programs,
+    owners_of,
+)
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, diagonal_of, numbers_of
+from gibbs_codegen.arrays.text import PRODUCT, SUM, WHOLE, Names, Text, call_of, infix
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS
 
 # Vectors of as many entries are computed entry by entry, without a loop.
 FEW = 4
 _VIEWS = (nodes.Part, nodes.Transposition, nodes.Entries, nodes.Coordinates, nodes.Reshaping)
-_OPERATORS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
-# Operands on the left and on the right that need no parentheses.
-_SUMS, _PRODUCTS = ("add", "subtract"), ("multiply", "divide")
-_LEFT: dict[str, tuple[str, ...]] = dict.fromkeys(_SUMS, _SUMS + _PRODUCTS)
-_LEFT |= dict.fromkeys(_PRODUCTS, _PRODUCTS)
-_RIGHT: dict[str, tuple[str, ...]] = dict.fromkeys(_SUMS, _PRODUCTS)
 _FUNCTIONS = {
     "minimum": "minimum",
     "maximum": "maximum",
@@ -122,7 +123,7 @@ class CProgram:
         *,
         is_plain: bool = False,
     ) -> None:
-        self.program = program
+        self.program, self.readers = program, program.readers
         _check_names(program)
         self.name = f"{prefix}{program.name}"
         self.prefix = prefix
@@ -139,15 +140,6 @@ class CProgram:
         self._copies = 0
 
     # What is computed where it is read, and what has a place of its own.
-
-    @cached_property
-    def readers(self) -> dict[Node, list[Node]]:
-        """The nodes that read each node."""
-        found: dict[Node, list[Node]] = {x: [] for x in self.program.nodes}
-        for x in self.program.nodes:
-            for argument in x.arguments:
-                found[argument].append(x)
-        return found
 
     @cached_property
     def results(self) -> set[Node]:
@@ -408,56 +400,48 @@ class CProgram:
 
     def entry(self, x: Node, index: Index, wanted: bool = False) -> str:
         """An entry of a node; `wanted` tells that it must be a number, not a real."""
-        text = self._entry(x, index)
+        text = self._entry(x, index).text
         return self._same(text) if wanted and self.uniform(x) else text
 
     def _same(self, text: str) -> str:
         """A number that all states share."""
         return f"same({text})"
 
-    def _entry(self, x: Node, index: Index) -> str:
+    def _entry(self, x: Node, index: Index) -> Text:
         if x in self.inlined:
-            text = self.expression(x, index)
-            return f"({text})" if _name_of(x) in _OPERATORS else text
+            return self.expression(x, index)
         base = self.base(x)
         if base in self.inlined:
             return self._entry(base, ())
         numbers = numbers_of(base)
         if numbers is not None and (numbers == numbers.flat[0]).all():
-            return literal(float(numbers.flat[0]))
+            return Text(literal(float(numbers.flat[0])))
         if x is base and (diagonal := diagonal_of(x)):
-            return _diagonal(index, *diagonal)
-        if not self._is_kept(base):
-            return (
-                base.operation.name
-                if isinstance(base.operation, nodes.Input)
-                else (self._names.of(base))
-            )
-        return self.view(x).entry(index)
+            return Text(_diagonal(index, *diagonal))
+        if self._is_kept(base):
+            return Text(self.view(x).entry(index))
+        match base.operation:
+            case nodes.Input(name):
+                return Text(name)
+        return Text(self._names.of(base))
 
-    def expression(self, x: Node, index: Index) -> str:
+    def expression(self, x: Node, index: Index) -> Text:
         """An entry of an elementary function."""
-        name = _name_of(x)
-        terms = [self._spread(argument, x, index) for argument in x.arguments]
-        if name in _OPERATORS:
-            if name == "multiply" and terms[0] == "(-R(1.0))":
-                return f"-{terms[1]}"
-            for place, binding in enumerate((_LEFT, _RIGHT)):
-                argument = x.arguments[place]
-                if argument in self.inlined and _name_of(argument) in binding.get(name, ()):
-                    terms[place] = terms[place][1:-1]
-            return f"{terms[0]} {_OPERATORS[name]} {terms[1]}"
-        if self.is_plain and name in ("sin", "cos"):
-            return f"LIBRARY({name})({terms[0]})"
+        operands = [self._spread(argument, x, index) for argument in x.arguments]
+        if found := infix(x, operands):
+            return found
+        name, terms = _name_of(x), [operand.text for operand in operands]
+        if self.is_plain and name in _ANGLES:
+            return Text(f"LIBRARY({name})({terms[0]})")
         if self.uniform(x):
-            return f"{_FUNCTIONS[name]}_real({', '.join(terms)})"
+            return Text(f"{_FUNCTIONS[name]}_real({', '.join(terms)})")
         numbers = [
             self._same(term) if self.uniform(y) else term
             for term, y in zip(terms, x.arguments, strict=True)
         ]
-        return f"{_FUNCTIONS[name]}({', '.join(numbers)})"
+        return Text(f"{_FUNCTIONS[name]}({', '.join(numbers)})")
 
-    def _spread(self, argument: Node, x: Node, index: Index) -> str:
+    def _spread(self, argument: Node, x: Node, index: Index) -> Text:
         """The entry of an argument that goes with an entry of the result."""
         if argument.shape == ():
             return self._entry(argument, ())
@@ -597,10 +581,12 @@ class CProgram:
             return lambda index: self._summed(x, index, terms, products)
 
         def lines(index: Index) -> list[str]:
-            added = [self._term(y, index, k) for y in products for k in range(_inner(y))]
-            text = " + ".join([*(self._spread(y, x, index) for y in terms), *added])
+            text = self.expression(x, index).text if not products else ""
+            if products:
+                added = [self._term(y, index, k) for y in products for k in range(_inner(y))]
+                text = " + ".join([*self._summands(x, index, terms), *added])
             target = self.view(x).entry(index) if is_kept else declared
-            return [f"{target} = {text if products else self.expression(x, index)};"]
+            return [f"{target} = {text};"]
 
         return lines
 
@@ -616,13 +602,18 @@ class CProgram:
             products += added
         return terms, products
 
+    def _summands(self, x: Node, index: Index, terms: Sequence[Node]) -> list[str]:
+        """Terms of an entry that is a sum, from left to right."""
+        found = [self._spread(y, x, index) for y in terms]
+        return [text.within(PRODUCT if place else SUM) for place, text in enumerate(found)]
+
     def _summed(
         self, x: Node, index: Index, terms: Sequence[Node], products: Sequence[Node]
     ) -> list[str]:
         """An entry that is the sum of others and of products of many terms."""
         kind, is_kept = self._kind(x), self._is_kept(x)
         name = "sum" if is_kept else self._names.of(x)
-        start = " + ".join(self._spread(y, x, index) for y in terms) or "R(0.0)"
+        start = " + ".join(self._summands(x, index, terms)) or "R(0.0)"
         if kind == "number" and all(map(self.uniform, terms)):
             start = self._same(start)
         lines = [f"{kind} {name} = {start};"]
@@ -639,7 +630,11 @@ class CProgram:
         """A term of an entry of a product."""
         left, right = x.arguments
         lead = len(left.shape) - 1
-        return f"{self.entry(left, [*index[:lead], k])} * {self.entry(right, [k, *index[lead:]])}"
+        one, two = (
+            self._entry(left, [*index[:lead], k]),
+            self._entry(right, [k, *index[lead:]]),
+        )
+        return f"{one.within(PRODUCT)} * {two.within(WHOLE)}"
 
     def _total(self, x: Node) -> list[str]:
         inner = x.arguments[0]
@@ -809,18 +804,6 @@ class CProgram:
         ]
 
 
-def call_of(x: Node) -> object:
-    """What nodes have in common that one call computes."""
-    match x.operation:
-        case nodes.Elementary("sin" | "cos"):
-            return (_ANGLES, x.arguments)
-        case nodes.Call(functions, name):
-            return (functions, name, x.arguments)
-        case nodes.Invocation(program):
-            return (program, x.arguments)
-    return None
-
-
 def _numbered(group: Iterable[Node]) -> list[tuple[int, Node]]:
     return [(x.operation.output, x) for x in group if isinstance(x.operation, nodes.Call)]
 
@@ -841,56 +824,6 @@ def _settle(arrays: list[Storage]) -> None:
         settled.append(array)
 
 
-def inner_programs(program: Program) -> list[Program]:
-    """The programs that a program invokes, each after those that it invokes itself."""
-    found: dict[Program, None] = {}
-    for x in program.nodes:
-        if isinstance(x.operation, nodes.Invocation):
-            for inner in (*inner_programs(x.operation.program), x.operation.program):
-                found[inner] = None
-    return list(found)
-
-
-def owners_of(program: Program) -> list[str]:
-    """Whose constants a program needs."""
-    found: dict[str, None] = {}
-    for part in (*inner_programs(program), program):
-        for x in part.nodes:
-            if isinstance(x.operation, nodes.Call):
-                found[x.operation.functions.owner] = None
-    return sorted(found)
-
-
-def externals_of(program: Program) -> set[str]:
-    """Names of what is written by hand that a program calls."""
-    parts = (*inner_programs(program), program)
-    operations = (x.operation for part in parts for x in part.nodes)
-    return {each.name for each in operations if isinstance(each, nodes.External)}
-
-
-def solve_room(program: Program) -> int:
-    """Entries of the largest matrix that a program solves with, 1 at least."""
-    parts = (*inner_programs(program), program)
-    found = (x for part in parts for x in part.nodes if isinstance(x.operation, nodes.Solution))
-    return max((x.arguments[0].size for x in found), default=1)
-
-
-def elementaries_of(program: Program) -> set[str]:
-    """Names of the elementary functions that a program has."""
-    return {_name_of(x) for part in (*inner_programs(program), program) for x in part.nodes}
-
-
-def functions_of(program: Program) -> list[tuple[str, str]]:
-    """Names of module and function of all that a program calls."""
-    calls = (
-        x.operation
-        for part in (*inner_programs(program), program)
-        for x in part.nodes
-        if isinstance(x.operation, nodes.Call)
-    )
-    return list(dict.fromkeys((call.functions.name, call.name) for call in calls))
-
-
 def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = "") -> list[str]:
     """Lines of C of programs and those that they invoke, each once, with names that begin so."""
     inner = dict.fromkeys(one for program in programs for one in inner_programs(program))
@@ -901,53 +834,6 @@ def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = ""
     for program in programs:
         lines += [*CProgram(program, prefix).function(storage), ""]
     return lines
-
-
-class Names:
-    """Names of variables, which tell what they are where the program does."""
-
-    def __init__(self, program: Program, reserved: Iterable[str]) -> None:
-        self._taken = {*program.names, *program.outputs, *reserved}
-        self._taken |= {*owners_of(program), *externals_of(program)}
-        self._labels = program.labels
-        self._found: dict[Node, str] = {}
-
-    def of(self, x: Node) -> str:
-        """The name of a node's variable."""
-        if x not in self._found:
-            self._found[x] = self._free(self._wanted(x))
-        return self._found[x]
-
-    def give(self, x: Node, name: str) -> None:
-        """Give a node the name of an output, if it has none."""
-        self._found.setdefault(x, name)
-
-    def has(self, x: Node) -> bool:
-        """Whether a node has a name of its own."""
-        return x in self._found or x in self._labels
-
-    def _free(self, wanted: str) -> str:
-        name = wanted
-        for number in itertools.count(2):
-            if name not in self._taken:
-                break
-            name = f"{wanted}_{number}"
-        self._taken.add(name)
-        return name
-
-    def _wanted(self, x: Node) -> str:
-        if x in self._labels:
-            return self._labels[x].name
-        match x.operation:
-            case nodes.Elementary("sin" | "cos"):
-                return "sines" if _name_of(x) == "sin" else "cosines"
-            case nodes.Call(_, name, output):
-                return FUNCTIONS[name].outputs[output].name
-            case nodes.Invocation(_, name) | nodes.External(name):
-                return name
-            case nodes.Constant():
-                return "table"
-        return "value"
 
 
 # What text of a program has for itself, but for functions that are written by hand.
@@ -972,15 +858,6 @@ def _check_names(program: Program) -> None:
             f"{program.name}: in C nothing can be called {', '.join(map(repr, wrong))}; give the "
             "program, its inputs and outputs names of letters, digits and underscores that C and "
             "the text around it do not use"
-        )
-
-
-def check_distinct(programs: Iterable[Program]) -> None:
-    """Raise `UsageError` for different programs of one name, which C has no two functions of."""
-    names = [program.name for program in dict.fromkeys(programs)]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise UsageError(
-            f"two programs are called {' and '.join(twice)}; each needs a name of its own"
         )
 
 

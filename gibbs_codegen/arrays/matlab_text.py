@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.c_text import check_distinct, externals_of, inner_programs, owners_of
+from gibbs_codegen.arrays.contents import check_distinct, externals_of, inner_programs, owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, Shape, numbers_of
 from gibbs_codegen.arrays.text import PRODUCT, WHOLE, ArrayText, Text
@@ -112,17 +112,17 @@ class MatlabText(ArrayText):
             isinstance(y.operation, nodes.Part)
             or (isinstance(y.operation, nodes.Entries | nodes.Coordinates) and self._is_indexed(y))
             or self._gives_columns(y)
-            for y in self._readers[x]
+            for y in self.readers.get(x, ())  # Pieces that are turned have none.
         )
 
     def _gives_columns(self, x: Node) -> bool:
         """Whether a node is a transposed matrix whose rows are read as columns alone."""
-        readers = self._readers[x]
+        readers = self.readers.get(x, [])
         is_turned = isinstance(x.operation, nodes.Transposition) and bool(readers)
         return is_turned and all(
             isinstance(part.operation, nodes.Part)
             and not self.names.has(part)
-            and all(isinstance(y.operation, nodes.Transposition) for y in self._readers[part])
+            and all(isinstance(y.operation, nodes.Transposition) for y in self.readers[part])
             for part in readers
         )
 

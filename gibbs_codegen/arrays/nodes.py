@@ -691,6 +691,15 @@ class Program:
         """All nodes, each after those of which it is made."""
         return ordered(self.outputs.values())
 
+    @cached_property
+    def readers(self) -> dict[Node, list[Node]]:
+        """The nodes that read each node."""
+        found: dict[Node, list[Node]] = {x: [] for x in self.nodes}
+        for x in self.nodes:
+            for argument in x.arguments:
+                found[argument].append(x)
+        return found
+
     def __call__(self, *arguments: Node) -> tuple[Node, ...]:
         """The results of other nodes in place of the inputs, in the order of `outputs`."""
         return tuple(self.results(*arguments).values())

@@ -1,17 +1,18 @@
-"""Array programs as text of languages that have arrays: what NumPy and MATLAB have in common.
+"""Array programs as text: what languages have in common, and NumPy and MATLAB, which have arrays.
 
-A statement computes what is called, what has a name, and what is read more than once; all else is
-an expression where it is read. Languages say how an operation on arrays is written.
+There a statement computes what is called, what has a name, and what is read more than once; all
+else is an expression where it is read. Languages say how an operation on arrays is written.
 """
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from gibbs_codegen.arrays import nodes
-from gibbs_codegen.arrays.c_text import Names, call_of
+from gibbs_codegen.arrays.contents import externals_of, owners_of
 from gibbs_codegen.arrays.nodes import Node, Program, is_all
 from gibbs_codegen.interface import FUNCTIONS
 
@@ -33,6 +34,81 @@ class Text(NamedTuple):
         return f"({self.text})" if self.level > level else self.text
 
 
+def infix(x: Node, operands: Sequence[Text], times: str = "*", over: str = "/") -> Text | None:
+    """The sum, difference, product or quotient of operands; None of another function."""
+    match x.operation:
+        case nodes.Elementary("add" | "subtract" as name):
+            one, two = operands
+            sign = "+" if name == "add" else "-"
+            return Text(f"{one.within(SUM)} {sign} {two.within(PRODUCT)}", SUM)
+        case nodes.Elementary("multiply" | "divide" as name):
+            one, two = operands
+            if name == "multiply" and is_all(x.arguments[0], -1.0):
+                return Text(f"-{two.within(WHOLE)}", PRODUCT)
+            sign = times if name == "multiply" else over
+            return Text(f"{one.within(PRODUCT)} {sign} {two.within(WHOLE)}", PRODUCT)
+    return None
+
+
+def call_of(x: Node) -> object:
+    """What nodes have in common that one call computes."""
+    match x.operation:
+        case nodes.Elementary("sin" | "cos"):
+            return ("sin", "cos"), x.arguments
+        case nodes.Call(functions, name):
+            return functions, name, x.arguments
+        case nodes.Invocation(program):
+            return program, x.arguments
+    return None
+
+
+class Names:
+    """Names of variables, which tell what they are where the program does."""
+
+    def __init__(self, program: Program, reserved: Iterable[str]) -> None:
+        self._taken = {*program.names, *program.outputs, *reserved}
+        self._taken |= {*owners_of(program), *externals_of(program)}
+        self._labels = program.labels
+        self._found: dict[Node, str] = {}
+
+    def of(self, x: Node) -> str:
+        """The name of a node's variable."""
+        if x not in self._found:
+            self._found[x] = self._free(self._wanted(x))
+        return self._found[x]
+
+    def give(self, x: Node, name: str) -> None:
+        """Give a node the name of an output, if it has none."""
+        self._found.setdefault(x, name)
+
+    def has(self, x: Node) -> bool:
+        """Whether a node has a name of its own."""
+        return x in self._found or x in self._labels
+
+    def _free(self, wanted: str) -> str:
+        name = wanted
+        for number in itertools.count(2):
+            if name not in self._taken:
+                break
+            name = f"{wanted}_{number}"
+        self._taken.add(name)
+        return name
+
+    def _wanted(self, x: Node) -> str:
+        if x in self._labels:
+            return self._labels[x].name
+        match x.operation:
+            case nodes.Elementary("sin" | "cos" as function):
+                return "sines" if function == "sin" else "cosines"
+            case nodes.Call(_, name, output):
+                return FUNCTIONS[name].outputs[output].name
+            case nodes.Invocation(_, name) | nodes.External(name):
+                return name
+            case nodes.Constant():
+                return "table"
+        return "value"
+
+
 class ArrayText(ABC):
     """The statements of a program in one language."""
 
@@ -41,11 +117,7 @@ class ArrayText(ABC):
     reserved: tuple[str, ...] = ()
 
     def __init__(self, program: Program) -> None:
-        self.program = program
-        self._readers: dict[Node, list[Node]] = {x: [] for x in program.nodes}
-        for x in program.nodes:
-            for y in x.arguments:
-                self._readers[y].append(x)
+        self.program, self.readers = program, program.readers
         self.names = Names(program, self.reserved)
         for name, x in program.outputs.items():
             inner = _inner(x)
@@ -91,14 +163,14 @@ class ArrayText(ABC):
         if isinstance(x.operation, _CALLS) or self.names.has(x):
             return True
         if isinstance(x.operation, nodes.Joining):
-            readers = self._readers[x]
+            readers = self.readers[x]
             return not all(isinstance(y.operation, nodes.Transposition) for y in readers)
         return not isinstance(x.operation, _LOOKS) and self._times_read(x) > 1
 
     def _times_read(self, x: Node) -> int:
         """How often a node is read, also by those that look at parts of it."""
         return sum(
-            self._times_read(y) if isinstance(y.operation, _LOOKS) else 1 for y in self._readers[x]
+            self._times_read(y) if isinstance(y.operation, _LOOKS) else 1 for y in self.readers[x]
         ) + (x in self.program.outputs.values())
 
     def expression(self, x: Node) -> Text:
@@ -112,19 +184,9 @@ class ArrayText(ABC):
 
     def _value(self, x: Node) -> Text:
         """The expression that computes a node."""
-        match x.operation:
-            case nodes.Elementary(name):
-                one, two = ([self.operand(y, x) for y in x.arguments] * 2)[:2]
-                if name == "add":
-                    return Text(f"{one.within(SUM)} + {two.within(PRODUCT)}", SUM)
-                if name == "subtract":
-                    return Text(f"{one.within(SUM)} - {two.within(PRODUCT)}", SUM)
-                if name == "multiply" and is_all(x.arguments[0], -1.0):
-                    return Text(f"-{two.within(WHOLE)}", SUM)
-                if name in ("multiply", "divide"):
-                    sign = self.times if name == "multiply" else self.over
-                    return Text(f"{one.within(PRODUCT)} {sign} {two.within(WHOLE)}", PRODUCT)
-        return self.operation(x)
+        is_elementary = isinstance(x.operation, nodes.Elementary)
+        operands = [self.operand(y, x) for y in x.arguments] if is_elementary else []
+        return infix(x, operands, self.times, self.over) or self.operation(x)
 
     @abstractmethod
     def operand(self, y: Node, x: Node) -> Text:

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.c_text import CProgram, c_functions, functions_of
+from gibbs_codegen.arrays.c_text import CProgram, c_functions
+from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.predictive import Horizon
 from gibbs_codegen.files.verbatim import c_source

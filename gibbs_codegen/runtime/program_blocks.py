@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.c_text import CProgram, externals_of, functions_of
+from gibbs_codegen.arrays.c_text import CProgram
+from gibbs_codegen.arrays.contents import externals_of, functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.c_text import owners_of
+from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.runtime.blocks import ONE, Blocks

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.c_text import (
-    CProgram,
-    c_functions,
+from gibbs_codegen.arrays.c_text import CProgram, c_functions
+from gibbs_codegen.arrays.contents import (
     elementaries_of,
     externals_of,
     functions_of,

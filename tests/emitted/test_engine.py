@@ -11,7 +11,7 @@ import pytest
 from support.compiled import SANITIZERS, build, compile_only
 from support.tools import run
 
-from gibbs_codegen.arrays.c_text import externals_of, owners_of
+from gibbs_codegen.arrays.contents import externals_of, owners_of
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.flight.integration.closed_loop import loop_program
 from gibbs_codegen.flight.integration.state_history import Loads

@@ -157,6 +157,7 @@ def test_operations_of_arrays(small: ModuleType, tmp_path: Path) -> None:
         "shifted": constant(np.eye(3, 4, 1)) + a,
         "diagonal": constant(-0.5 * np.eye(3, 4)) * s,
         "columns": (a + 1.0).transposed[1:3].transposed,
+        "turned_pieces": join(a, a[:1] + 1.0).transposed,
         "rows_of_columns": a.transposed[1:3],
         "of_a_sum": (a - s)[1:],
         "entry": (x * s)[2],

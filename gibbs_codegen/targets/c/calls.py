@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from gibbs_codegen.arrays.c_text import functions_of
+from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.errors import UsageError

@@ -7,7 +7,8 @@ one array, since local arrays cannot have a length that depends on the number of
 
 from __future__ import annotations
 
-from gibbs_codegen.arrays.c_text import CProgram, View, functions_of
+from gibbs_codegen.arrays.c_text import CProgram, View
+from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.arrays.steps import emitted_step
