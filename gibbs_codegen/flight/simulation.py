@@ -125,8 +125,8 @@ def flight_start(
         scenario = replace(scenario, control=replace(scenario.control, law="open_loop"))
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     check_path(scenario.base, scenario.duration, "the path of the base")
-    if scenario.arm.tip is not None:
-        check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
+    for name, path in scenario.arm.paths.items():
+        check_path(path, scenario.duration, f"the path of {'the tip' if name == 'tip' else name}")
     vehicle = Vehicle(module, scenario.parameters)
     loop, motion = _closed_loop(vehicle, scenario, progress, own)
     q, v = starting_state(vehicle, loop.controller.reference, scenario.start)

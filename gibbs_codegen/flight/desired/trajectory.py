@@ -16,6 +16,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired import timing
 from gibbs_codegen.flight.desired.base_trajectory import check_times, desired_base, knots
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, desired_with_tip
+from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import (
     authority_posture,
     joint_motion,
@@ -29,7 +30,6 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.orientation import SingularAttitudeError, Turning
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
-from gibbs_codegen.flight.scenario.paths import Path
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
 
 # Is told what is being done, and the share of it that is done, 0 to 1.
@@ -49,10 +49,10 @@ def desired_motion(
     limits = actuators.joints[0], actuators.joints[1]
     # The timing "fastest" slows down what is too fast.
     fastest = actuators.velocities if scenario.timing.law == "uniform" else np.inf
-    if scenario.arm.tip is None:
+    if not scenario.arm.paths:
         motion = _with_posture(vehicle, scenario, limits, fastest, progress)
     else:
-        motion = _with_tip(vehicle, scenario, scenario.arm.tip, limits, progress)
+        motion = _with_frames(vehicle, scenario, limits, progress)
         _check_rates(vehicle, motion, fastest)
     return vehicle.kinematics.reference(motion)
 
@@ -70,9 +70,7 @@ def _with_posture(
     """
     task, time = scenario.arm, knots(scenario.duration)
     if task.posture is None:
-        posture = rest_posture(vehicle, limits)
-        if vehicle.rotors_move and scenario.control.law != "off":
-            posture = authority_posture(vehicle, limits, posture)
+        posture = _rest(vehicle, scenario, limits)
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
         _check_limits(vehicle, task, "posture", posture, limits, vehicle.joint_names)
@@ -85,31 +83,52 @@ def _with_posture(
     # What the base does then depends on the joints.
     _check_rates(vehicle, joints_at(time), fastest)
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
-        return underactuated_motion(vehicle, time, joints_at, *wanted, shown)
+        led = led_frames(vehicle, {}, limits)
+        return underactuated_motion(vehicle, time, joints_at, *wanted, led, shown)
     base = desired_base(vehicle, time, *wanted, shown)
     return with_joints(vehicle, base, joints_at(base.time))
 
 
-def _with_tip(
-    vehicle: Vehicle, scenario: Scenario, tip: Path, limits: JointBounds, progress: Progress
-) -> Motion:
-    """The motion of a scenario with a path of the tip.
+def _rest(vehicle: Vehicle, scenario: Scenario, limits: JointBounds) -> Array:
+    """Joints (n) that hang, or are where rotors that joints move command as they must."""
+    posture = rest_posture(vehicle, limits)
+    if vehicle.rotors_move and scenario.control.law != "off":
+        return authority_posture(vehicle, limits, posture)
+    return posture
 
-    Raises `UsageError` for a base that leans, and as `desired_with_tip` does.
+
+def _with_frames(
+    vehicle: Vehicle, scenario: Scenario, limits: JointBounds, progress: Progress
+) -> Motion:
+    """The motion of a scenario with paths of the tip or of other frames.
+
+    Raises `UsageError` as `underactuated_motion` does for a base that leans, as `desired_with_tip`
+    does for others, and for paths of other frames there.
     """
     task, time = scenario.arm, knots(scenario.duration)
-    leans = thrust_axis(vehicle, vehicle.neutral[np.newaxis]) is not None
-    if leans and scenario.control.law != "off":
-        raise UsageError(
-            f"{vehicle.name}: its base leans, since its rotors push along one axis, and no path of "
-            "the tip can be led from there; leave out the tip path, and give a posture or "
-            "arm.moves_deg"
-        )
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess, "arm.guess")
         # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
         _check_limits(vehicle, task, "guess", guess, limits, task.guess)
+    posture = _rest(vehicle, scenario, limits) if guess is None else guess
+    joints_at = partial(joint_motion, vehicle, posture, {})
+    leans = thrust_axis(vehicle, joints_at(time[:1]).q) is not None
+    if leans and scenario.control.law != "off":
+        return underactuated_motion(
+            vehicle,
+            time,
+            joints_at,
+            scenario.base,
+            scenario.attitude,
+            led_frames(vehicle, task.paths, limits, posture if vehicle.rotors_move else guess),
+            partial(progress, "desired motion"),
+        )
+    if task.tip is None or task.frames:
+        raise UsageError(
+            f"{vehicle.name}: arm.frames: only a base that leans leads frames other than the tip "
+            "along paths; leave them out"
+        )
 
     def base_at(knots: Array) -> Motion:
         # Progress is shown for the first time only: what follows is the arm's.
@@ -120,7 +139,7 @@ def _with_tip(
         vehicle,
         time,
         base_at,
-        tip,
+        task.tip,
         limits,
         guess,
         lambda done, total: progress("inverse kinematics", done / total),

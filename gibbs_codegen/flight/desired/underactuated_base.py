@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -32,6 +31,7 @@ from gibbs_codegen.flight.desired.base_trajectory import (
     refine,
     refined,
 )
+from gibbs_codegen.flight.desired.led_frames import LedFrames
 from gibbs_codegen.flight.desired.posture import with_joints
 from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis, thrust_axis
@@ -47,11 +47,13 @@ from gibbs_codegen.flight.scenario.orientation import (
     unit_derivatives,
 )
 from gibbs_codegen.flight.scenario.paths import Path, plane
-from gibbs_codegen.flight.vectors import Array, Flags, skew, times
+from gibbs_codegen.flight.vectors import Array, Flags, Indices, skew, times
 
-# Thrust axis and its first two derivatives, and the acceleration that is added to the path's, all
-# (s, 3), to lateral force as a share of the weight (s, 2).
-LateralForce = Callable[[Array, Array, Array, Array], Array]
+# Unknowns and their first two derivatives, all (s, c), to what has to vanish (s, r): lateral force
+# as a share of the weight (2), how far the axis is from unit length, how far frames are from their
+# paths, m. Unknowns are the thrust axis (3), the shift of the base centre from its path (3), m, and
+# free numbers of joints that lead frames.
+Conditions = Callable[[Array, Array, Array], Array]
 # Knots that a finite difference takes: of fourth order inside, of the third at least at the ends.
 STENCIL = 5
 # Order of the derivative of the thrust axis that is to be small.
@@ -59,12 +61,13 @@ _ROUGHNESS = 3
 # Frequency above which the path is left rather than the axis made to swing, at most, rad/s; else it
 # is that with which the machine swings about its base centre, so that it does not swing for long.
 _FASTEST = 60.0
-# Steps of differences of the lateral force, for the four arguments.
-_STEPS = (1e-6, 1e-4, 1e-2, 1e-2)
+# Steps of differences of the conditions, for unknowns and their derivatives.
+_STEPS = (1e-6, 1e-4, 1e-2)
+# What roughness of joints costs against that of the axis, and posture.
+_JOINTS, _POSTURE = 0.1, 1e-4
 # Newton's method: most steps, and the change of the axis and the lateral force that end it.
 _MOST_STEPS = 25
-_CONVERGED = 1e-7
-Indices = NDArray[np.int64]
+_CONVERGED = 1e-5
 # Share of gravity that thrust must at least make, and cosine of the greatest angle between the
 # thrust axis and that of the scenario's attitude.
 _LEAST_THRUST, _OPPOSITE = 0.05, -0.985
@@ -80,6 +83,17 @@ _ROOM = 300
 # Greatest lateral force between knots, as a share of the weight, and greatest distance from the
 # path, m.
 _LATERAL, _FARTHEST = 1e-3, 0.1
+# Greatest distance between knots of a led frame from its path, m.
+_MISSED = 1e-6
+# Parts of the unknowns: thrust axis, shift of the base, free numbers of the joints.
+_PARTS = slice(0, 3), slice(3, 6), slice(6, None)
+# What a joint may move more easily than the base may shift, rad²/m², the greatest step towards a
+# path, rad or m, and distances of the base from its path that count as the same, m.
+_SHIFT, _LONGEST, _SAME = 1e-6, 0.3, 1e-4
+# What the base may be off its path to lead frames, of how far these are from it.
+_LEANING = 0.8
+# Keeps a matrix from being singular.
+_TINY = 1e-14
 # Greatest distance of a thrust between knots from the mean of those at the knots, as a share of the
 # weight.
 _UNEVEN = 5e-3
@@ -155,37 +169,41 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
 
 
 def nearest_motion(
-    lateral: LateralForce, axis: Array, shift: Array, grid: Grid, gravity: float, fixed: Flags
-) -> tuple[Array, Array]:
-    """Unit thrust axes, and shifts of the base centre from its path, m, without lateral force.
+    conditions: Conditions, found: Array, near: Array, grid: Grid, gravity: float, fixed: Flags
+) -> Array:
+    """Thrust axes, shifts of the base centre from its path, m, and free joints, as conditions want.
 
-    Both are (s, 3) in world axes, and `fixed` (s) tells the knots at which they stay as given.
+    `found` (s, c) has them to begin with, axes and shifts in world axes; `near` (s, c) is where
+    shifts and joints are to stay near, and `fixed` (s) tells the knots at which they stay as given.
     Raises `UsageError`, with the time where most force is missing, if none is found.
     """
-    count = len(axis)
-    found = np.concatenate([axis.ravel(), shift.ravel()])
-    free = np.flatnonzero(~np.tile(np.repeat(fixed, 3), 2))
-    # Where all of the knots that derivatives take are held, there is nothing to solve.
-    settled = ~(abs(grid.growth) @ ~fixed > 0.0)
-    bound = np.flatnonzero(~np.concatenate([np.repeat(settled, 2), fixed]))
+    count, columns = found.shape
+    free = np.flatnonzero(np.repeat(~fixed, columns))
+    # Forces at the very ends would determine motions that grow from there, or fade.
+    inside = ~fixed
+    inside[: STENCIL // 2] = inside[-(STENCIL // 2) :] = False
     cost = None
     for _ in range(_MOST_STEPS):
-        residual, slopes = _linear(lateral, found[: 3 * count], found[3 * count :], grid)
+        missing, slopes = _linear(conditions, found, grid.rate @ found, grid.growth @ found)
         if cost is None:
-            cost = _cost(slopes, grid, gravity)[free]
-        normal = found[: 3 * count].reshape(-1, 3)
-        residual = np.concatenate([residual.ravel(), 0.5 * (np.sum(normal**2, axis=-1) - 1.0)])
-        jacobian = _jacobian(slopes, normal, grid)[bound][:, free]
+            rough, weights = _cost(slopes, columns, grid, gravity)
+            cost = rough + sparse.kron(sparse.eye_array(count), sparse.diags_array(weights))
+            cost = sparse.csr_array(cost)[free]
+            kept = np.tile(~fixed[:, np.newaxis], missing.shape[1])
+            kept[:, :2] = inside[:, np.newaxis]
+            bound = np.flatnonzero(kept)
+        jacobian = _jacobian(slopes, grid)[bound][:, free]
         system = sparse.block_array([[cost[:, free], jacobian.T], [jacobian, None]], format="csc")
-        right = -np.concatenate([cost @ found, residual[bound]])
-        step = spsolve(system, right)[: len(free)]
-        found[free] += step
+        pull = (weights * near).ravel()[free] - cost @ found.ravel()
+        step = np.zeros(found.size)
+        step[free] = spsolve(system, np.concatenate([pull, -missing.ravel()[bound]]))[: len(free)]
+        found = found + step.reshape(count, columns)
         if not np.all(np.isfinite(step)):
             break
         if np.abs(step).max(initial=0.0) < _CONVERGED:
-            normal, shift = found.reshape(2, count, 3)
-            return normal / np.linalg.norm(normal, axis=-1, keepdims=True), shift
-    worst = grid.time[np.argmax(np.abs(residual[: 2 * count]).reshape(-1, 2).max(axis=-1))]
+            found[:, :3] /= np.linalg.norm(found[:, :3], axis=-1, keepdims=True)
+            return found
+    worst = grid.time[np.argmax(np.abs(missing[:, :2]).max(axis=-1))]
     # Before a flight begins its path rests: what fails there is how it sets out.
     raise UsageError(
         f"at t = {max(worst, 0.0):.6g} s no tilt is found with which the base follows its path, "
@@ -193,33 +211,31 @@ def nearest_motion(
     )
 
 
-def _linear(
-    lateral: LateralForce, axis: Array, shift: Array, grid: Grid
-) -> tuple[Array, list[Array]]:
-    """Lateral force (s, 2), and its derivatives (s, 2, 3) by its four arguments, by differences."""
-    axis, shift = axis.reshape(-1, 3), shift.reshape(-1, 3)
-    at = [axis, grid.rate @ axis, grid.growth @ axis, grid.growth @ shift]
-    slopes = []
-    for place, step in enumerate(_STEPS):
-        columns = []
-        for unit in step * np.eye(3):
-            ahead, behind = [*at], [*at]
-            ahead[place], behind[place] = at[place] + unit, at[place] - unit
-            columns.append((lateral(*ahead) - lateral(*behind)) / (2.0 * step))
-        slopes.append(np.stack(columns, axis=-1))
-    return lateral(*at), slopes
+def _linear(conditions: Conditions, *at: Array, orders: int = 3) -> tuple[Array, list[Array]]:
+    """Conditions (s, r), and derivatives (s, r, c) by unknowns, rates and second rates.
 
-
-def _jacobian(slopes: list[Array], axis: Array, grid: Grid) -> sparse.csr_array:
-    """Derivatives (3 s, 6 s) of what is to be zero by axes, then shifts.
-
-    Rows are lateral forces, then how far axes are from unit length.
+    By differences, of the first `orders` of these three.
     """
-    rate, growth = (sparse.kron(each, sparse.eye_array(3)) for each in (grid.rate, grid.growth))
-    by_axis, by_rate, by_growth, by_push = (_blocks(slope) for slope in slopes)
-    turned = by_axis + by_rate @ rate + by_growth @ growth
-    rows = [[turned, by_push @ growth], [_blocks(axis[:, np.newaxis]), None]]
-    return sparse.block_array(rows, format="csr")
+    count, columns = at[0].shape
+    missing, slopes = conditions(*at), []
+    for order, step in enumerate(_STEPS[:orders]):
+        slopes.append(np.zeros((count, missing.shape[1], columns)))
+        for column in range(columns):
+            # What a base feels depends on neither place nor speed; where it is, frames are told.
+            if 3 <= column < 6 and (order == 1 or (order == 0 and columns == 6)):
+                continue
+            ahead = [*at]
+            ahead[order] = at[order] + step * np.eye(columns)[column]
+            slopes[order][..., column] = (conditions(*ahead) - missing) / step
+    return missing, slopes
+
+
+def _jacobian(slopes: list[Array], grid: Grid) -> sparse.csr_array:
+    """Derivatives (r s, c s) of conditions by the unknowns."""
+    size = sparse.eye_array(slopes[0].shape[-1])
+    rate, growth = (sparse.kron(each, size, format="csr") for each in (grid.rate, grid.growth))
+    by_place, by_rate, by_growth = (_blocks(slope) for slope in slopes)
+    return sparse.csr_array(by_place + by_rate @ rate + by_growth @ growth)
 
 
 def _blocks(blocks: Array) -> sparse.csr_array:
@@ -228,19 +244,22 @@ def _blocks(blocks: Array) -> sparse.csr_array:
     return sparse.csr_array(sparse.bsr_array((blocks, places, np.arange(len(blocks) + 1))))
 
 
-def _cost(slopes: list[Array], grid: Grid, gravity: float) -> sparse.csr_array:
-    """The quadratic form (6 s, 6 s) of axes and shifts that is to be least.
+def _cost(
+    slopes: list[Array], columns: int, grid: Grid, gravity: float
+) -> tuple[sparse.csr_array, Array]:
+    """What is to be least of the unknowns: a quadratic form (s c, s c), weights (c) of squares.
 
-    Both parts are without dimension: the roughness of the axis, and the shift against the
+    All is without dimension: the roughness of axes and joints, and the shift against the
     acceleration of gravity, at the frequency where the one begins to outweigh the other.
     """
     # A pendulum of length l, whose lateral force is −n − l n̈ / g, swings with √(g / l).
-    pendulum = np.abs(slopes[2]).max() ** -0.5 if np.any(slopes[2]) else np.inf
+    by_growth = slopes[2][:, :2, :3]
+    pendulum = np.abs(by_growth).max() ** -0.5 if np.any(by_growth) else np.inf
     frequency = min(pendulum, _FASTEST)
     rough = differences(_ROUGHNESS, grid.count, grid.step) / frequency**_ROUGHNESS
-    near = (frequency**2 / gravity) ** 2 * sparse.eye_array(grid.count)
-    parts = sparse.block_diag([rough.T @ rough, near])
-    return sparse.csr_array(sparse.kron(parts, sparse.eye_array(3)))
+    shares = np.repeat([1.0, 0.0, _JOINTS], [3, 3, columns - 6])
+    weights = np.repeat([0.0, (frequency**2 / gravity) ** 2, _POSTURE], [3, 3, columns - 6])
+    return sparse.kron(rough.T @ rough, sparse.diags_array(shares)), weights
 
 
 class UnderactuatedBase:
@@ -250,12 +269,21 @@ class UnderactuatedBase:
     - `axis` (s, 3): thrust axes in the base's frame
     - `centre` (s, ≥ 3, 3): position, velocity and acceleration of the base centre, world axes
     - `wanted`: attitude that the scenario has
+    - `led`: frames that joints lead along paths, with their `targets` (s, ≥ 3, m, 3)
     """
 
     def __init__(
-        self, vehicle: Vehicle, joints: Motion, axis: Array, centre: Array, wanted: Turning
+        self,
+        vehicle: Vehicle,
+        joints: Motion,
+        axis: Array,
+        centre: Array,
+        wanted: Turning,
+        led: LedFrames,
+        targets: Array,
     ) -> None:
         self.vehicle, self.joints, self.centre = vehicle, joints, centre
+        self.led, self.targets = led, targets
         self._axis, self._turning = axis, wanted
         self.grid = Grid(joints.time)
         spin, spin_rate = skew(wanted.velocity), skew(wanted.acceleration)
@@ -275,28 +303,33 @@ class UnderactuatedBase:
         a[self.vehicle.layout.v.position.stop - 1] = upwards
         return self.vehicle.base_wrench(q, self.vehicle.inverse_dynamics(q, v, a))[:3]
 
-    def motion(self, axes: Derivatives, shift: Derivatives) -> Motion:
-        """The motion with thrust axes, and shifts of the base centre.
-
-        Each is (s, 3) with its first two derivatives, world axes.
-        """
+    def motion(self, *found: Array) -> Motion:
+        """The motion with unknowns, as `Conditions` has them, and their first two derivatives."""
+        axes, shift, numbers = (
+            (found[0][:, part], found[1][:, part], found[2][:, part]) for part in _PARTS
+        )
         centre = self.centre[:, :3] + np.stack(shift, axis=1)
         tilt = shortest_rotation(self.upright, unit_derivatives(*axes))
         turning = turning_of(*product_derivatives(np.matmul, tilt, self._wanted))
         base = base_motion(self.vehicle, self.joints.time, centre, turning)
-        return with_joints(self.vehicle, base, self.joints)
+        motion = with_joints(self.vehicle, base, self.joints)
+        return self.led.with_joints(self.vehicle, motion, numbers)
 
-    def lateral(self, axis: Array, rate: Array, growth: Array, push: Array) -> Array:
-        """Lateral force (s, 2) that the base would need, by weight, as `LateralForce` has it.
-
-        Thrust axes and their first two derivatives (s, 3) are in world axes; `push` (s, 3), m/s²,
-        is added to the acceleration of the base centre.
-        """
-        still = np.zeros_like(push)
-        motion = self.motion((axis, rate, growth), (still, still, push))
+    def conditions(self, *found: Array) -> Array:
+        """What has to vanish (s, r), as `Conditions` has it."""
+        motion = self.motion(*found)
         force = self.vehicle.inverse_dynamics(motion.q, motion.v, motion.a)
-        wrench = self.vehicle.base_wrench(motion.q, force)[:, :3]
-        return times(self._sides, wrench) / self.weight
+        lateral = times(self._sides, self.vehicle.base_wrench(motion.q, force)[:, :3]) / self.weight
+        length = 0.5 * (np.sum(found[0][:, :3] ** 2, axis=-1, keepdims=True) - 1.0)
+        led = self.led.misses(self.vehicle, motion.q, self.targets)
+        return np.concatenate([lateral, length, led], axis=-1)
+
+    def misses(self, found: Array) -> Array:
+        """How far frames (s, 3 m) are from their paths, m."""
+        return self._misses(found, *np.zeros((2, *found.shape)))
+
+    def _misses(self, *found: Array) -> Array:
+        return self.led.misses(self.vehicle, self.motion(*found).q, self.targets)
 
     def with_room(self, count: int) -> tuple[UnderactuatedBase, slice]:
         """The same with `count` more knots at ends where the machine rests, and the path's knots.
@@ -318,8 +351,53 @@ class UnderactuatedBase:
             turning.rotation[places], turning.velocity[places], turning.acceleration[places]
         )
         return UnderactuatedBase(
-            self.vehicle, joints, self._axis[places], self.centre[places], turning
+            self.vehicle,
+            joints,
+            self._axis[places],
+            self.centre[places],
+            turning,
+            self.led,
+            self.targets[places],
         )
+
+    def quasistatic(self, axis: Array) -> Array:
+        """Unknowns (s, c) with frames on their paths, each knot by itself, at thrust axes (s, 3).
+
+        The base is off its path where the joints do not get there.
+        """
+        start = np.concatenate([axis, np.zeros_like(axis)], axis=-1)
+        if not self.led.paths:
+            return start
+        # As many as derivatives take.
+        count = max(len(self.led.starts), STENCIL)
+        numbers = np.resize(self.led.starts, (count, len(self.led.joints)))
+        first = self.at(np.zeros(count, dtype=int), np.arange(count, dtype=float))
+        tried, jacobian = first._reached(np.hstack([np.tile(start[0], (count, 1)), numbers]))
+        off = np.linalg.norm(np.hstack([tried[:, 3:6], first.misses(tried)]), axis=-1)
+        # Of the nearest postures that which moves the frames most evenly.
+        weakest = np.linalg.svd(jacobian[:, :, 6:], compute_uv=False)[:, -1]
+        best = tried[np.argmax(np.where(off < off.min() + _SAME, weakest, -1.0)), 6:]
+        return self._reached(np.hstack([start, np.tile(best, (len(axis), 1))]))[0]
+
+    def _reached(self, found: Array) -> tuple[Array, Array]:
+        """Unknowns (s, c) near to others with frames on paths, and the frames' Jacobian (s, m, c).
+
+        Thrust axes stay as they are. Rows that do not get there are off their paths.
+        """
+        ease = np.repeat([0.0, _SHIFT, 1.0], [3, 3, found.shape[1] - 6])
+        still = np.zeros_like(found)
+        for _ in range(_MOST_STEPS):
+            missing, (jacobian,) = _linear(self._misses, found, still, still, orders=1)
+            square = (jacobian * ease) @ np.swapaxes(jacobian, 1, 2)
+            square += _TINY * np.eye(square.shape[-1])
+            pull = np.linalg.solve(square, missing[..., np.newaxis])[..., 0]
+            step = -ease * times(np.swapaxes(jacobian, 1, 2), pull)
+            # Numbers of joints at their limits have a long way.
+            size = (np.abs(step) / (1.0 + np.abs(found))).max(axis=-1, keepdims=True)
+            found = found + step * np.minimum(1.0, _LONGEST / np.maximum(size, _LONGEST))
+            if size.max() < _CONVERGED:
+                break
+        return found, jacobian
 
     def point_mass(self) -> Array:
         """Thrust axes (s, 3) of a point mass on the path, world axes.
@@ -359,6 +437,7 @@ class UnderactuatedBase:
         """Which knots (s) are held: the first and the last ones, where the machine rests there."""
         rates = [self._wanted[1].reshape(self.grid.count, -1), self.centre[:, 1], self.centre[:, 2]]
         rates += [self.joints.v, self.joints.a]
+        rates.append(self.targets[:, 1:3].reshape(self.grid.count, -1))
         still = np.all(np.abs(np.concatenate(rates, axis=1)) < _REST, axis=1)
         fixed = np.zeros(self.grid.count, dtype=bool)
         fixed[:STENCIL], fixed[-STENCIL:] = still[0], still[-1]
@@ -371,16 +450,17 @@ def underactuated_motion(
     joints_at: Callable[[Array], Motion],
     path: Path,
     orientation: Orientation,
+    led: LedFrames,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Motion:
     """The motion nearest to a path that a base can fly whose rotors push along one axis.
 
     Where pieces between the evenly spaced knots need lateral force, 2, 4 … times as many are taken.
-    `joints_at` gives the motion of the joints for knots, the base's coordinates at zero;
-    `orientation` is the attitude but for the base's tilt. Raises `UsageError`, with the time, where
-    thrust would have to vanish or to point against the scenario's attitude, where the attitude is
-    singular, where joints bring the rotors to where they do not command three moments, and where
-    the base cannot stay near its path.
+    `joints_at` gives the motion of the joints for knots, the base's coordinates at zero, but for
+    those that lead frames. `orientation` is the attitude but for the base's tilt.
+    Raises `UsageError`, with the time, where thrust would have to vanish or to point against the
+    scenario's attitude, where the attitude is singular, where joints bring the rotors to where they
+    do not command three moments, and where the base cannot stay near its path.
     """
     refinement = -(-_FEWEST // (len(time) - 1))
     while True:
@@ -389,11 +469,12 @@ def underactuated_motion(
         turning = orientation(path, knots, vehicle.arm_angles())
         joints = joints_at(knots)
         axis = _axes(vehicle, joints)
-        base = UnderactuatedBase(vehicle, joints, axis, centre, turning)
+        targets = led.targets(knots)
+        base = UnderactuatedBase(vehicle, joints, axis, centre, turning, led, targets)
         longer, own = base.with_room(_ROOM * refinement)
         motion = _solution(longer, progress)
         motion = Motion(knots, motion.q[own], motion.v[own], motion.a[own])
-        deviation = _deviation(vehicle, motion, base.weight)
+        deviation = _deviation(vehicle, motion, base.weight, led)
         if deviation is None:
             return motion
         refinement = refine(refinement, time, deviation, *_TOO_FAST)
@@ -421,14 +502,16 @@ def _solution(base: UnderactuatedBase, progress: Callable[[float], None]) -> Mot
 
     What lies ahead matters for a few seconds only, so that the end of each span is found again.
     """
-    axes, time = base.point_mass(), base.joints.time
-    shift, fixed = np.zeros_like(axes), base.at_rest()
+    time, fixed = base.joints.time, base.at_rest()
+    found = base.quasistatic(base.point_mass())
+    near = found.copy()
+    _check_near(base, found)
     for begin in range(0, len(time), _SPAN):
         span = slice(max(begin - STENCIL, 0), begin + _SPAN + _OVERLAP)
         part = base.at(span, time[span])
         try:
-            axes[span], shift[span] = nearest_motion(
-                part.lateral, axes[span], shift[span], part.grid, base.gravity, fixed[span]
+            found[span] = nearest_motion(
+                part.conditions, found[span], near[span], part.grid, base.gravity, fixed[span]
             )
         except SingularAttitudeError as error:
             instant = time[span][error.place]
@@ -438,20 +521,38 @@ def _solution(base: UnderactuatedBase, progress: Callable[[float], None]) -> Mot
         progress(min(1.0, span.stop / len(time)))
         if span.stop >= len(time):
             break
-    off = np.linalg.norm(shift, axis=-1)
-    if off.max() > _FARTHEST:
-        raise UsageError(
-            f"at t = {time[np.argmax(off)]:.6g} s the base cannot follow its path: the nearest "
-            f"motion that its thrust allows is {off.max():.3g} m off; choose a gentler motion"
-        )
-    rate, growth = base.grid.rate, base.grid.growth
-    return base.motion((axes, rate @ axes, growth @ axes), (shift, rate @ shift, growth @ shift))
+    _check_near(base, found)
+    return base.motion(found, base.grid.rate @ found, base.grid.growth @ found)
 
 
-def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | None:
+def _check_near(base: UnderactuatedBase, found: Array) -> None:
+    """Raise `UsageError` where the base is too far from its path, or frames are from theirs."""
+    shift, led, remedy = found[:, 3:6], base.led, "choose a gentler motion"
+    off, most = np.linalg.norm(shift, axis=-1), _FARTHEST
+    fault = "the base cannot follow its path: the nearest motion that its thrust allows is {} m off"
+    if names := list(led.paths):
+        remedy = "lead the paths of base and arm nearer to each other, or choose a gentler motion"
+        reach = base.targets[:, 0] - (base.centre[:, 0] + shift)[:, np.newaxis]
+        most = max(most, _LEANING * float(np.linalg.norm(reach, axis=-1).max()))
+        fault = f"the base would be {{}} m off its path for {', '.join(names)} to be on theirs"
+        missed = np.linalg.norm(base.misses(found).reshape(len(off), -1, 3), axis=-1)
+        if missed.max() > _MISSED:
+            name = names[int(np.argmax(missed.max(axis=0)))]
+            off, most, fault = missed.max(axis=1), _MISSED, f"{name} stays {{}} m off its path"
+    worst = int(np.argmax(off))
+    if off[worst] <= most:
+        return
+    if at_limits := led.at_limits(base.vehicle, found[worst, 6:]):
+        fault += f", with joints at their limits ({at_limits})"
+    instant = max(base.joints.time[worst], 0.0)
+    raise UsageError(f"at t = {instant:.6g} s {fault.format(f'{off[worst]:.3g}')}; {remedy}")
+
+
+def _deviation(vehicle: Vehicle, motion: Motion, weight: float, led: LedFrames) -> Deviation | None:
     """Where pieces between knots need lateral force, or other thrusts than at the knots beside.
 
-    The farthest from what is allowed; None if both are next to nothing. `weight` in N.
+    Or where frames leave their paths. The farthest from what is allowed; None if all are next to
+    nothing. `weight` in N.
     """
     time = refined(motion.time, 2)
     q, v, a = vehicle.kinematics.reference(motion)(time)
@@ -459,12 +560,12 @@ def _deviation(vehicle: Vehicle, motion: Motion, weight: float) -> Deviation | N
     axis = _axes(vehicle, Motion(time, q, v, a))
     lateral = np.linalg.norm(np.cross(axis, force), axis=-1)[1::2]
     thrusts = needed_inputs(vehicle, q, v, a)[:, : vehicle.rotors]
-    between = thrusts[1::2] - 0.5 * (thrusts[:-1:2] + thrusts[2::2])
-    shares = np.stack(
-        [lateral / (_LATERAL * weight), np.abs(between).max(axis=-1) / (_UNEVEN * weight)]
-    )
-    kind, place = np.unravel_index(np.argmax(shares), shares.shape)
-    if shares[kind, place] <= 1.0:
+    between = np.abs(thrusts[1::2] - 0.5 * (thrusts[:-1:2] + thrusts[2::2])).max(axis=-1)
+    found = [(lateral, _LATERAL * weight, "N"), (between, _UNEVEN * weight, "N")]
+    missed = np.linalg.norm(led.misses(vehicle, q, led.targets(time)), axis=-1)
+    found.append((missed[1::2], _MISSED, "m"))
+    off, allowed, unit = max(found, key=lambda each: each[0].max() / each[1])
+    place = int(np.argmax(off))
+    if off[place] <= allowed:
         return None
-    off = (_LATERAL, _UNEVEN)[kind] * weight * shares[kind, place]
-    return Deviation(int(place), time[1::2][place], off, "N")
+    return Deviation(place, time[1::2][place], off[place], unit)

@@ -15,7 +15,6 @@ is that under all other forces, so payloads come last. The forces of all payload
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.arrays.closed_loop import Surroundings
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import Payload, Push, Wind
 from gibbs_codegen.flight.scenario.scenario import Scenario
@@ -78,25 +77,14 @@ class Environment:
 
     def __post_init__(self) -> None:
         if self.push is not None:
-            self._check(self.push.frame, "push.frame")
+            self.vehicle.frame_place(self.push.frame, "push.frame")
         for name in ("payload", "wall"):
             for place, each in enumerate(getattr(self, name)):
-                self._check(each.frame, f"{name} {place + 1}: frame")
+                self.vehicle.frame_place(each.frame, f"{name} {place + 1}: frame")
         if self.wind is not None:
             for key in ("drag", "rotational_drag"):
                 for frame in getattr(self.wind, key):
-                    self._check(frame, f"wind.{key}")
-
-    def _check(self, frame: str, key: str) -> None:
-        """Raise `UsageError` unless the robot has a frame, which stands at a key."""
-        frames = self.vehicle.frames
-        if frame not in frames:
-            near = difflib.get_close_matches(frame, frames, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise UsageError(
-                f"{key}: {self.vehicle.name} has no frame {printable(frame)}; "
-                f"{hint}its frames: {', '.join(frames)}"
-            )
+                    self.vehicle.frame_place(frame, f"wind.{key}")
 
     @classmethod
     def of(cls, vehicle: Vehicle, scenario: Scenario, spins: Array) -> Environment | None:

@@ -104,6 +104,9 @@ class ArmTable(Table):
     """
 
     tip: AnyPath | None = optional("desired path of the tip in the world")
+    frames: dict[str, AnyPath] = optional(
+        "desired paths of other frames in the world, by name, where the base leans", dict
+    )
     tip_beside_base: AnyPath | None = optional(
         "desired path of the tip from the base centre, world axes"
     )
@@ -142,16 +145,19 @@ class ArmTable(Table):
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
         tips = [each for each in ("tip", "tip_beside_base") if each in values]
+        led = [*tips, *(["frames"] if "frames" in values else [])]
         postures = ("posture", "posture_deg", "moves", "moves_deg")
         others = [*tips[1:], *(each for each in postures if each in values)]
-        if tips and others:
-            yield others[0], f"{tips[0]} already says what the arm does; give one of them"
+        if led and others:
+            yield others[0], f"{led[0]} already says what the arm does; give one of them"
         for each in ("guess", "guess_deg"):
-            if each in values and not tips:
+            if each in values and not led:
                 yield each, "is where the search for a tip path begins; give a tip"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
-        """Faults of postures and moves beyond the limits."""
+        """Faults of a tip with two paths, and of postures and moves beyond the limits."""
+        if "tip" in self.frames and (self.tip or self.tip_beside_base):
+            yield ("frames", "tip"), "tip already has its path; give one of them"
         for end, limits in (("", self.limits), ("_deg", self.limits_deg)):
             postures, moves = (getattr(self, f"{each}{end}") for each in ("posture", "moves"))
             wanted: list[tuple[Place, float]] = [
@@ -184,6 +190,7 @@ class ArmTable(Table):
         }
         return ArmTask(
             tip=tip,
+            frames=self.frames,
             posture=_in_radians(self.posture, self.posture_deg),
             guess=_in_radians(self.guess, self.guess_deg),
             limits=self.limits | limits,

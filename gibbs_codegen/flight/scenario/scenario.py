@@ -47,12 +47,14 @@ class ArmTask(Table):
     rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m, `effort` to
     the greatest torque or force (N m or N), `velocity` to the greatest rate (rad/s or m/s). A joint
     left out of `posture` is at 0; one left out of a limit has that of the robot file, if any.
+    `frames` maps names of other frames to paths, which bases that lean lead with that of the tip.
     `moves` lists moves of joints from the posture on, one after the other for each joint.
     `named` has joints with the tables of the scenario file that name them, such as
     "posture_deg", so that faults of a robot's joints can be told as the file has them.
     """
 
     tip: AnyPath | None = None
+    frames: Mapping[str, AnyPath] = field(default_factory=dict)
     posture: Mapping[JointName, Number] | None = None
     guess: Mapping[JointName, Number] | None = None
     limits: Mapping[JointName, Limits] = field(default_factory=dict)
@@ -64,17 +66,25 @@ class ArmTask(Table):
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
+        led = [each for each in ("tip", "frames") if each in values]
         for each in ("posture", "moves"):
-            if "tip" in values and each in values:
-                yield each, "tip already says what the arm does; give one of them"
-        if "guess" in values and "tip" not in values:
+            if led and each in values:
+                yield each, f"{led[0]} already says what the arm does; give one of them"
+        if "guess" in values and not led:
             yield "guess", "is where the search for a tip path begins; give a tip"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
-        """Faults of moves that overlap."""
+        """Faults of moves that overlap, and of a tip with two paths."""
+        if self.tip and "tip" in self.frames:
+            yield ("frames", "tip"), "tip already has its path; give one of them"
         for joint, moves in self.moves.items():
             for place, words in order_faults(moves):
                 yield ("moves", joint, *place), words
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """Paths of frames, by name, the tip's first."""
+        return {**({"tip": self.tip} if self.tip else {}), **self.frames}
 
 
 @table
@@ -152,8 +162,10 @@ def on_clock(scenario: Scenario, duration: float, scaling: TimeScaling) -> Scena
     Its new paths are not those that its attitude goes by.
     """
     tip = scenario.arm.tip and ScaledPath(scenario.arm.tip, scaling)
+    frames = {name: ScaledPath(path, scaling) for name, path in scenario.arm.frames.items()}
     base = ScaledPath(scenario.base, scaling)
-    return replace(scenario, duration=duration, base=base, arm=replace(scenario.arm, tip=tip))
+    arm = replace(scenario.arm, tip=tip, frames=frames)
+    return replace(scenario, duration=duration, base=base, arm=arm)
 
 
 def slow_motion(scenario: Scenario, factor: float) -> Scenario:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired import underactuated_base
+from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import authority_posture
 from gibbs_codegen.flight.desired.timing import needed_inputs
 from gibbs_codegen.flight.desired.trajectory import desired_motion
@@ -140,9 +141,10 @@ def test_pieces_whose_thrusts_leave_those_of_the_knots_are_found(quadrotor: Vehi
     reference = desired_motion(quadrotor, read_scenario("hover", {"duration": 0.5}))
     time = reference.knots
     motion = Motion(time, *reference(time))
-    assert underactuated_base._deviation(quadrotor, motion, 14.7) is None
+    free = led_frames(quadrotor, {}, (np.zeros(0), np.zeros(0)))
+    assert underactuated_base._deviation(quadrotor, motion, 14.7, free) is None
     motion.v[40, quadrotor.layout.v.position.stop - 1] = 1e-3
-    found = underactuated_base._deviation(quadrotor, motion, 14.7)
+    found = underactuated_base._deviation(quadrotor, motion, 14.7, free)
     assert found is not None
     assert abs(found.piece - 39.5) < 1.0
 
