@@ -30,6 +30,7 @@ typedef struct {
     real cost[STATES][STATES];     /* of all that follows a node */
     number carried[STATES][ROW], sum[WIDTH][ROW];
     real barrier, tolerance;       /* mean of price times slack, at the begin and at the end */
+    real magnitude;                /* of the cost */
     int iterations;
 } Plan;
 
@@ -338,23 +339,11 @@ static void begin_sides(Plan *plan)
 
 /*
  * Begin again where the first step leads: the solution without limits is w then, slacks have the
- * magnitudes that it gives them, and prices go with them so that all products are the same.
+ * magnitudes that it gives them, and the products with prices are what the cost is of each.
  */
-static void begin_again(Plan *plan)
+static void begin_again(Plan *plan, const int count)
 {
-    real sum = R(0.0);
-    int count = 0;
-    for (int k = 0; k <= NODES; ++k) {
-        for (int place = 0; place < SIDES; ++place) {
-            const Side *side = &plan->node[k].sides[place];
-            if (is_limited(side)) {
-                sum += absolute_real(
-                    (side->price + side->price_step) * (side->slack + side->slack_step));
-                ++count;
-            }
-        }
-    }
-    plan->barrier = maximum_real(plan->barrier, sum / (real)count);
+    plan->barrier = maximum_real(plan->barrier, plan->magnitude / (real)count);
     for (int k = 0; k <= NODES; ++k) {
         Node *node = &plan->node[k];
         memcpy(node->w, node->next, sizeof node->w);
@@ -445,7 +434,7 @@ static int solve_plan(Plan *plan)
             return 1;
         }
         if (plan->iterations == 0 && share < R(0.5)) {
-            begin_again(plan);
+            begin_again(plan, count);
             still = R(1.0);
             continue;
         }

@@ -208,6 +208,7 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     real slope, bend, gaps, gaps_before;
     propose(constants, own, room, R(0.0));
     const real before = value_with_gaps(constants, own, room, x, &gaps_before);
+    plan->magnitude = before;
     plan->tolerance = own->tolerance * (R(1.0) + before);
     const int solved = solve_plan(plan);
     own->iterations += (real)plan->iterations;

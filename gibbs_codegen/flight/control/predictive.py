@@ -42,6 +42,8 @@ Path = Callable[[Array], Array]
 # Steps that the regulator goes on for. Without an end, the cost of a motion that no input reaches
 # might not be finite.
 _STEPS = 500
+# How far a point may be off its path before it is led there step by step, in tolerances.
+_FARTHEST = 20.0
 # Iterations of a first plan.
 _FIRST = 30
 # Limits that there are not, and mean products of price and slack at the begin and the end.
@@ -143,6 +145,8 @@ class Predictive:
         actuators: Limits and lag; those of the robot file if None.
         rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None for none.
         iterations: How often it linearises and solves at an instant.
+        farthest: What is further off its path, m, is led by places so far ahead of it; twenty times
+            the tolerance of a point if None. With more, machines that lean may tumble.
         delay: How much later inputs take effect, s, for which it makes up.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
             followed meanwhile; None if it is waited for.
@@ -169,11 +173,14 @@ class Predictive:
     actuators: Actuators | None = None
     rates: float | Array | None = None
     iterations: int = 1
+    farthest: float | None = None
     delay: float = 0.0
     deadline: float | None = None
     method: str | None = None
 
     def __post_init__(self) -> None:
+        own = self.farthest
+        self._farthest = _FARTHEST * self.tolerances.point if own is None else own
         self._check()
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
@@ -255,10 +262,11 @@ class Predictive:
         """
         begin, own = clock.perf_counter(), self._compiled
         told = own.arrays
-        told["reference"][:] = self._reference(time + self.delay + self._ahead)
         is_first = self._failures is None
         if is_first:
             self._begin(q, v)
+        expected = told["x"][0, : len(q)]
+        told["reference"][:] = self._reference(time + self.delay + self._ahead, expected)
         own.prepare()
         prepared = clock.perf_counter()
         x = self._state(q, v)
@@ -306,6 +314,7 @@ class Predictive:
             "nodes": (self.nodes, 1 <= self.nodes <= 500, "1 to 500 steps"),
             "growth": (self.growth, 1.0 <= self.growth <= 2.0, "1 to 2"),
             "iterations": (self.iterations, 1 <= self.iterations <= 100, "1 to 100"),
+            "farthest": (self._farthest, self._farthest > 0.0, "a distance above 0, m"),
             "delay": (self.delay, 0.0 <= self.delay < np.inf, "a time of 0 or more, s"),
         }
         for name, (value, is_right, words) in wanted.items():
@@ -424,14 +433,21 @@ class Predictive:
         found: Array = self.vehicle.frame_poses(q)[frame, :3, 3]
         return found
 
-    def _reference(self, times: Array) -> Array:
-        """What nodes are to be at times (n), s, a row for each."""
+    def _reference(self, times: Array, q_now: Array) -> Array:
+        """What nodes are to be at times (n), s, a row for each, of a machine that is at q_now."""
         count, robot, layout = len(times), self.horizon.robot, self.horizon.robot.layout
         points = [np.asarray(path(times)) for path in self.points.values()]
+        here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
+        points = [
+            path + self._lag_behind(place - path[0])
+            for path, place in zip(points, here, strict=True)
+        ]
         rotations = [np.asarray(path(times)) for path in self.orientations.values()]
         if self.posture is not None:
-            q = np.asarray(self.posture(times))
+            q = np.array(self.posture(times))
             self._turn_costs(q[-1])
+            place = layout.q.position
+            q[:, place] += self._lag_behind(q_now[place] - q[0, place])
             moved = [np.asarray(self.posture(times + sign * _DIFFERENCE)) for sign in (-1.0, 1.0)]
             v = self.vehicle.function("difference")(*moved) / (2.0 * _DIFFERENCE)
         else:
@@ -447,6 +463,11 @@ class Predictive:
             u = np.asarray(self.feedforward(times))
         rows = [*points, *(x.reshape(count, 9) for x in rotations), q, v, u]
         return np.concatenate(rows, axis=1)
+
+    def _lag_behind(self, error: Array) -> Array:
+        """How far what is led is from its path (3), m, that is further off it than it may be."""
+        distance = float(np.linalg.norm(error))
+        return error * max(0.0, 1.0 - self._farthest / max(distance, 1e-12))
 
     def _in_base(self, q: Array) -> Array:
         """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""

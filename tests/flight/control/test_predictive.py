@@ -106,7 +106,7 @@ def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> 
     horizon = controller.horizon
     controller._begin(controller.hover.q, np.zeros(horizon.robot.space.velocities))
     told = controller._compiled.arrays
-    told["reference"][:] = controller._reference(controller._ahead)
+    told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
     moved, node = horizon.moved(), horizon.node()
     for x in told["x"]:
         away = rng.uniform(-0.2, 0.2, horizon.states)
@@ -145,7 +145,7 @@ def test_a_plan_is_the_optimum_within_limits(kind: Any, module: ModuleType) -> N
     robot, told = horizon.robot, own.arrays
     nu, nx, nv = robot.inputs, horizon.states, robot.space.velocities
     q, v = controller.hover.q, np.zeros(nv)
-    told["reference"][:] = controller._reference(controller._ahead)
+    told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
     controller._begin(q, v)
     told["tolerance"][()], told["rounds"][()] = 1e-11, 1
     before = told["x"].copy(), told["u"].copy()
