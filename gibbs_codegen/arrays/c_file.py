@@ -82,9 +82,9 @@ def c_files(
                 f"{function.program.name}: {', '.join(unknown)} is external, and there is no C of "
                 "it; make the program of other nodes, or give its values as inputs"
             )
-    comment = "".join(f"/* {line} */\n" for line in opening)
+    above = "".join(f"/* {line} */\n" for line in opening)
     header, source = _header(robot, stem, words, functions), _source(robot, stem, functions)
-    return {f"{stem}.h": f"{comment}\n{header}", f"{stem}.c": f"{comment}\n{source}"}
+    return {f"{stem}.h": f"{above}\n{header}", f"{stem}.c": f"{above}\n{source}"}
 
 
 def write_c(
@@ -121,17 +121,21 @@ def write_c(
             f"{program.name}: a module has a file of that name; give the program another one"
         )
     stem = f"{robot.name}_{program.name}"
-    opening = [
-        f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
-        "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
-    ]
     words = words or f"The array program {program.name}."
     made = [Function(program, words, explained=explained)]
-    texts = c_files(robot, stem, f"{program.name} of {robot.name}.", made, opening)
+    texts = c_files(robot, stem, f"{program.name} of {robot.name}.", made, opening(robot))
     for name, text in texts.items():
         with writing(Path(folder) / name):
             (Path(folder) / name).write_text(text, encoding="utf-8")
     return [Path(folder) / name for name in texts]
+
+
+def opening(robot: Functions) -> list[str]:
+    """How files begin that are compiled with a module."""
+    return [
+        f"Printed by gibbs_codegen {__version__}; compile it with {robot.name}.c.",
+        "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
+    ]
 
 
 def _header(robot: Functions, stem: str, words: str, functions: Sequence[Function]) -> str:
@@ -142,12 +146,12 @@ def _header(robot: Functions, stem: str, words: str, functions: Sequence[Functio
             _, values = kept.get(structure.name, (structure, {}))
             kept[structure.name] = (structure, {**values, **_values(function.program)})
     parts = [
-        _comment(f"@file\n@brief {words}"),
+        comment(f"@file\n@brief {words}"),
         f"#ifndef {guard}\n#define {guard}\n",
         f'#include "{robot.name}.h"\n',
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         *(_declared(robot, structure, values) for structure, values in kept.values()),
-        *(_comment(_explained(f)) + ";\n".join([*_heading(robot, f), ""]) for f in functions),
+        *(comment(_explained(f)) + ";\n".join([*_heading(robot, f), ""]) for f in functions),
         "#ifdef __cplusplus\n}\n#endif\n",
         f"#endif /* {guard} */\n",
     ]
@@ -160,9 +164,9 @@ def _declared(robot: Functions, structure: Structure, values: Mapping[str, Node]
     lines = []
     for member in structure.members:
         size = f"[{values[member.value].size}]" if values[member.value].shape else ""
-        lines += [f"    {line}" for line in _comment(member.words, width=WIDTH - 4).splitlines()]
+        lines += [f"    {line}" for line in comment(member.words, width=WIDTH - 4).splitlines()]
         lines.append(f"    {robot.name}_real {member.name}{size};")
-    return "\n".join([f"{_comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
+    return "\n".join([f"{comment(structure.words)}typedef struct {{", *lines, f"}} {name};\n"])
 
 
 def _explained(function: Function) -> str:
@@ -174,7 +178,7 @@ def _explained(function: Function) -> str:
     return "\n".join(rows)
 
 
-def _comment(text: str, width: int = WIDTH) -> str:
+def comment(text: str, width: int = WIDTH) -> str:
     """A comment of lines, each of which is wrapped."""
     lines = [
         line

@@ -9,6 +9,8 @@
  * which is -1 if there is none.
  */
 enum { WIDTH = INPUTS + STATES, ROW = (WIDTH + LANES - 1) / LANES, SIDES = 2 * LIMITS };
+/* No array of C is empty. */
+enum { ROWS = LIMITS > 0 ? LIMITS : 1 };
 
 /* A row with one of its limits: y = value or -value is at most `limit`. */
 typedef struct {
@@ -21,17 +23,17 @@ typedef struct {
     number slope[STATES][ROW], hessian[WIDTH][ROW], factor[INPUTS][ROW];
     number w[ROW], next[ROW], gradient[ROW], linear[ROW];
     real gap[STATES], gap_cost[STATES];
-    Side sides[SIDES];
+    Side sides[2 * ROWS];
 } Node;
 
 typedef struct {
     Node node[NODES + 1];
-    const real *penalty, *scale;   /* of rows: price of exceeding them, and how large values are */
-    real cost[STATES][STATES];     /* of all that follows a node */
+    real penalty[ROWS], scale[ROWS]; /* of rows: price of exceeding them, how large values are */
+    real cost[STATES][STATES];       /* of all that follows a node */
     number carried[STATES][ROW], sum[WIDTH][ROW];
-    real barrier, tolerance;       /* mean of price times slack, at the begin and at the end */
-    real magnitude;                /* of the cost */
-    int iterations;
+    real barrier, tolerance;         /* mean of price times slack, at the begin and at the end */
+    real magnitude;                  /* of the cost */
+    real iterations;
 } Plan;
 
 /* A tile of sums: sum[i][j] += a[i][r] b[r][j] of some rows and numbers. */
@@ -416,7 +418,8 @@ static int solve_plan(Plan *plan)
         }
     }
     begin_sides(plan);
-    for (plan->iterations = 0; plan->iterations < MOST; ++plan->iterations) {
+    for (int iteration = 0; iteration < MOST; ++iteration) {
+        plan->iterations = (real)iteration;
         int count = 0;
         const real mean = mean_product(plan, R(0.0), &count);
         if (count > 0 && still < R(1e-3) && mean < plan->tolerance) {
@@ -433,7 +436,7 @@ static int solve_plan(Plan *plan)
             take_share(plan, R(1.0));
             return 1;
         }
-        if (plan->iterations == 0 && share < R(0.5)) {
+        if (iteration == 0 && share < R(0.5)) {
             begin_again(plan, count);
             still = R(1.0);
             continue;

@@ -4,11 +4,22 @@
  * Before it stand the programs of `arrays/predictive.py`, `horizon.c`, and what
  * `runtime/predictive.py` prints: lengths, the structure Controller, which users see, and
  * `placed`, the places of the entries of each row in inputs and state, one after the other.
+ * MODULE(name) puts the robot's name before a name.
  */
 typedef struct {
     Plan plan;
     real candidate[NODES + 1][SIZE], candidate_u[NODES][INPUTS], away[NODES + 1][STATES];
 } Room;
+
+/* The controller ends with room for a Room, at an address that vectors may have. */
+typedef char room_is_large_enough
+    [sizeof(((Controller *)0)->room) >= sizeof(Room) + LANES * sizeof(real) ? 1 : -1];
+
+static Room *room_of(Controller *own)
+{
+    const size_t width = LANES * sizeof(real), over = (uintptr_t)own->room % width;
+    return (Room *)(void *)((char *)own->room + (over > 0 ? width - over : 0));
+}
 
 /* Rows of nodes, from one on, side by side; the last one fills up. */
 static INLINE void gather(const real *rows, const int first, const int count, const int size, number *to)
@@ -202,8 +213,8 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
         reals(begin->w)[INPUTS + i] = room->away[0][i];
     }
     limit(own, plan);
-    plan->penalty = own->penalty;
-    plan->scale = own->scale;
+    memcpy(plan->penalty, own->penalty, sizeof plan->penalty);
+    memcpy(plan->scale, own->scale, sizeof plan->scale);
     plan->barrier = own->barrier;
     real slope, bend, gaps, gaps_before;
     propose(constants, own, room, R(0.0));
@@ -211,7 +222,7 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     plan->magnitude = before;
     plan->tolerance = own->tolerance * (R(1.0) + before);
     const int solved = solve_plan(plan);
-    own->iterations += (real)plan->iterations;
+    own->iterations += plan->iterations;
     if (!solved) {
         return 0;
     }
@@ -241,54 +252,9 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     return 1;
 }
 
-void predictive_prepare(const Constants *constants, Controller *own, Room *room);
-int predictive_step(
-    const Constants *constants, Controller *own, Room *room, const real *x, real *u);
-void predictive_predict(
-    const Constants *constants,
-    Controller *own,
-    Room *room,
-    const real *x,
-    const real *u,
-    const real h,
-    real *x_next);
-void predictive_shift(const Constants *constants, Controller *own, Room *room);
-size_t predictive_room(void);
-
-size_t predictive_room(void)
-{
-    return sizeof(Room);
-}
-
-void predictive_prepare(const Constants *constants, Controller *own, Room *room)
-{
-    linearise(constants, own, room);
-}
-
-int predictive_step(
-    const Constants *constants, Controller *own, Room *room, const real *x, real *u)
-{
-    own->iterations = R(0.0);
-    int solved = iterate(constants, own, room, x);
-    for (int round = 1; solved && round < (int)own->rounds; ++round) {
-        linearise(constants, own, room);
-        solved = iterate(constants, own, room, x);
-    }
-    for (int i = 0; i < INPUTS; ++i) {
-        u[i] = own->u[0][i];
-    }
-    return solved;
-}
-
 /* The state after a time `h` with inputs u. */
-void predictive_predict(
-    const Constants *constants,
-    Controller *own,
-    Room *room,
-    const real *x,
-    const real *u,
-    const real h,
-    real *x_next)
+static void predict(
+    const Constants *constants, const Controller *own, Room *room, const real *u, const real h, real *x)
 {
     number inputs[INPUTS], state[SIZE], reference[REFERENCE], gap[STATES], cost, step = same(h);
     gather(u, 0, 1, INPUTS, inputs);
@@ -296,12 +262,85 @@ void predictive_predict(
     gather(own->reference[0], 0, 1, REFERENCE, reference);
     VALUES(inputs, state, state, step, reference, own->weights, own->lag_times, gap, &cost);
     scatter(gap, 0, 1, STATES, room->away[0]);
-    move(constants, x, room->away[0], 1, x_next);
+    move(constants, x, room->away[0], 1, x);
 }
 
-/* Move the plan on by the first step. */
-void predictive_shift(const Constants *constants, Controller *own, Room *room)
+/* A state of the plan: q and v, thrusts of motors that lag, and the inputs before. */
+static void join_state(const Controller *own, const real *state, real *x)
 {
+    memcpy(x, state, sizeof(real) * SEEN);
+    memcpy(x + SEEN, own->thrusts, sizeof(real) * MOTORS);
+    memcpy(x + SEEN + MOTORS, own->acting, sizeof(real) * CHANGES);
+}
+
+/* Plan to stay, before anything is known. */
+static void stay(Controller *own, const real *state)
+{
+    real still[SEEN] = {R(0.0)};
+    memcpy(still, state, sizeof(real) * COORDINATES);
+    for (int k = 0; k <= NODES; ++k) {
+        join_state(own, still, own->x[k]);
+    }
+    for (int k = 0; k < NODES; ++k) {
+        memcpy(own->u[k], own->hover + REFERENCE - INPUTS, sizeof own->u[k]);
+    }
+}
+
+size_t MODULE(predictive_size)(void)
+{
+    return sizeof(Controller);
+}
+
+void MODULE(predictive_reset)(Controller *own)
+{
+    memcpy(own->acting, own->hover + REFERENCE - INPUTS, sizeof own->acting);
+    memcpy(own->thrusts, own->acting, sizeof(real) * MOTORS);
+    own->failures = R(-1.0);
+}
+
+void MODULE(predictive_prepare)(Controller *own)
+{
+    if (own->failures >= R(0.0)) {
+        linearise(&own->constants, own, room_of(own));
+    }
+}
+
+int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
+{
+    const Constants *constants = &own->constants;
+    Room *room = room_of(own);
+    const int is_first = own->failures < R(0.0), rounds = is_first ? FIRST : (int)own->rounds;
+    real x[SIZE], h;
+    if (is_first) {
+        stay(own, state);
+        linearise(constants, own, room);
+    }
+    join_state(own, state, x);
+    for (real left = own->delay; left > R(1e-9); left -= h) {
+        h = minimum_real(left, own->h[0]);
+        predict(constants, own, room, own->acting, h, x);
+    }
+    own->iterations = R(0.0);
+    int solved = iterate(constants, own, room, x);
+    for (int round = 1; solved && round < rounds; ++round) {
+        linearise(constants, own, room);
+        solved = iterate(constants, own, room, x);
+    }
+    own->failures = solved ? R(0.0) : maximum_real(own->failures, R(0.0)) + R(1.0);
+    memcpy(u, own->u[0], sizeof own->u[0]);
+    for (int row = 0; row < LIMITS; ++row) {
+        const int i = placed[row][0];
+        if (i < INPUTS && placed[row][1] < 0) {
+            u[i] = minimum_real(maximum_real(u[i], own->least[row]), own->most[row]);
+        }
+    }
+    return solved;
+}
+
+void MODULE(predictive_shift)(Controller *own)
+{
+    const Constants *constants = &own->constants;
+    Room *room = room_of(own);
     displacements(constants, own->x[0], own->x[1], NODES, room->away[0]);
     for (int k = 0; k < NODES; ++k) {
         const real share = own->h[0] / own->h[k];
@@ -314,4 +353,23 @@ void predictive_shift(const Constants *constants, Controller *own, Room *room)
     }
     move(constants, own->x[0], room->away[0], NODES, room->candidate[0]);
     memcpy(own->x, room->candidate, sizeof(real) * NODES * SIZE);
+}
+
+void MODULE(predictive_act)(Controller *own, const real *u)
+{
+    for (int i = 0; i < MOTORS; ++i) {
+        const real lag = maximum_real(own->lag_times[i], R(1e-9));
+        own->thrusts[i] = u[i] + exponential_real(-own->h[0] / lag) * (own->thrusts[i] - u[i]);
+    }
+    memcpy(own->acting, u, sizeof own->acting);
+}
+
+int MODULE(predictive_step)(Controller *own, const real *state, const real *reference, real *u)
+{
+    memcpy(own->reference, reference, sizeof own->reference);
+    MODULE(predictive_prepare)(own);
+    const int solved = MODULE(predictive_feedback)(own, state, u);
+    MODULE(predictive_shift)(own);
+    MODULE(predictive_act)(own, u);
+    return solved;
 }

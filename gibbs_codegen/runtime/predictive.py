@@ -1,14 +1,17 @@
-"""A predictive controller in C: its programs and its solver, compiled with a robot's functions.
+"""A predictive controller in C: its programs and its solver, with a header for users of C.
 
-What it is told and tells stands in one structure of real numbers, whose members `members` lists:
-C has its type from there, and NumPy its arrays.
+What it is told and tells stands in one structure of real numbers, whose members `members` lists: C
+has its type from there, and NumPy its arrays. Both compile the same text; for users of C a function
+follows that fills the structure with what a controller was told.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -17,12 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.arrays.c_text import CProgram, c_functions
+from gibbs_codegen.arrays.c_file import comment, opening
+from gibbs_codegen.arrays.c_text import CProgram, c_functions, literal
 from gibbs_codegen.arrays.contents import functions_of
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.arrays.predictive import Horizon
+from gibbs_codegen.files.line_breaks import WIDTH, broken
+from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.interface import LANES
 from gibbs_codegen.runtime.c_library import chosen_compiler, compiled_files, opened
 from gibbs_codegen.runtime.programs import PREFIX, blocks_of, support
 
@@ -36,8 +41,8 @@ DERIVATIVES = (
 )
 # Iterations of the interior-point method that are too many.
 _MOST = 40
-# Shares of a step that are tried: all, half, and so on.
-_SHARES = 5
+# Shares of a step that are tried: all, half, and so on. Rounds of a first plan.
+_SHARES, _FIRST = 5, 30
 
 
 class Row(NamedTuple):
@@ -53,6 +58,44 @@ class Row(NamedTuple):
     other_place: int = -1
 
 
+class Member(NamedTuple):
+    """A member of the structure: its shape, what it is, and whether it is a setting."""
+
+    shape: tuple[int, ...]
+    words: str
+    is_setting: bool = True
+
+
+# Of the functions for users of C: what each returns, is given and does.
+_FUNCTIONS = {
+    "size": ("size_t", "void", "Bytes of a controller."),
+    "init": ("void", "{own}", "Fill in all settings, and reset. Once, before anything else."),
+    "reset": ("void", "{own}", "Forget the plan, before a flight. Settings stay."),
+    "step": (
+        "int",
+        "{own}, const {real} *state, const {real} *reference, {real} *u",
+        "Inputs of the step that begins now: prepare, feedback, shift and act in one call.\n\n"
+        "@param controller the controller\n"
+        "@param state q, then v, as they were measured\n"
+        "@param reference what nodes are to be, row by row, as the member `reference`\n"
+        "@param u inputs within their limits\n"
+        "@return whether a plan was found; if not, u follows the last one: see `failures`",
+    ),
+    "prepare": ("void", "{own}", "Linearise the plan about the member `reference`, beforehand."),
+    "feedback": (
+        "int",
+        "{own}, const {real} *state, {real} *u",
+        "Inputs at a state (q, v), once all is prepared; returns whether a plan was found.",
+    ),
+    "shift": ("void", "{own}", "Move the plan on by its first step, after `feedback`."),
+    "act": (
+        "void",
+        "{own}, const {real} *u",
+        "Tell which inputs act for a step from now on: those of `feedback`, or other ones.",
+    ),
+}
+
+
 @dataclass(frozen=True)
 class Transcription:
     """A horizon of so many steps with limited quantities."""
@@ -62,45 +105,64 @@ class Transcription:
     rows: tuple[Row, ...]
 
     @property
-    def members(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of what the controller is told and tells, by name.
-
-        - `x` and `u`: the plan, states at nodes and inputs from each to the next
-        - `reference`: where nodes are to be; `h`: lengths of steps, s
-        - `weights`, `lag_times` (s), `ahead`: as of `arrays.predictive`
-        - `diagonal`, `changes`: of the Hessian by (u, x), beside that by q: its diagonal, and the
-          weights of changes of inputs
-        - `least`, `most`, `penalty`, `scale`: limits of the rows, price of exceeding them, and how
-          large their values are
-        - `barrier`, `tolerance`: mean of price times slack at the begin of the interior-point
-          method, and at its end as a share of 1 and the cost; `rounds`: how often a step
-          linearises and solves
-        - `iterations`: of the last step; `cost`, `gaps`, `share`: of its plan
-        """
+    def members(self) -> dict[str, Member]:
+        """What the controller is told and tells, by name; settings are told once."""
         horizon, steps, rows = self.horizon, self.steps, max(len(self.rows), 1)
-        robot, weights = horizon.robot, sum(horizon.weight_sizes.values())
-        return {
-            "x": (steps + 1, horizon.size),
-            "u": (steps, robot.inputs),
-            "reference": (steps + 1, horizon.reference_size),
-            "h": (steps,),
-            "weights": (weights,),
-            "lag_times": (max(horizon.motors, 1),),
-            "ahead": (horizon.ahead,),
-            "diagonal": (robot.inputs + horizon.states,),
-            "changes": (max(horizon.before, 1),),
-            "least": (rows,),
-            "most": (rows,),
-            "penalty": (rows,),
-            "scale": (rows,),
-            "barrier": (),
-            "tolerance": (),
-            "rounds": (),
-            "iterations": (),
-            "cost": (),
-            "gaps": (),
-            "share": (),
+        robot, motors = horizon.robot, max(horizon.motors, 1)
+        sizes = {
+            "points (3 each, m, world axes)": 3 * len(horizon.points),
+            "rotations (9 each, row by row, frame to world)": 9 * len(horizon.orientations),
+            "q": robot.space.coordinates,
+            "v": robot.space.velocities,
+            "u": robot.inputs,
         }
+        row = ", ".join(f"{name}: {size}" for name, size in sizes.items() if size)
+        weights = ", ".join(f"{name}: {size}" for name, size in horizon.weight_sizes.items())
+        told = {
+            "h": Member((steps,), "Lengths of the steps, s."),
+            "hover": Member(
+                (horizon.reference_size,), f"The reference of a node in hover ({row})."
+            ),
+            "weights": Member(
+                (sum(horizon.weight_sizes.values()),),
+                f"Of squares of what is off ({weights}), of which `diagonal` has some again.",
+            ),
+            "lag_times": Member((motors,), "Time constants of the motors, s."),
+            "ahead": Member(
+                (horizon.ahead,), "What follows the horizon costs, by a regulator about hover."
+            ),
+            "diagonal": Member(
+                (robot.inputs + horizon.states,),
+                "Of the Hessian by inputs and state, beside that by q.",
+            ),
+            "changes": Member((max(horizon.before, 1),), "Weights of changes of inputs."),
+            "least": Member(
+                (rows,), "Limits of inputs, joints and their rates, and rates of inputs."
+            ),
+            "most": Member((rows,), "The upper ones."),
+            "penalty": Member((rows,), "Prices of exceeding limits; 1e30 where none may."),
+            "scale": Member((rows,), "How large what is limited is."),
+            "barrier": Member((), "Mean of price times slack at the begin of the solver."),
+            "tolerance": Member((), "The same at its end, as a share of 1 and the cost."),
+            "rounds": Member((), "How often a step linearises and solves."),
+            "delay": Member((), "How much later inputs take effect, s."),
+        }
+        found = {
+            "x": ((steps + 1, horizon.size), "The plan: states at nodes,"),
+            "u": ((steps, robot.inputs), "and inputs from each to the next."),
+            "reference": (
+                (steps + 1, horizon.reference_size),
+                f"What nodes are to be, `delay` after now and then step by step ({row}).",
+            ),
+            "acting": ((robot.inputs,), "Inputs that act now."),
+            "thrusts": ((motors,), "Thrusts of motors that lag, N."),
+            "failures": ((), "Instants since the last plan was found; -1 before a first one."),
+            "iterations": ((), "Of the solver at the last instant."),
+            "cost": ((), "Of the plan."),
+            "gaps": ((), "What is missing of the plan: 0 where it can be flown."),
+            "share": ((), "Of the last step of the plan, of which 1 is all."),
+        }
+        return {**told, **{name: Member(*words, False) for name, words in found.items()}}
 
     @property
     def programs(self) -> dict[str, Program]:
@@ -114,15 +176,75 @@ class Transcription:
             "AWAY": horizon.away(),
         }
 
+    def header(self) -> str:
+        """The C header."""
+        robot, horizon = self.horizon.robot, self.horizon
+        name, stem = robot.name, f"{robot.name}_predictive"
+        capitals = stem.upper()
+        width, states = robot.inputs + horizon.states, horizon.states
+        lanes = f"{name.upper()}_LANES"
+        rows = max(len(self.rows), 1)
+        # What `horizon.c` and `predictive.c` have of each node, of which there is one more here for
+        # the rest; rows of matrices fill vectors. The source checks it.
+        padded = f"(({width} + {lanes} - 1) / {lanes} * {lanes})"
+        each = 2 * states + 20 * rows + horizon.size + states + robot.inputs
+        node = f"{2 * width + 4} * {padded} + {each} + {lanes}"
+        room = f"{self.steps + 2} * ({node}) + {states**2 + 2 * rows}"
+        return "\n".join(
+            [
+                self._opening,
+                comment(
+                    f"@file\n@brief Predictive control of {name}: at every instant the best plan "
+                    f"of {self.steps} steps within limits, of which the begin is flown.\n\n"
+                    f"Nothing is allocated: a controller is one variable of the type {stem}, "
+                    "static rather than on a stack. Several may be used at the same time, each by "
+                    "one thread. It must stay where it is from `prepare` to `shift`."
+                ),
+                f"#ifndef {capitals}_H\n#define {capitals}_H\n",
+                f'#include <stddef.h>\n\n#include "{name}.h"\n',
+                '#ifdef __cplusplus\nextern "C" {\n#endif\n',
+                comment("Steps, and lengths of states and of references of nodes.") + "enum {",
+                f"    {capitals}_NODES = {self.steps},",
+                f"    {capitals}_STATE = {robot.space.coordinates + robot.space.velocities},",
+                f"    {capitals}_REFERENCE = {horizon.reference_size}",
+                "};\n",
+                f"#define {capitals}_ROOM \\\n    ({room})\n",
+                comment("A controller: its settings, its plan, and room for its solver.")
+                + "typedef struct {",
+                *(
+                    textwrap.indent(comment(each.words, WIDTH - 4), "    ")
+                    + f"    {name}_real {member}{''.join(f'[{axis}]' for axis in each.shape)};"
+                    for member, each in self.members.items()
+                ),
+                f"    {name}_constants constants; /**< of the robot that is predicted */",
+                f"    {name}_real room[{capitals}_ROOM]; /**< for the solver */",
+                f"}} {stem};\n",
+                *(
+                    comment(f"@brief {words}")
+                    + "\n".join(
+                        broken(
+                            f"{returned} {stem}_{function}"
+                            f"({given.format(own=f'{stem} *controller', real=f'{name}_real')});"
+                        )
+                    )
+                    + "\n"
+                    for function, (returned, given, words) in _FUNCTIONS.items()
+                ),
+                f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {capitals}_H */\n",
+            ]
+        )
+
     def source(self) -> str:
-        """The C source."""
+        """The C source, but for `init`."""
         horizon, programs = self.horizon, self.programs
         robot = horizon.robot
+        capitals = robot.name.upper()
         sizes = {
             "INPUTS": robot.inputs,
             "STATES": horizon.states,
             "VELOCITIES": robot.space.velocities,
             "SIZE": horizon.size,
+            "SEEN": robot.space.coordinates + robot.space.velocities,
             "REFERENCE": horizon.reference_size,
             "MOTORS": horizon.motors,
             "CHANGES": horizon.before,
@@ -130,33 +252,58 @@ class Transcription:
             "LIMITS": len(self.rows),
             "MOST": _MOST,
             "SHARES": _SHARES,
+            "FIRST": _FIRST,
         }
         every = list(programs.values())
-        return "\n".join(
+        return _without_unused(
             [
-                f'#include "{robot.name}.h"',
+                self._opening,
+                f'#include "{robot.name}_predictive.h"',
                 "",
-                f"#define LANES {LANES}",
+                f"#if defined(__GNUC__) && !defined({capitals}_SINGLY)",
+                f"#define LANES {capitals}_LANES",
+                "#endif",
                 f"typedef {robot.name}_real real;",
                 f"typedef {robot.name}_constants Constants;",
+                f"typedef {robot.name}_predictive Controller;",
+                f"#define MODULE(name) {robot.name}_##name",
                 *support(every, robot),
+                "#if LANES > 1",
                 *blocks_of(every, each=False),
+                "#endif",
                 *c_functions(every, PREFIX, "static "),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
                 _table("limited", [(row.entry, row.other) for row in self.rows]),
                 _table("placed", [(row.place, row.other_place) for row in self.rows]),
                 *(_macro(name, program) for name, program in programs.items()),
                 c_source("horizon.c"),
-                "typedef struct {",
-                *(
-                    f"    real {name}{''.join(f'[{axis}]' for axis in shape)};"
-                    for name, shape in self.members.items()
-                ),
-                "} Controller;",
-                "",
                 c_source("predictive.c"),
             ]
         )
+
+    def settings(self, values: Mapping[str, Array]) -> str:
+        """The function `init`, which fills in `values` by the names of settings and `constants`."""
+        lines = ["", "void MODULE(predictive_init)(Controller *own)", "{"]
+        for name, value in values.items():
+            numbers = ", ".join(map(literal, value.ravel().tolist()))
+            lines += broken(f"    static const real {name}[{value.size}] = {{{numbers}}};")
+        lines.append("    memset(own, 0, sizeof *own);")
+        lines += [f"    memcpy(&own->{name}, {name}, sizeof {name});" for name in values]
+        return "\n".join([*lines, "    MODULE(predictive_reset)(own);", "}", ""])
+
+    @property
+    def _opening(self) -> str:
+        return "".join(f"/* {line} */\n" for line in opening(self.horizon.robot))
+
+
+def _without_unused(lines: Sequence[str]) -> str:
+    """C without macros of a line that only definitions name."""
+    kept = "\n".join(lines).split("\n")
+    for name in {name for line in kept for name in re.findall(r"^#define (\w+)(?!.*\\$)", line)}:
+        defined = re.compile(rf"(#define |static INLINE \w+ |IN_LANES\(){name}\b")
+        if not any(re.search(rf"\b{name}\b", x) and not defined.match(x) for x in kept):
+            kept = [line for line in kept if not re.match(rf"#define {name}\b", line)]
+    return "\n".join(kept)
 
 
 def _table(name: str, rows: Sequence[tuple[int, int]]) -> str:
@@ -171,58 +318,70 @@ def _macro(name: str, program: Program) -> str:
         arguments.insert(program.names.index("weights") + 1, "unused")
     text = CProgram(program, PREFIX)
     own = [*(["constants"] if text.owners else []), *program.names, *program.outputs]
-    return f"#define {name}({', '.join(arguments)}) \\\n    {text.name}({', '.join(own)})"
+    call = f"((void)constants, {text.name}({', '.join(own)}))"
+    return f"#define {name}({', '.join(arguments)}) \\\n    {call}"
 
 
 class CompiledPredictive:
-    """A transcription, compiled: arrays by name, which `prepare`, `step` and `shift` work on."""
+    """A transcription, compiled: arrays by name, which its functions work on."""
 
     def __init__(self, module: ModuleType, transcription: Transcription, constants: Any) -> None:
         """Compile it; `constants` are what the module's `prepare` returned.
 
         Raises `CompilerError`, or `CacheError` where the cache cannot be used.
         """
-        self._library = _library(module, transcription)
-        sizes = {name: math.prod(shape) for name, shape in transcription.members.items()}
-        memory, first = np.zeros(sum(sizes.values())), 0
-        self.arrays: dict[str, Array] = {}
-        for name, shape in transcription.members.items():
-            self.arrays[name] = memory[first : first + sizes[name]].reshape(shape)
-            first += sizes[name]
-        size = self._library.predictive_room
+        self._library, self._transcription = _library(module, transcription), transcription
+        self._name = f"{module.NAME}_predictive"
+        shapes = {name: member.shape for name, member in transcription.members.items()}
+        shapes["constants"] = (len(constants) // 8,)
+        # What follows is room for the solver.
+        size = self._library[f"{self._name}_size"]
         size.restype = ctypes.c_size_t
-        room = np.zeros(size() + 64, dtype=np.uint8)
-        begin = room.ctypes.data + -room.ctypes.data % 64
+        memory, first = np.zeros(size() // 8), 0
+        self.arrays: dict[str, Array] = {}
+        for name, shape in shapes.items():
+            last = first + math.prod(shape)
+            self.arrays[name], first = memory[first:last].reshape(shape), last
+        self.arrays["constants"][:] = np.frombuffer(constants)
         horizon = transcription.horizon
-        self._x, self._u = np.zeros(horizon.size), np.zeros(horizon.robot.inputs)
-        self._owned = memory, room, constants
-        self._own = [
-            ctypes.c_char_p(constants) if isinstance(constants, bytes) else constants,
-            ctypes.c_void_p(memory.ctypes.data),
-            ctypes.c_void_p(begin),
-        ]
-        self._state = [ctypes.c_void_p(x.ctypes.data) for x in (self._x, self._u)]
+        self._u = np.zeros(horizon.robot.inputs)
+        self._own = ctypes.c_void_p(memory.ctypes.data)
+
+    def reset(self) -> None:
+        """Forget the plan."""
+        self._call("reset")
 
     def prepare(self) -> None:
         """Linearise the plan."""
-        self._library.predictive_prepare(*self._own)
+        self._call("prepare")
 
-    def step(self, x: Array) -> tuple[bool, Array]:
-        """Inputs (nu) at a state, and whether the plan was found."""
-        self._x[:] = x
-        solved = self._library.predictive_step(*self._own, *self._state)
-        return bool(solved), self._u.copy()
-
-    def predict(self, x: Array, u: Array, h: float) -> Array:
-        """The state after a time `h`, s, with inputs u (nu)."""
-        found = np.empty_like(x)
-        pointers = [ctypes.c_void_p(each.ctypes.data) for each in (x, u, found)]
-        self._library.predictive_predict(*self._own, *pointers[:2], ctypes.c_double(h), pointers[2])
-        return found
+    def feedback(self, state: Array) -> tuple[bool, Array]:
+        """Whether a plan was found at a state (q, v), and inputs (nu)."""
+        return bool(self._call("feedback", state, self._u)), self._u.copy()
 
     def shift(self) -> None:
         """Move the plan on by its first step."""
-        self._library.predictive_shift(*self._own)
+        self._call("shift")
+
+    def act(self, u: Array) -> None:
+        """Let inputs (nu) act for a step."""
+        self._call("act", u)
+
+    def write_c(self, folder: Path) -> list[Path]:
+        """Write header and source; raises `OutputError`."""
+        own = self._transcription
+        told = [name for name, member in own.members.items() if member.is_setting]
+        settings = own.settings({name: self.arrays[name] for name in [*told, "constants"]})
+        texts = {".h": own.header(), ".c": own.source() + settings}
+        for ending, text in texts.items():
+            path = folder / f"{self._name}{ending}"
+            with writing(path):
+                path.write_text(text, encoding="utf-8")
+        return [folder / f"{self._name}{ending}" for ending in texts]
+
+    def _call(self, name: str, *arrays: Array) -> int:
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in arrays]
+        return int(self._library[f"{self._name}_{name}"](self._own, *pointers))
 
 
 def _library(module: ModuleType, transcription: Transcription) -> ctypes.CDLL:
@@ -237,7 +396,10 @@ def _library(module: ModuleType, transcription: Transcription) -> ctypes.CDLL:
         [f"{name}.h", f"{name}.c"],
         chosen_compiler(),
         ["-fno-math-errno"],
-        {"_predictive.c": transcription.source().encode()},
+        {
+            f"{name}_predictive.h": transcription.header().encode(),
+            f"{name}_predictive.c": transcription.source().encode(),
+        },
         functions=functions,
     )
     return opened(path)

@@ -18,6 +18,8 @@ along with the path.
 
 from __future__ import annotations
 
+import os
+import pathlib
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -44,8 +46,6 @@ Path = Callable[[Array], Array]
 _STEPS = 500
 # How far a point may be off its path before it is led there step by step, in tolerances.
 _FARTHEST = 20.0
-# Iterations of a first plan.
-_FIRST = 30
 # Limits that there are not, and mean products of price and slack at the begin and the end.
 _NONE, _BARRIER, _TOLERANCE = 1e30, 1e-2, 1e-6
 # What a state costs that is out of its limits by its tolerance, per step.
@@ -218,6 +218,8 @@ class Predictive:
         by_u = weights["inputs"] + (changes if len(changes) else 0.0)
         told["diagonal"][:] = np.r_[by_u, nothing[0], weights["velocities"], nothing[1], changes]
         told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
+        told["rounds"][()], told["delay"][()] = self.iterations, self.delay
+        told["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
         told["ahead"][:] = self._ahead_costs(constants, weights)
         # What follows the horizon costs by displacements and velocities in the base's frame.
@@ -236,11 +238,8 @@ class Predictive:
     def reset(self) -> None:
         """Forget the plan and the log, before a flight."""
         self.log.clear()
-        self._failures: int | None = None
         self._late: Array | None = None
-        # Inputs (nu) under way, and thrusts of motors that lag, N.
-        self._acting = np.array(self.hover.u, dtype=np.float64)
-        self._thrusts = self._acting[: self.horizon.motors].copy()
+        self._compiled.reset()
 
     def __call__(self, seen: Observation) -> Array:
         """Inputs u (nu), N and N m, of the step that begins at an observation; see `inputs`."""
@@ -262,27 +261,20 @@ class Predictive:
         """
         begin, own = clock.perf_counter(), self._compiled
         told = own.arrays
-        is_first = self._failures is None
-        if is_first:
-            self._begin(q, v)
-        expected = told["x"][0, : len(q)]
+        is_first = told["failures"] < 0.0
+        expected = q if is_first else told["x"][0, : len(q)]
         told["reference"][:] = self._reference(time + self.delay + self._ahead, expected)
         own.prepare()
         prepared = clock.perf_counter()
-        x = self._state(q, v)
-        told["rounds"][()] = _FIRST if is_first else self.iterations
-        solved, u = own.step(x)
+        solved, u = own.feedback(np.concatenate([q, v]))
         seconds = clock.perf_counter() - prepared
-        self._failures = 0 if solved else (self._failures or 0) + 1
         known = {name: float(told[name]) for name in ("share", "cost", "gaps")}
-        if self._failures >= self.nodes:
+        if told["failures"] >= self.nodes:
             raise NoPlanError(
                 f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
                 f"{self._ahead[-1]:.3g} s, as long as the last one reaches; the machine is lost, "
                 "or cannot do what it is to do within its limits"
             )
-        least, most = self._limits.inputs
-        u = np.clip(u, least, most)
         following = clock.perf_counter()
         own.shift()
         shifting = clock.perf_counter() - following
@@ -293,12 +285,31 @@ class Predictive:
         if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
             u, self._late = (
                 (u if self._late is None else self._late),
-                np.clip(told["u"][0], least, most),
+                np.clip(told["u"][0], *self._limits.inputs),
             )
         else:
             self._late = None
-        self._settle(u)
+        own.act(u)
         return u
+
+    def write_c(self, folder: str | os.PathLike[str]) -> list[pathlib.Path]:
+        """Write the controller as C for a companion computer, with all that it was told.
+
+        It is compiled with the module's `<robot>.c`, and needs no memory but a variable of the type
+        `<robot>_predictive`. Paths are not in it: `<robot>_predictive_step` is given a state and
+        what the nodes are to be.
+
+        Args:
+            folder: Where the two files are written; the compiler's -I names that of the module.
+
+        Returns:
+            Paths of `<robot>_predictive.h` and `.c`.
+
+        Raises:
+            OutputError: If the files cannot be written.
+        """
+        self._turn_costs(self.hover.q)
+        return self._compiled.write_c(pathlib.Path(folder))
 
     # What is known of the machine.
 
@@ -545,29 +556,6 @@ class Predictive:
         parts += [thrusts] if self.horizon.lags else []
         parts += [before] if self.horizon.changes else []
         return np.concatenate(parts)
-
-    def _state(self, q: Array, v: Array) -> Array:
-        """The state where inputs take effect, of one that was observed."""
-        x = self._state_of(q, v, self._thrusts, self._acting)
-        left = self.delay
-        while left > 1e-9:
-            h = min(left, self.step)
-            x, left = self._compiled.predict(x, self._acting, h), left - h
-        return x
-
-    def _begin(self, q: Array, v: Array) -> None:
-        """Plan to stay, before anything is known."""
-        told = self._compiled.arrays
-        told["x"][:] = self._state_of(q, 0.0 * v, self._thrusts, self._acting)
-        told["u"][:] = self.hover.u
-
-    def _settle(self, u: Array) -> None:
-        """Let inputs act: thrusts follow them until the next instant."""
-        if self.horizon.lags:
-            n = self.horizon.motors
-            left = np.exp(-self.step / np.maximum(self._lag, 1e-9))
-            self._thrusts = u[:n] + left * (self._thrusts - u[:n])
-        self._acting = np.array(u)
 
 
 class _Rest(NamedTuple):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from support.compiled import build
 from support.derived import derived
+from support.tools import run
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.errors import UsageError
@@ -73,15 +77,23 @@ def controller_of(module: ModuleType, **changes: Any) -> Predictive:
     return Predictive(module, Rest(q, u), **(given | changes))
 
 
-def every_kind(module: ModuleType) -> Predictive:
+def every_kind(module: ModuleType, **changes: Any) -> Predictive:
     """A controller of lag, limits of rates, and costs of changes."""
     limits = controller_of(module).actuators
     assert limits is not None
     lag = np.full_like(limits.lag, 0.03)
     tolerances = Tolerances(change=0.5)
-    return controller_of(
-        module, actuators=replace(limits, lag=lag), rates=200.0, tolerances=tolerances
-    )
+    changes |= {"actuators": replace(limits, lag=lag), "rates": 200.0, "tolerances": tolerances}
+    return controller_of(module, **changes)
+
+
+def stay(controller: Predictive) -> None:
+    """Let the plan be to hover, from where the machine is."""
+    told, hover = controller._compiled.arrays, controller.hover
+    still = np.zeros(controller.horizon.robot.space.velocities)
+    thrusts = hover.u[: controller.horizon.motors]
+    told["x"][:] = controller._state_of(hover.q, still, thrusts, hover.u)
+    told["u"][:], told["failures"][()] = hover.u, 0.0
 
 
 def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
@@ -94,7 +106,7 @@ def inputs_of(controller: Predictive, k: int) -> dict[str, Any]:
 
 def value(controller: Predictive, program: Any, given: dict[str, Any]) -> dict[str, Any]:
     """Results of a program."""
-    constants = controller._compiled._owned[2]
+    constants = controller._compiled.arrays["constants"].tobytes()
     own = {name: given[name] for name in program.names}
     return evaluate(program, own, {"robot": controller.module}, {"robot": constants})
 
@@ -104,7 +116,7 @@ def test_slopes_and_gradients_are_derivatives(kind: Any, module: ModuleType) -> 
     """Against central differences of the gap and the cost, whose displacements `moved` makes."""
     controller, rng = kind(module), np.random.default_rng(3)
     horizon = controller.horizon
-    controller._begin(controller.hover.q, np.zeros(horizon.robot.space.velocities))
+    stay(controller)
     told = controller._compiled.arrays
     told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
     moved, node = horizon.moved(), horizon.node()
@@ -144,17 +156,15 @@ def test_a_plan_is_the_optimum_within_limits(kind: Any, module: ModuleType) -> N
     horizon, own = controller.horizon, controller._compiled
     robot, told = horizon.robot, own.arrays
     nu, nx, nv = robot.inputs, horizon.states, robot.space.velocities
-    q, v = controller.hover.q, np.zeros(nv)
     told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
-    controller._begin(q, v)
+    stay(controller)
     told["tolerance"][()], told["rounds"][()] = 1e-11, 1
     before = told["x"].copy(), told["u"].copy()
     nodes = [value(controller, horizon.node(), inputs_of(controller, k)) for k in range(NODES)]
     end = {"x": told["x"][-1], "reference": told["reference"][-1], "weights": told["weights"]}
     last = value(controller, horizon.end(), end | {"ahead": told["ahead"]})
     own.prepare()
-    x = controller._state(q, v)
-    solved, _ = own.step(x)
+    solved, _ = own.feedback(np.r_[controller.hover.q, np.zeros(nv)])
     assert solved
     assert told["share"] == 1.0
     away = horizon.away()
@@ -222,6 +232,57 @@ def test_a_plan_is_the_optimum_within_limits(kind: Any, module: ModuleType) -> N
     pull = -(hessian @ w + gradient)
     found = lsq_linear(every, pull, (lower, np.inf), tol=1e-14)
     assert np.abs(every @ found.x - pull).max() < 1e-5 * np.abs(gradient).max()
+
+
+def flown(controller: Predictive) -> list[tuple[Any, Any, Any]]:
+    """States, references and inputs of instants of a flight along a path, after a push."""
+    module, q = controller.module, controller.hover.q.copy()
+    v = np.random.default_rng(5).uniform(-0.5, 0.5, controller.horizon.robot.space.velocities)
+    found = []
+    for k in range(20):
+        u = controller.inputs(k * STEP, q, v)
+        told = controller._compiled.arrays
+        found.append((np.r_[q, v], told["reference"].copy(), u))
+        v = v + STEP * module.forward_dynamics(q, v, u)
+        q = module.integrate(q, STEP * v)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("compiler", "macros"), [("gcc", []), ("clang", []), ("gcc", ["SINGLY"]), ("clang", ["SINGLY"])]
+)
+def test_c_has_the_inputs_of_python(
+    compiler: str, macros: list[str], module: ModuleType, tmp_path: Path
+) -> None:
+    """With and without vectors, of a controller that makes up for delay."""
+    controller = every_kind(module, delay=0.03)
+    start = controller._first_point
+
+    def path(times: Any) -> Any:
+        return start + np.outer(0.05 * np.sin(4.0 * times), [1.0, -0.5, 0.2])
+
+    controller = replace(controller, points={"tip": path})
+    header, source = controller.write_c(tmp_path)
+    folder, name = Path(module.__path__[0]), module.NAME
+    assert (header.name, source.name) == (f"{name}_predictive.h", f"{name}_predictive.c")
+    options = ["-O1", f"-I{folder}", f"-I{tmp_path}", "-shared", "-fPIC"]
+    options += [f"-D{name.upper()}_{macro}" for macro in macros]
+    sources = [str(source), str(folder / f"{name}.c")]
+    path = build(compiler, options, sources, tmp_path / "predictive.so")
+    seen = {line.split()[-1] for line in run(["nm", "-D", "--defined-only", path]).splitlines()}
+    assert all(symbol.startswith((f"{name}_", "_")) for symbol in seen)
+    library = ctypes.CDLL(str(path))
+    library[f"{name}_predictive_size"].restype = ctypes.c_size_t
+    # Not where vectors may be.
+    memory = np.full(library[f"{name}_predictive_size"]() // 8 + 1, np.nan)[1:]
+    own = ctypes.c_void_p(memory.ctypes.data)
+    library[f"{name}_predictive_init"](own)
+    u = np.full(controller.horizon.robot.inputs, np.nan)
+    for state, reference, right in flown(controller):
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (state, reference, u)]
+        assert library[f"{name}_predictive_step"](own, *pointers) == 1
+        np.testing.assert_allclose(u, right, rtol=0, atol=1e-9 * np.abs(right).max())
+    assert all(instant.solved for instant in controller.log)
 
 
 def test_what_is_wrong_is_told(module: ModuleType) -> None:
