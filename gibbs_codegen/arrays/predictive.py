@@ -33,6 +33,7 @@ from gibbs_codegen.arrays.nodes import (
     entries_of,
     exponential,
     join,
+    mark,
     maximum,
     reshaped,
     square_root,
@@ -159,7 +160,7 @@ class Horizon:
         gradient = join(slope.transposed @ pulled[:nv] + pull, pulled[nv:] + damped)
         squares = self._squares(given, errors["errors"]) + dot(damped, rates)
         outputs = {
-            "hessian": hessian,
+            "hessian": _of_each(hessian, given.x),
             "gradient": gradient,
             "cost": 0.5 * (dot(off, pulled) + squares),
         }
@@ -321,7 +322,11 @@ class Horizon:
         parts = [efforts if changed is None else efforts + changed, pull, rates]
         parts += [zeros(self.motors)] if self.lags else []
         parts += [] if changed is None else [-changed]
-        return {"hessian": hessian, "gradient": join(*parts), "cost": cost}
+        return {
+            "hessian": _of_each(hessian, given.x),
+            "gradient": join(*parts),
+            "cost": cost,
+        }
 
     def _pulled(self, given: Given, by_q: Node, errors: Node) -> tuple[Node, Node]:
         """Hessian and gradient (nv) of the squares of errors of coordinates."""
@@ -400,6 +405,11 @@ def rotation_error(actual: Sequence[Node], wanted: Sequence[Node]) -> Node:
     about = sum((cross(b, a) for a, b in columns[1:]), cross(columns[0][1], columns[0][0]))
     trace = sum((dot(a, b) for a, b in columns[1:]), dot(*columns[0]))
     return about / square_root(maximum(1.0 + trace, _LEAST_TRACE))
+
+
+def _of_each(matrix: Node, x: Node) -> Node:
+    """A matrix of each state x, though it may be the same for all, which C lays out otherwise."""
+    return matrix + reshaped(mark(x), (1, 1))
 
 
 def _added(x: Node, place: slice, more: Node) -> Node:

@@ -217,7 +217,8 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     memcpy(plan->scale, own->scale, sizeof plan->scale);
     plan->barrier = own->barrier;
     real slope, bend, gaps, gaps_before;
-    propose(constants, own, room, R(0.0));
+    memcpy(room->candidate, own->x, sizeof own->x);
+    memcpy(room->candidate_u, own->u, sizeof own->u);
     const real before = value_with_gaps(constants, own, room, x, &gaps_before);
     plan->magnitude = before;
     plan->tolerance = own->tolerance * (R(1.0) + before);

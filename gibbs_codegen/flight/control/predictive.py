@@ -238,7 +238,6 @@ class Predictive:
     def reset(self) -> None:
         """Forget the plan and the log, before a flight."""
         self.log.clear()
-        self._late: Array | None = None
         self._compiled.reset()
 
     def __call__(self, seen: Observation) -> Array:
@@ -266,6 +265,7 @@ class Predictive:
         told["reference"][:] = self._reference(time + self.delay + self._ahead, expected)
         own.prepare()
         prepared = clock.perf_counter()
+        planned = told["u"][0].copy()
         solved, u = own.feedback(np.concatenate([q, v]))
         seconds = clock.perf_counter() - prepared
         known = {name: float(told[name]) for name in ("share", "cost", "gaps")}
@@ -283,12 +283,7 @@ class Predictive:
             Instant(time, preparation, seconds, solved, int(told["iterations"]), **known)
         )
         if self.deadline is not None and preparation + seconds > self.deadline and not is_first:
-            u, self._late = (
-                (u if self._late is None else self._late),
-                np.clip(told["u"][0], *self._limits.inputs),
-            )
-        else:
-            self._late = None
+            u = np.clip(planned, *self._limits.inputs)
         own.act(u)
         return u
 

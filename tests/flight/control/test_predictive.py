@@ -17,9 +17,11 @@ from support.tools import run
 
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
+from gibbs_codegen.flight.control.predictive import NoPlanError, Predictive, Tolerances
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import DERIVATIVES
@@ -45,7 +47,7 @@ def module(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     robot = replace(robot, base=base, links=(damped,))
     folder = tmp_path_factory.mktemp("predictive") / robot.name
     folder.mkdir()
-    model = derived(robot, derivatives=DERIVATIVES)
+    model = derived(robot, derivatives=(*DERIVATIVES, "step_rk4"))
     for name, text in render_module(model, "", find_targets(("numpy", "c"))).items():
         (folder / name).write_text(text, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
@@ -296,3 +298,101 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
             controller_of(module, **changes)
     with pytest.raises(UsageError, match='backend="c"'):
         controller_of(load(module.__path__[0]))
+
+
+def tip_of(module: ModuleType, q: Any) -> Any:
+    """Place of the tip (3), m."""
+    return module.frame_poses(q)[..., module.FRAMES.index("tip"), :3, 3]
+
+
+def flown(controller: Predictive, seconds: float, delay: float = 0.0, lag: float = 0.0) -> Any:
+    """Distances of the tip from where it is to be, m, after each instant of a flight.
+
+    Inputs act `delay` later, a whole number of milliseconds, and thrusts follow them with a lag.
+    """
+    module, h = controller.module, 0.001
+    q, v = controller.hover.q.copy(), np.zeros(len(module.VELOCITIES))
+    rotors = controller.vehicle.rotors
+    every = round(controller.step / h)
+    waiting = [controller.hover.u] * (round(delay / h) + 1)
+    thrusts, found = controller.hover.u[:rotors].copy(), []
+    (path,) = controller.points.values()
+    for k in range(round(seconds / h)):
+        if k % every == 0:
+            u = controller.inputs(k * h, q, v)
+            found.append(np.linalg.norm(tip_of(module, q) - path(np.array([k * h]))[0]))
+        waiting.append(u)
+        u_acting = waiting.pop(0)
+        thrusts = u_acting[:rotors] + (np.exp(-h / lag) if lag else 0.0) * (
+            thrusts - u_acting[:rotors]
+        )
+        q, v = module.step_rk4(q, v, np.r_[thrusts, u_acting[rotors:]], h)
+    return np.array(found)
+
+
+def circling(module: ModuleType, **changes: Any) -> Predictive:
+    """A controller that leads the tip from where it hovers around a circle, of 2 s a turn."""
+    wide = controller_of(module).actuators
+    assert wide is not None
+    for limits in (wide.thrusts, wide.joints):
+        limits[:] = [[-100.0], [100.0]]
+    wide.velocities[:] = 100.0
+    controller = controller_of(module)
+    begin = tip_of(module, controller.hover.q)
+
+    def path(times: Any) -> Any:
+        angle = np.pi * np.clip(times, 0.0, None)
+        return begin + 0.1 * np.stack([1.0 - np.cos(angle), 0.0 * angle, np.sin(angle)], -1)
+
+    given: dict[str, Any] = {"points": {"tip": path}, "orientations": {}, "nodes": 20}
+    return controller_of(module, **(given | {"actuators": wide} | changes))
+
+
+def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
+    delay, lag = 0.005, 0.01
+    limits = circling(module).actuators
+    assert limits is not None
+    late = replace(limits, lag=np.full_like(limits.lag, lag))
+    knows = flown(circling(module, delay=delay, actuators=late), 2.0, delay, lag)
+    ignores = flown(circling(module), 2.0, delay, lag)
+    prompt = flown(circling(module), 2.0)
+    assert prompt[25:].max() < 1e-4
+    assert knows[25:].max() < 1e-4
+    assert ignores[25:].max() > 1e-2
+
+
+def test_the_last_plan_is_followed_until_its_end(module: ModuleType) -> None:
+    controller = circling(module)
+    q, v = controller.hover.q, np.zeros(len(module.VELOCITIES))
+    controller.inputs(0.0, q, v)
+    planned = controller._compiled.arrays["u"].copy()
+    unknown = np.full_like(v, np.nan)
+    for k in range(1, controller.nodes):
+        u = controller.inputs(k * controller.step, q, unknown)
+        np.testing.assert_allclose(u, planned[min(k - 1, controller.nodes - 1)], rtol=1e-9)
+        assert not controller.log[-1].solved
+    with pytest.raises(NoPlanError, match=r"no plan for 0.4 s"):
+        controller.inputs(0.4, q, unknown)
+    controller.reset()
+    assert np.isfinite(controller.inputs(0.0, q, v)).all()
+
+
+def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None:
+    prompt, late = circling(module), circling(module, deadline=0.0)
+    q, v = prompt.hover.q, np.zeros(len(module.VELOCITIES))
+    first = prompt.inputs(0.0, q, v)
+    np.testing.assert_array_equal(late.inputs(0.0, q, v), first)
+    planned = prompt._compiled.arrays["u"][0].copy()
+    away = v + 0.1
+    second = prompt.inputs(prompt.step, q, away)
+    assert np.abs(second - planned).max() > 1e-3
+    np.testing.assert_allclose(late.inputs(late.step, q, away), planned, rtol=1e-9)
+
+
+def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
+    changes = {"duration": 2.0, "control.law": "predictive", "motors.time_constant": 0.03}
+    integration = {"integration": {"method": "rk4", "step": 0.002}}
+    flight = simulate(module, read_scenario("circle", changes | integration))
+    assert (flight.law, flight.stopped) == ("predictive", "")
+    off = flight.q - flight.q_desired
+    assert np.abs(off[:, Vehicle(module).layout.q.position]).max() < 5e-3
