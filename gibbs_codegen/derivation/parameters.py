@@ -70,7 +70,7 @@ class Parameters:
         self.folded: list[str] = []
         self.robot = robot
         self._tape = tape
-        self._keep_zeros = keep_zeros
+        self._keep_zeros, self._kept = keep_zeros, set[str]()
         # All at once, in the order of the file, whatever the derivation asks for first.
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
         arms = range(1, robot.base.rotors + 1)
@@ -90,9 +90,9 @@ class Parameters:
             for frame in robot.frames
         }
 
-    def _value(self, name: str, default: float, unit: str, *, is_kept: bool = False) -> sp.Expr:
+    def _value(self, name: str, default: float, unit: str) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""
-        if default == 0.0 and not (self._keep_zeros or is_kept):
+        if default == 0.0 and not (self._keep_zeros or name in self._kept):
             if name not in self.folded:
                 self.folded.append(name)
             return sp.S.Zero
@@ -120,11 +120,9 @@ class Parameters:
         units = PASSIVE_UNITS["revolute" if link.joint == "revolute" else "prismatic"]
         own = zip(asdict(link.passive).items(), units, strict=True)
         # Steps that take a damper's torque at their end need an armature that is larger.
-        damped = {"armature"} if link.passive.damping else set()
-        passive = (
-            self._value(f"{prefix}_{name}", x, unit, is_kept=name in damped)
-            for (name, x), unit in own
-        )
+        if link.passive.damping:
+            self._kept.add(f"{prefix}_armature")
+        passive = (self._value(f"{prefix}_{name}", x, unit) for (name, x), unit in own)
         return LinkSymbols(a, d, position, body, PassiveSymbols(*passive))
 
     def _vector(self, prefix: str, values: Vector3) -> Vector:

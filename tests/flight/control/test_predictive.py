@@ -305,7 +305,7 @@ def tip_of(module: ModuleType, q: Any) -> Any:
     return module.frame_poses(q)[..., module.FRAMES.index("tip"), :3, 3]
 
 
-def flown(controller: Predictive, seconds: float, delay: float = 0.0, lag: float = 0.0) -> Any:
+def missed_by(controller: Predictive, seconds: float, delay: float = 0.0, lag: float = 0.0) -> Any:
     """Distances of the tip from where it is to be, m, after each instant of a flight.
 
     Inputs act `delay` later, a whole number of milliseconds, and thrusts follow them with a lag.
@@ -353,9 +353,9 @@ def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     limits = circling(module).actuators
     assert limits is not None
     late = replace(limits, lag=np.full_like(limits.lag, lag))
-    knows = flown(circling(module, delay=delay, actuators=late), 2.0, delay, lag)
-    ignores = flown(circling(module), 2.0, delay, lag)
-    prompt = flown(circling(module), 2.0)
+    knows = missed_by(circling(module, delay=delay, actuators=late), 2.0, delay, lag)
+    ignores = missed_by(circling(module), 2.0, delay, lag)
+    prompt = missed_by(circling(module), 2.0)
     assert prompt[25:].max() < 1e-4
     assert knows[25:].max() < 1e-4
     assert ignores[25:].max() > 1e-2
