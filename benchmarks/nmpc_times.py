@@ -1,31 +1,35 @@
-"""Times of model predictive control, in one run: `python benchmarks/nmpc_times.py`.
+"""Predictive control against others in one run: `python benchmarks/nmpc_times.py`.
 
-The controller of `examples.nmpc` flies the same circle with the same solver and
-tolerances, and gets the time step, the tip's position and their derivatives from
+The tip of a flying arm goes around a circle, and each of these flies it by itself, with the same
+costs, horizon of 20 steps of 20 ms, and limits:
 
-- C that CasADi generates of the emitted functions and of their exact derivatives,
-- CasADi's SX of the emitted code, as `load(…, backend="casadi")` gives it,
-- CasADi's SX of articulated bodies, the best public recursion, which CasADi differentiates: run by
-  its virtual machine, as `nlpsol` does by default, and as generated C, compiled like ours,
-- the same C of the emitted functions, differentiated by central differences.
+- `Predictive`, one real-time iteration an instant,
+- fatrop and IPOPT through CasADi, with C that CasADi generates of the emitted functions and of
+  their exact derivatives,
+- the same with C of articulated bodies, the best public recursion, which CasADi differentiates,
+- box-FDDP of Crocoddyl, which calls the module's C through Python and knows limits of inputs only.
 
-Peers have no dampers, so those of the joints are left out; the position is that of the base's
-centre. The steps and points of all must agree to 1e-9, and their Jacobians to 1e-6. At each step of
-the control all of them solve the same problem from the same guess, one after the other, so that a
-busy machine slows all of them; the robot then moves by one step of the prediction.
+Peers have no dampers and no lag, so these are left out. The steps of all must agree to 1e-9, and
+their derivatives to 1e-7. At each instant one contender after the other plans, so that a busy
+machine slows all of them. The closed-loop cost is that of the problem, of what was flown.
+acados is not among them, since its solvers are no package that could be installed here.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 
 import casadi as ca
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
@@ -36,36 +40,38 @@ sys.path[:0] = [
 ]
 
 from c_times import machine  # noqa: E402
-from family import benchmark_robot, named_robot  # noqa: E402
+from family import named_robot  # noqa: E402
 from peers.casadi_articulated import forward_dynamics  # noqa: E402
 from peers.casadi_bases import MovingBase  # noqa: E402
 from peers.casadi_recursions import Machine  # noqa: E402
 from peers.casadi_spatial import Scalar, Vector  # noqa: E402
-from peers.tree import tree_of  # noqa: E402
-
-from examples.controller import Controller  # noqa: E402
-from examples.nmpc import STEP  # noqa: E402
-from examples.task import Circle, Task, circle_task, module_of  # noqa: E402
-from examples.tracking_problem import (  # noqa: E402
-    DERIVATIVES,
+from peers.tracking import (  # noqa: E402
+    BoxFDDP,
     Prediction,
-    compiled,
-    in_c,
+    Problem,
+    Solver,
+    exact,
     traced,
 )
-from gibbs_codegen.robot.model import Robot  # noqa: E402
-from gibbs_codegen.runtime.load import load  # noqa: E402
+from peers.tree import tree_of  # noqa: E402
 
+from gibbs_codegen import Predictive, load, trim  # noqa: E402
+from gibbs_codegen.flight.plant.actuators import module_actuators  # noqa: E402
+from gibbs_codegen.flight.plant.vehicle import Vehicle  # noqa: E402
+from gibbs_codegen.pipeline import generate_robot  # noqa: E402
+from gibbs_codegen.robot.model import Robot  # noqa: E402
+from gibbs_codegen.robot.text import robot_text  # noqa: E402
+from gibbs_codegen.runtime import predictive  # noqa: E402
+
+Array = np.ndarray
+# Postures, radii (m) and rates (rad/s) of circles.
 ROBOTS = {
-    "n = 3": (
-        benchmark_robot(3),
-        Circle(posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-38.0, 38.0)),
-    ),
-    "hextilt_flying_arm_5": (named_robot("hextilt_flying_arm_5"), Circle()),
+    "quadrotor_arm_2link": ({"upper_arm": 1.2, "forearm": 0.7}, 0.3, 0.3 * np.pi),
+    "hextilt_flying_arm_5": (None, 0.1, 0.5 * np.pi),
 }
-EXACT, OURS_TRACED = "exact derivatives as generated C", "SX of the emitted code"
-RECURSION, GENERATED = "SX of articulated bodies", "the same as generated C"
-DIFFERENCES = "the same C, finite differences"
+OURS, TOP = "Predictive", 1.0
+# Steps of the plant in one of the controllers; what is left out of the tracking, s.
+SUBSTEPS, SETTLED = 20, 2.0
 
 
 @dataclass(frozen=True)
@@ -86,160 +92,159 @@ class Thrusts:
         return entries[:3], entries[3:]
 
 
-def recursion(robot: Robot, plant: ModuleType, symbolic: ModuleType, task: Task) -> Prediction:
-    """CasADi's own tracing of articulated bodies; integration and kinematics are the module's."""
+def recursion(robot: Robot, module: ModuleType, q: Array) -> ca.Function:
+    """CasADi's own tracing of articulated bodies: accelerations."""
     tree = tree_of(robot)
-    made, rotors = Machine(tree), len(plant.INPUTS) - tree.joints
-    u = ca.SX.sym("u", len(plant.INPUTS))
-    # Torque and force in the base's axes, as the rows of the input matrix have them where it is
-    # level.
-    rows = list(made.base.rows)
-    of_base = plant.input_matrix(task.q)[rows, :rotors]
-    if tree.quaternion:
-        of_base = np.roll(of_base, 3, axis=0)
+    made, rotors = Machine(tree), len(module.INPUTS) - tree.joints
+    u = ca.SX.sym("u", len(module.INPUTS))
+    # Torque and force in the axes of the base, which is level in hover.
+    of_base = np.roll(module.input_matrix(q)[list(made.base.rows), :rotors], 3, axis=0)
     made.base = Thrusts(made.base, ca.DM(ca.sparsify(of_base)), u[:rotors])
     for k in range(tree.joints):
         made.force[tree.row(1 + k)] = u[rotors + k]
-    accelerate = ca.Function("accelerate", [made.q, made.v, u], [forward_dynamics(made)])
-    q, v = ca.SX.sym("q", made.q.shape[0]), made.v
-    unit = ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:]) if tree.quaternion else q
-    v_next = v + STEP * accelerate(unit, v, u)
-    q_next = symbolic.integrate(unit, STEP * v_next)
-    first = 4 * plant.FRAMES.index(task.frame)
-    point = symbolic.frame_poses(unit)[first : first + 3, 3]
-    return Prediction(_traced("step", [q, v, u], [q_next, v_next]), _traced("point", [q], [point]))
+    return ca.Function("accelerate", [made.q, made.v, u], [forward_dynamics(made)])
 
 
-def _traced(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    """A function with its Jacobian, each without what is computed twice."""
-    plain = ca.Function(name, inputs, ca.cse(outputs))
-    unused = [ca.SX.sym(f"out{k}", ca.Sparsity(*o.shape)) for k, o in enumerate(outputs)]
-    blocks = plain.jacobian().call([*inputs, *unused])
-    jacobian = ca.Function(f"jac_{name}", [*inputs, *unused], ca.cse(blocks))
-    return ca.Function(name, inputs, ca.cse(outputs), {"custom_jacobian": jacobian})
+@dataclass
+class Contender:
+    """One that flies: where it is, and how it went."""
+
+    inputs: Callable[[float, Array], Array]
+    x: Array
+    seconds: list[float] = field(default_factory=list)
+    missed: list[float] = field(default_factory=list)
+    costs: list[float] = field(default_factory=list)
+    lost: str = ""
+
+    def fly(self, problem: Problem, now: float) -> None:
+        """An instant and the step that follows."""
+        module, nq, h = problem.module, problem.nq, problem.h / SUBSTEPS
+        begin = time.process_time()
+        u = self.inputs(now, self.x)
+        self.seconds.append(time.process_time() - begin)
+        q, v = self.x[:nq], self.x[nq:]
+        for _ in range(SUBSTEPS):
+            q, v = module.step_rk4(q, v, u, h)
+        self.x = np.r_[q, v]
+        off = problem.off(problem.references[1], self.x, u)
+        self.missed.append(float(np.linalg.norm(off[:3])))
+        self.costs.append(float(off @ problem.running @ off / 2))
+        if not self.missed[-1] < TOP:
+            self.lost = f"lost at {now:.2f} s"
 
 
-def differentiated(prediction: Prediction) -> Prediction:
-    """The same functions with central differences in place of derivatives."""
-    return Prediction(_with_differences(prediction.step), _with_differences(prediction.point))
-
-
-def _with_differences(function: ca.Function, change: float = 1e-5) -> ca.Function:
-    """A function whose Jacobian evaluates it twice for each entry of its inputs."""
-    sizes = [function.size1_in(k) for k in range(function.n_in())]
-    count, ends = sum(sizes), np.cumsum([0, *sizes])
-    inputs = [ca.MX.sym(function.name_in(k), size) for k, size in enumerate(sizes)]
-    changes = change * np.hstack([np.eye(count), -np.eye(count)])
-    around = ca.vertsplit(ca.repmat(ca.vertcat(*inputs), 1, 2 * count) + changes, ends.tolist())
-    blocks, unused = [], []
-    for k, values in enumerate(function.map(2 * count).call(around)):
-        slopes = (values[:, :count] - values[:, count:]) / (2 * change)
-        blocks += ca.horzsplit(slopes, ends.tolist())
-        unused.append(ca.MX.sym(f"out{k}", ca.Sparsity(*function.size_out(k))))
-    jacobian = ca.Function(f"jac_{function.name()}", [*inputs, *unused], blocks)
-    options = {"custom_jacobian": jacobian}
-    return ca.Function(function.name(), inputs, function.call(inputs), options)
-
-
-def dense(values: ca.DM) -> np.ndarray:
-    """Values with their zeros."""
-    return np.array(ca.densify(values))
-
-
-def check(predictions: dict[str, Prediction], task: Task) -> None:
-    """See that all of them predict the same, and differentiate it alike."""
+def check(ours: Prediction, other: Prediction, problem: Problem) -> None:
+    """See that both predict the same, and differentiate it alike."""
     rng = np.random.default_rng(3)
-    q, v = (x + 0.1 * rng.standard_normal(len(x)) for x in (task.q, task.v))
-    u = task.weights.wanted[: task.limits.shape[1] - len(q) - len(v)] + rng.standard_normal()
-    exact = predictions[EXACT]
-    for name, other in predictions.items():
-        for one, its, arguments in (
-            (exact.step, other.step, [q, v, u]),
-            (exact.point, other.point, [q]),
-        ):
-            for a, b in zip(one.call(arguments), its.call(arguments), strict=True):
-                assert np.allclose(dense(a), dense(b), rtol=0, atol=1e-9), name
-            nothing = [ca.DM(*one.size_out(k)) for k in range(one.n_out())]
-            pairs = zip(
-                one.jacobian().call([*arguments, *nothing]),
-                its.jacobian().call([*arguments, *nothing]),
-                strict=True,
-            )
-            for a, b in pairs:
-                assert np.allclose(dense(a), dense(b), rtol=0, atol=1e-6), name
+    x = np.r_[problem.hover.q, np.zeros(problem.nv)] + 0.1 * rng.standard_normal(
+        problem.nq + problem.nv
+    )
+    u = problem.hover.u + rng.standard_normal(problem.nu)
+    pairs = zip(ours.slopes(x, u), other.slopes(x, u), strict=True)
+    for (one, its), most in zip(pairs, (1e-9, 1e-7, 1e-7), strict=True):
+        assert np.abs(np.array(ca.densify(one - its))).max() < most
 
 
-def controllers(
-    robot: Robot, circle: Circle, folder: Path, plugin: str
-) -> tuple[Task, dict[str, Controller]]:
-    """A controller for each way to predict."""
-    made = module_of(robot, folder, DERIVATIVES)
-    fast, symbolic = load(made, backend="c"), load(made, backend="casadi")
-    task = circle_task(fast, circle)
-    predictions = {
-        EXACT: compiled(symbolic, task.frame, STEP),
-        OURS_TRACED: traced(symbolic, task.frame, STEP),
-        RECURSION: recursion(robot, fast, symbolic, task),
-        DIFFERENCES: differentiated(compiled(symbolic, task.frame, STEP)),
+def contenders(name: str, folder: Path) -> tuple[Problem, dict[str, Contender]]:
+    """The problem of a robot, and those who solve it."""
+    robot, (posture, radius, pace) = named_robot(name), ROBOTS[name]
+    wanted = {*predictive.DERIVATIVES, "step_rk4"}
+    made = generate_robot(robot, robot_text(robot), folder, derivatives=sorted(wanted))[1]
+    module, symbolic = load(made, backend="c"), load(made, backend="casadi")
+    vehicle = Vehicle(module)
+    actuators = module_actuators(vehicle)
+    actuators = replace(actuators, lag=np.zeros_like(actuators.lag))
+    hover = trim(module, posture, limits=actuators.thrusts)
+    tip = "tip" if "tip" in module.FRAMES else module.FRAMES[-1]
+    start = module.frame_poses(hover.q)[module.FRAMES.index(tip), :3, 3]
+
+    def circle(times: Array) -> Array:
+        s = np.clip(times, 0.0, 1.0)
+        grown = radius * s**3 * (10 - 15 * s + 6 * s**2)
+        turned = [np.cos(pace * times), np.sin(pace * times), 0.0 * times]
+        return start + grown[..., None] * np.stack(turned, axis=-1)
+
+    controller = Predictive(module, hover, {tip: circle}, actuators=actuators, method="trapezoidal")
+    problem = Problem(controller)
+    ours = exact(symbolic, problem)
+    theirs = traced(symbolic, problem, recursion(robot, module, hover.q))
+    check(ours, theirs, problem)
+    nq = problem.nq
+    found: dict[str, Callable[[float, Array], Array]] = {
+        OURS: lambda now, x: controller.inputs(now, x[:nq], x[nq:])
     }
-    predictions[GENERATED] = in_c(predictions[RECURSION], fast)
-    check(predictions, task)
-    return task, {name: Controller(p, task, STEP, plugin=plugin) for name, p in predictions.items()}
+    for plugin in ("fatrop", "ipopt"):
+        for functions, prediction in (("our functions", ours), ("articulated bodies", theirs)):
+            solver = Solver(problem, prediction, plugin)
+            found[f"{plugin}, {functions}"] = lambda _, x, solver=solver: solver(x)
+    crocoddyls = BoxFDDP(problem)
+    found["box-FDDP, our functions"] = lambda _, x: crocoddyls(x)
+    x = np.r_[hover.q, hover.v]
+    return problem, {label: Contender(inputs, x) for label, inputs in found.items()}
 
 
-def fly(task: Task, found: dict[str, Controller], steps: int) -> None:
-    """Let all controllers choose inputs, and take those of the first."""
-    q, v, exact = task.q, task.v, found[EXACT]
-    for k in range(steps):
-        u, *_ = [controller.inputs(k * STEP, q, v) for controller in found.values()]
-        q, v = (np.array(x).ravel() for x in exact.prediction.step(q, v, u))
-
-
-def print_table(name: str, found: dict[str, Controller], console: Console) -> None:
-    """Times of each controller."""
-    table = Table(title=f"{name}: ms per control step")
-    for column in (
-        "step and point from",
-        "solve, median",
-        "worst",
-        "iterations",
-        "in functions, median",
-        "times ours [10-90 %]",
-    ):
-        table.add_column(column, justify="left" if column.startswith("step") else "right")
-    ours = np.array([s.in_functions for s in found[EXACT].solutions])
-    for called, controller in found.items():
-        whole, within, iterations = np.array(
-            [(s.seconds, s.in_functions, s.iterations) for s in controller.solutions]
-        ).T
-        low, middle, high = np.percentile(within / ours, (10, 50, 90))
+def print_table(name: str, found: dict[str, Contender], console: Console) -> None:
+    """Times, tracking and costs."""
+    table = Table(title=f"{name}: ms per instant")
+    for column in ("", "median", "99 %", "worst", "times ours", "RMS after 2 s, mm", "cost"):
+        table.add_column(column, justify="right" if column else "left")
+    # The first plan is made before the flight.
+    ours = np.array(found[OURS].seconds[1:])
+    for label, each in found.items():
+        seconds = np.array(each.seconds[1:])
+        ratio = np.median(seconds / ours[: len(seconds)])
+        settled = np.array(each.missed[round(SETTLED / 0.02) :])
         table.add_row(
-            called,
-            f"{1e3 * np.median(whole):.2f}",
-            f"{1e3 * whole.max():.2f}",
-            f"{np.median(iterations):.0f}, at most {iterations.max():.0f}",
-            f"{1e3 * np.median(within):.3f}",
-            f"{middle:.1f} [{low:.1f}-{high:.1f}]",
+            label,
+            *(f"{1e3 * np.percentile(seconds, share):.2f}" for share in (50, 99, 100)),
+            f"{ratio:.1f}",
+            each.lost or f"{1e3 * np.sqrt(np.mean(settled**2)):.3f}",
+            f"{np.mean(each.costs):.4g}",
         )
     console.print(table)
 
 
+def draw(measured: dict[str, dict[str, Contender]], file: str) -> None:
+    """Medians, and lines up to the 99 %, a panel a robot."""
+    figure = Figure(figsize=(9.0, 2.8), layout="constrained")
+    panels = figure.subplots(1, len(measured), sharey=True, squeeze=False)[0]
+    for panel, (name, found) in zip(panels, measured.items(), strict=True):
+        times = 1e3 * np.array([np.percentile(e.seconds[1:], (50, 99)) for e in found.values()])
+        places = np.arange(len(times))
+        colours = ["#0072b2" if label == OURS else "0.6" for label in found]
+        panel.barh(places, times[:, 0], color=colours)
+        panel.hlines(places, times[:, 0], times[:, 1], color="0.2", linewidth=1)
+        for place, (median, worst) in zip(places, times, strict=True):
+            panel.text(worst + 0.2, place, f"{median:.2g}", va="center", fontsize=9)
+        panel.set_yticks(places, list(found))
+        panel.set(title=name, xlabel="ms per instant: median, line to 99 %")
+        panel.set_xlim(0.0, 1.15 * times.max())
+        panel.invert_yaxis() if panel is panels[0] else None
+    figure.savefig(file, dpi=150)
+
+
 def main() -> None:
-    """Build, check, fly, print."""
+    """Build, check, fly, print; draw if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
-    parser.add_argument("--solver", choices=("fatrop", "ipopt"), default="fatrop")
-    parser.add_argument("--steps", type=int, default=200)
+    parser.add_argument("--duration", type=float, default=8.0, help="of a flight, s, above 2")
+    parser.add_argument("--picture", metavar="FILE")
     options = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
-    console.print(f"{machine()}; CasADi {ca.__version__}, {options.solver}")
+    measured = {}
     for name in options.robots:
         with tempfile.TemporaryDirectory() as folder:
-            with console.status(f"{name}: building and checking"):
-                task, found = controllers(*ROBOTS[name], Path(folder), options.solver)
-            with console.status(f"{name}: flying"):
-                fly(task, found, options.steps)
-            print_table(name, found, console)
+            problem, found = contenders(name, Path(folder))
+            for k in range(round(options.duration / problem.h)):
+                for each in found.values():
+                    if not each.lost:
+                        each.fly(problem, k * problem.h)
+        load_average = ", ".join(f"{each:.1f}" for each in os.getloadavg())
+        console.print(f"{machine()}; load {load_average}; CasADi {ca.__version__}")
+        print_table(name, found, console)
+        measured[name] = found
+    if options.picture:
+        draw(measured, options.picture)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ RUN_ELSEWHERE = {
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/own-law.md": "tests/runtime/test_own_law.py",
+    "docs/howto/own-nmpc.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }

@@ -1,1 +1,0 @@
-"""Programs to run, to read and to start one's own from: model predictive control."""
