@@ -39,10 +39,11 @@ RUN_ELSEWHERE = {
     "docs/howto/own-law.md": "tests/runtime/test_own_law.py",
     "docs/howto/own-nmpc.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
+    "docs/howto/predictive-c.md": "tests/test_project_pages.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
-PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md")
+PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md", "docs/howto/predictive-c.md")
 MODULE_PAGE = "docs/reference/generated-module.md"
 COMMAND = re.compile(r"gibbs-codegen ([^#&>\n]*)")
 

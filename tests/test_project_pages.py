@@ -10,7 +10,7 @@ from shutil import copytree
 
 import pytest
 from conftest import ROOT
-from support.pages import PAGES, blocks, write_files
+from support.pages import PAGES, blocks, run_python, write_files
 from support.tools import run, tool
 
 from gibbs_codegen import generate
@@ -18,6 +18,7 @@ from gibbs_codegen import generate
 CMAKE = "docs/howto/cmake.md"
 EIGEN = "docs/howto/eigen.md"
 LOOP = "docs/howto/c-and-firmware.md"
+PREDICTIVE = "docs/howto/predictive-c.md"
 MODULE = "hexarotor_3link"
 
 
@@ -128,6 +129,19 @@ def test_the_control_loop_in_c_runs_on_an_emulated_cortex_m(folder: Path) -> Non
     built.write_text(text, encoding="utf-8")
     said = printed(blocks(CMAKE, "sh")[2], folder)
     assert errors(said)[1] == pytest.approx(2e-5, rel=0.5)
+
+
+def test_the_predictive_controller_in_c_flies(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert write_files(PREDICTIVE, tmp_path) == ["write.py", "main.c", "CMakeLists.txt"]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CC", f"{tool('cc')} -O1")
+    run_python("docs/howto/predictive-c.md")
+    _, *commands = blocks(PREDICTIVE, "sh")[0].splitlines(keepends=True)
+    plans, _ = printed("".join(commands), tmp_path).splitlines()[-2:]
+    assert plans == "400 of 400 plans found, tip within 0.02 mm"
+    assert "400 plans were found and that the tip, once" in PAGES[PREDICTIVE]
 
 
 @pytest.mark.slow
