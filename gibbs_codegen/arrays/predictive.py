@@ -8,8 +8,8 @@ w = (du, dx), with displacements of q in the tangent space. To first order
 
 and the Hessian is that of Gauss and Newton: of the squares of the linearised errors. Errors are
 those of points on their paths, of frames' orientations, of the posture (coordinates), of
-velocities, inputs and changes of inputs. The Hessian has a part of coordinates, which differs from
-node to node, and one that does not, `weights_hessian`.
+velocities, inputs and changes of inputs. Programs give the part of the Hessian that is of
+coordinates; the other is the diagonal of the weights.
 """
 
 from __future__ import annotations
