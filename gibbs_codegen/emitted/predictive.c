@@ -311,15 +311,15 @@ int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
     const Constants *constants = &own->constants;
     Room *room = room_of(own);
     const int is_first = own->failures < R(0.0), rounds = is_first ? FIRST : (int)own->rounds;
-    real x[SIZE], h;
+    real x[SIZE];
     if (is_first) {
         stay(own, state);
         linearise(constants, own, room);
     }
     join_state(own, state, x);
-    for (real left = own->delay; left > R(1e-9); left -= h) {
-        h = minimum_real(left, own->h[0]);
-        predict(constants, own, room, own->acting, h, x);
+    if (own->delay > R(0.0)) {
+        predict(constants, own, room, own->acting, own->delay, x);
+        memcpy(own->thrusts, x + SEEN, sizeof(real) * MOTORS); /* when the next inputs act */
     }
     own->iterations = R(0.0);
     int solved = iterate(constants, own, room, x);
@@ -358,9 +358,10 @@ void MODULE(predictive_shift)(Controller *own)
 
 void MODULE(predictive_act)(Controller *own, const real *u)
 {
+    const real time = own->h[0] - own->delay; /* from when they act to the next state */
     for (int i = 0; i < MOTORS; ++i) {
         const real lag = maximum_real(own->lag_times[i], R(1e-9));
-        own->thrusts[i] = u[i] + exponential_real(-own->h[0] / lag) * (own->thrusts[i] - u[i]);
+        own->thrusts[i] = u[i] + exponential_real(-time / lag) * (own->thrusts[i] - u[i]);
     }
     memcpy(own->acting, u, sizeof own->acting);
 }

@@ -145,7 +145,7 @@ class Transcription:
             "barrier": Member((), "Mean of price times slack at the begin of the solver."),
             "tolerance": Member((), "The same at its end, as a share of 1 and the cost."),
             "rounds": Member((), "How often a step linearises and solves."),
-            "delay": Member((), "How much later inputs take effect, s."),
+            "delay": Member((), "How much later inputs take effect, s, a step at most."),
         }
         found = {
             "x": ((steps + 1, horizon.size), "The plan: states at nodes,"),

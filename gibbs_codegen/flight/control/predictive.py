@@ -147,7 +147,7 @@ class Predictive:
         iterations: How often it linearises and solves at an instant.
         farthest: What is further off its path, m, is led by places so far ahead of it; twenty times
             the tolerance of a point if None. With more, machines that lean may tumble.
-        delay: How much later inputs take effect, s, for which it makes up.
+        delay: How much later inputs take effect, s, a step at most, for which it makes up.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
             followed meanwhile; None if it is waited for.
         method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
@@ -321,7 +321,7 @@ class Predictive:
             "growth": (self.growth, 1.0 <= self.growth <= 2.0, "1 to 2"),
             "iterations": (self.iterations, 1 <= self.iterations <= 100, "1 to 100"),
             "farthest": (self._farthest, self._farthest > 0.0, "a distance above 0, m"),
-            "delay": (self.delay, 0.0 <= self.delay < np.inf, "a time of 0 or more, s"),
+            "delay": (self.delay, 0.0 <= self.delay <= self.step, "0 to a step, s"),
         }
         for name, (value, is_right, words) in wanted.items():
             if not is_right:

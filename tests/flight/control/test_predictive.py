@@ -257,7 +257,7 @@ def test_c_has_the_inputs_of_python(
     compiler: str, macros: list[str], module: ModuleType, tmp_path: Path
 ) -> None:
     """With and without vectors, of a controller that makes up for delay."""
-    controller = every_kind(module, delay=0.03)
+    controller = every_kind(module, delay=0.015)
     start = controller._first_point
 
     def path(times: Any) -> Any:
@@ -349,12 +349,12 @@ def circling(module: ModuleType, **changes: Any) -> Predictive:
 
 
 def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
-    delay, lag = 0.005, 0.01
+    delay, lag = 0.02, 0.03
     limits = circling(module).actuators
     assert limits is not None
     late = replace(limits, lag=np.full_like(limits.lag, lag))
     knows = missed_by(circling(module, delay=delay, actuators=late), 2.0, delay, lag)
-    ignores = missed_by(circling(module), 2.0, delay, lag)
+    ignores = missed_by(circling(module), 2.0, 0.005, 0.01)
     prompt = missed_by(circling(module), 2.0)
     assert prompt[25:].max() < 1e-4
     assert knows[25:].max() < 1e-4
