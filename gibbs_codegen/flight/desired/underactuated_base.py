@@ -67,7 +67,7 @@ _STEPS = (1e-6, 1e-4, 1e-2)
 _JOINTS, _POSTURE = 0.1, 1e-4
 # Newton's method: most steps, and the change of the axis and the lateral force that end it.
 _MOST_STEPS = 25
-_CONVERGED = 1e-5
+_CONVERGED = 1e-7
 # Share of gravity that thrust must at least make, and cosine of the greatest angle between the
 # thrust axis and that of the scenario's attitude.
 _LEAST_THRUST, _OPPOSITE = 0.05, -0.985
@@ -179,9 +179,13 @@ def nearest_motion(
     """
     count, columns = found.shape
     free = np.flatnonzero(np.repeat(~fixed, columns))
-    # Forces at the very ends would determine motions that grow from there, or fade.
-    inside = ~fixed
-    inside[: STENCIL // 2] = inside[-(STENCIL // 2) :] = False
+    # Where all of the knots that derivatives take are held, there is nothing to solve.
+    unsettled = abs(grid.growth) @ ~fixed > 0.0
+    if columns > 6:
+        # Where joints are found as well, forces at the very ends would determine motions that grow
+        # from there, or fade.
+        unsettled = ~fixed
+        unsettled[: STENCIL // 2] = unsettled[-(STENCIL // 2) :] = False
     cost = None
     for _ in range(_MOST_STEPS):
         missing, slopes = _linear(conditions, found, grid.rate @ found, grid.growth @ found)
@@ -190,7 +194,7 @@ def nearest_motion(
             cost = rough + sparse.kron(sparse.eye_array(count), sparse.diags_array(weights))
             cost = sparse.csr_array(cost)[free]
             kept = np.tile(~fixed[:, np.newaxis], missing.shape[1])
-            kept[:, :2] = inside[:, np.newaxis]
+            kept[:, :2] = unsettled[:, np.newaxis]
             bound = np.flatnonzero(kept)
         jacobian = _jacobian(slopes, grid)[bound][:, free]
         system = sparse.block_array([[cost[:, free], jacobian.T], [jacobian, None]], format="csc")
@@ -224,9 +228,10 @@ def _linear(conditions: Conditions, *at: Array, orders: int = 3) -> tuple[Array,
             # What a base feels depends on neither place nor speed; where it is, frames are told.
             if 3 <= column < 6 and (order == 1 or (order == 0 and columns == 6)):
                 continue
-            ahead = [*at]
-            ahead[order] = at[order] + step * np.eye(columns)[column]
-            slopes[order][..., column] = (conditions(*ahead) - missing) / step
+            ahead, behind = [*at], [*at]
+            unit = step * np.eye(columns)[column]
+            ahead[order], behind[order] = at[order] + unit, at[order] - unit
+            slopes[order][..., column] = (conditions(*ahead) - conditions(*behind)) / (2.0 * step)
     return missing, slopes
 
 
