@@ -38,8 +38,9 @@ print(sys.modules[type(function).__module__].__file__)
 DATA = """
     py.typed
     emitted/allocation.c emitted/blocks.c emitted/calls.c emitted/constants.c
-    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/lanes.c
-    emitted/numbers.c emitted/platform.c emitted/rollout.c emitted/rows.c
+    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/gather.c emitted/horizon.c
+    emitted/lanes.c emitted/numbers.c emitted/platform.c emitted/predictive.c emitted/rollout.c
+    emitted/rows.c
     emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
     emitted/support.c

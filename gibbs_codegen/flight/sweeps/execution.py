@@ -101,14 +101,14 @@ def _without_main() -> Iterator[None]:
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
     """Put Ctrl-C off, also for a process that starts meanwhile, until that has begun."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":  # It has no masks of signals.
         yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    else:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(parent: int) -> None:
