@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.analysis.trim import Trim as Trim
     from gibbs_codegen.flight.analysis.trim import trim as trim
     from gibbs_codegen.flight.control.observation import Observation as Observation
+    from gibbs_codegen.flight.control.predictive import Instant as Instant
+    from gibbs_codegen.flight.control.predictive import NoPlanError as NoPlanError
     from gibbs_codegen.flight.control.predictive import Predictive as Predictive
     from gibbs_codegen.flight.control.predictive import Tolerances as Tolerances
     from gibbs_codegen.flight.figures.curves import (
@@ -97,7 +99,7 @@ _MODULES = {
     "flight.analysis.reachable_wrenches": ("ReachableWrenches", "reachable_wrenches"),
     "flight.analysis.trim": ("Trim", "trim"),
     "flight.control.observation": ("Observation",),
-    "flight.control.predictive": ("Predictive", "Tolerances"),
+    "flight.control.predictive": ("Instant", "NoPlanError", "Predictive", "Tolerances"),
     "flight.figures.curves": ("reachable_wrenches_figure",),
     "flight.figures.flight": ("write_results",),
     "flight.many": ("simulate_many",),

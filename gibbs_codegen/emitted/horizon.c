@@ -14,7 +14,7 @@ enum { ROWS = LIMITS > 0 ? LIMITS : 1 };
 
 /* A row with one of its limits: y = value or -value is at most `limit`. */
 typedef struct {
-    real limit, price, slack, excess, excess_slack; /* price of the limit, and what is left to it */
+    real limit, price, slack, excess; /* price of the limit, and what is left to it */
     real price_step, slack_step, excess_step;
     real weight, constant; /* the next price is weight y + constant */
 } Side;

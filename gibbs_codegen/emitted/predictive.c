@@ -327,7 +327,8 @@ int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
         linearise(constants, own, room);
         solved = iterate(constants, own, room, x);
     }
-    own->failures = solved ? R(0.0) : maximum_real(own->failures, R(0.0)) + R(1.0);
+    own->failures += is_first ? R(-1.0) : R(1.0);
+    own->failures = solved ? R(0.0) : own->failures;
     memcpy(u, own->u[0], sizeof own->u[0]);
     for (int row = 0; row < LIMITS; ++row) {
         const int i = placed[row][0];

@@ -41,8 +41,7 @@ _known: dict[tuple[ModuleType, bytes | None], FlightStart] = {}
 
 def fits_blocks(scenario: Scenario) -> bool:
     """Whether flights of a scenario, and of others like it, can be computed side by side."""
-    sampled = scenario.control.rate is not None or scenario.sensors is not None
-    return scenario.integration.method == "rk4" and not sampled
+    return scenario.integration.method == "rk4" and not scenario.is_sampled
 
 
 class FlightGroup:

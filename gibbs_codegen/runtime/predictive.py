@@ -156,7 +156,10 @@ class Transcription:
             ),
             "acting": ((robot.inputs,), "Inputs that act now."),
             "thrusts": ((motors,), "Thrusts of motors that lag, N."),
-            "failures": ((), "Instants since the last plan was found; -1 before a first one."),
+            "failures": (
+                (),
+                "Instants since the last plan was found; -1 and less before a first one.",
+            ),
             "iterations": ((), "Of the solver at the last instant."),
             "cost": ((), "Of the plan."),
             "gaps": ((), "What is missing of the plan: 0 where it can be flown."),
@@ -187,7 +190,7 @@ class Transcription:
         # What `horizon.c` and `predictive.c` have of each node, of which there is one more here for
         # the rest; rows of matrices fill vectors. The source checks it.
         padded = f"(({width} + {lanes} - 1) / {lanes} * {lanes})"
-        each = 2 * states + 20 * rows + horizon.size + states + robot.inputs
+        each = 2 * states + 18 * rows + horizon.size + states + robot.inputs
         node = f"{2 * width + 4} * {padded} + {each} + {lanes}"
         room = f"{self.steps + 2} * ({node}) + {states**2 + 2 * rows}"
         return "\n".join(
@@ -198,7 +201,7 @@ class Transcription:
                     f"of {self.steps} steps within limits, of which the begin is flown.\n\n"
                     f"Nothing is allocated: a controller is one variable of the type {stem}, "
                     "static rather than on a stack. Several may be used at the same time, each by "
-                    "one thread. It must stay where it is from `prepare` to `shift`."
+                    "one thread. It must stay where it is from `init` on."
                 ),
                 f"#ifndef {capitals}_H\n#define {capitals}_H\n",
                 f'#include <stddef.h>\n\n#include "{name}.h"\n',

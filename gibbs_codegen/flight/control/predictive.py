@@ -147,7 +147,8 @@ class Predictive:
         iterations: How often it linearises and solves at an instant.
         farthest: What is further off its path, m, is led by places so far ahead of it; twenty times
             the tolerance of a point if None. With more, machines that lean may tumble.
-        delay: How much later inputs take effect, s, a step at most, for which it makes up.
+        delay: How much later inputs take effect, s, a step at most, for which it makes up; if
+            None it knows of none, and a scenario's `control.delay` finds it unprepared.
         deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
             followed meanwhile; None if it is waited for.
         method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
@@ -174,7 +175,7 @@ class Predictive:
     rates: float | Array | None = None
     iterations: int = 1
     farthest: float | None = None
-    delay: float = 0.0
+    delay: float | None = None
     deadline: float | None = None
     method: str | None = None
 
@@ -186,6 +187,11 @@ class Predictive:
         self.vehicle = vehicle
         self._method = self.method or ("trapezoidal" if np.any(vehicle.damping) else "rk4")
         self._limits = self.actuators or module_actuators(vehicle)
+        if self._method == "trapezoidal" and self.growth != 1.0 and np.any(vehicle.damping):
+            raise UsageError(
+                "predictive: growth must be 1 for a machine with dampers, since one armature takes "
+                f"their torques to the ends of steps of one length; not {self.growth:g}"
+            )
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
         # Times of nodes after the state at which a plan begins, s.
@@ -218,7 +224,7 @@ class Predictive:
         by_u = weights["inputs"] + (changes if len(changes) else 0.0)
         told["diagonal"][:] = np.r_[by_u, nothing[0], weights["velocities"], nothing[1], changes]
         told["barrier"][()], told["tolerance"][()] = _BARRIER, _TOLERANCE
-        told["rounds"][()], told["delay"][()] = self.iterations, self.delay
+        told["rounds"][()], told["delay"][()] = self.iterations, self.delay or 0.0
         told["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
         told["ahead"][:] = self._ahead_costs(constants, weights)
@@ -262,18 +268,20 @@ class Predictive:
         told = own.arrays
         is_first = told["failures"] < 0.0
         expected = q if is_first else told["x"][0, : len(q)]
-        told["reference"][:] = self._reference(time + self.delay + self._ahead, expected)
+        told["reference"][:] = self._reference(time + (self.delay or 0.0) + self._ahead, expected)
         own.prepare()
         prepared = clock.perf_counter()
         planned = told["u"][0].copy()
         solved, u = own.feedback(np.concatenate([q, v]))
         seconds = clock.perf_counter() - prepared
         known = {name: float(told[name]) for name in ("share", "cost", "gaps")}
-        if told["failures"] >= self.nodes:
+        # Before a first plan they are counted downwards from -1.
+        failures = told["failures"] if told["failures"] >= 0.0 else -1.0 - told["failures"]
+        if failures >= self.nodes:
             raise NoPlanError(
                 f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
-                f"{self._ahead[-1]:.3g} s, as long as the last one reaches; the machine is lost, "
-                "or cannot do what it is to do within its limits"
+                f"{self.nodes} instants, {self.nodes * self.step:.3g} s; the machine is lost, or "
+                "cannot do what it is to do within its limits"
             )
         following = clock.perf_counter()
         own.shift()
@@ -317,11 +325,21 @@ class Predictive:
             )
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
-            "nodes": (self.nodes, 1 <= self.nodes <= 500, "1 to 500 steps"),
+            "nodes": (self.nodes, self.nodes in range(1, 501), "1 to 500 steps"),
             "growth": (self.growth, 1.0 <= self.growth <= 2.0, "1 to 2"),
             "iterations": (self.iterations, 1 <= self.iterations <= 100, "1 to 100"),
             "farthest": (self._farthest, self._farthest > 0.0, "a distance above 0, m"),
-            "delay": (self.delay, 0.0 <= self.delay <= self.step, "0 to a step, s"),
+            "delay": (self.delay, 0.0 <= (self.delay or 0.0) <= self.step, "0 to a step, s"),
+            "deadline": (self.deadline, (self.deadline or 0.0) >= 0.0, "a time of 0 or more, s"),
+            "rates": (
+                self.rates,
+                self.rates is None
+                or (
+                    (np.ndim(self.rates) == 0 or np.shape(self.rates) == (len(self.module.INPUTS),))
+                    and bool(np.all(np.asarray(self.rates) > 0.0))
+                ),
+                "above 0, one or as many as inputs",
+            ),
         }
         for name, (value, is_right, words) in wanted.items():
             if not is_right:
@@ -579,13 +597,13 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     force = vehicle.inverse_dynamics(q[0], still[0], still[0])
     rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
 
-    def table(rows: Array) -> Path:
-        """Rows at any times; after the last they go on as they went."""
+    def table(rows: Array, farthest: float = np.inf) -> Path:
+        """Rows at any times; after the last they go on as they went, as far as they may."""
 
         def found(at: Array) -> Array:
             place = np.maximum((at - times[0]) / spacing, 0.0)
             first = np.minimum(place.astype(int), len(times) - 2)
-            share = (place - first)[:, np.newaxis]
+            share = np.minimum(place - first, farthest)[:, np.newaxis]
             between: Array = (1.0 - share) * rows[first] + share * rows[first + 1]
             return between
 
@@ -599,7 +617,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
         _Rest(q[0], np.asarray(rest, np.float64)),
         points,
         posture=lambda at: vehicle.kinematics.normalised(coordinates(at)),
-        feedforward=table(forward),
+        feedforward=table(forward, 1.0),
         parameters=scenario.parameters,
         step=step,
         delay=control.delay,

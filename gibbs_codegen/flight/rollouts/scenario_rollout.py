@@ -115,10 +115,10 @@ def _scenario_start(
     Raises `UsageError` if it cannot begin, or its law is sampled.
     """
     scene = scenario if isinstance(scenario, Scenario) else read_scenario(os.fspath(scenario))
-    if scene.control.rate is not None or scene.sensors is not None:
+    if scene.is_sampled:
         raise UsageError(
             "control: a rollout is under laws that act at all times, without control.rate and "
-            "sensors; simulate_many flies such scenarios"
+            'sensors, and not "predictive"; simulate_many flies such scenarios'
         )
     settings: Settings = replace(scene.integration, method="rk4", step=dt, rate=1.0 / (dt * every))
     scene = replace(scene, integration=settings)

@@ -116,6 +116,13 @@ class Scenario(Table):
     timing: parts.Timing = parts.Timing()
     description: str = ""
 
+    @property
+    def is_sampled(self) -> bool:
+        """Whether its law acts at instants, and holds its inputs in between."""
+        control = self.control
+        is_slow = control.rate is not None or control.law == parts.PREDICTIVE
+        return is_slow or self.sensors is not None
+
 
 # The time of a scenario and its first three derivatives (…, 4) at times (…) of the flight, s.
 TimeScaling = Callable[[Array], Array]

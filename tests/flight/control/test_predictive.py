@@ -18,6 +18,7 @@ from support.tools import run
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.predictive import NoPlanError, Predictive, Tolerances
+from gibbs_codegen.flight.many import simulate_many
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
@@ -292,6 +293,10 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"step": 0.0}, "step must be a finite time above 0"),
         ({"nodes": 0}, "nodes must be 1 to 500"),
         ({"points": {"hand": lambda t: t}}, "no frame hand; its frames: base, tip"),
+        ({"nodes": 2.5}, "nodes must be 1 to 500"),
+        ({"rates": 0.0}, "rates must be above 0"),
+        ({"deadline": -1.0}, "deadline must be a time of 0 or more"),
+        ({"growth": 1.1}, "growth must be 1 for a machine with dampers"),
         ({"method": "heun"}, 'method must be "trapezoidal" or "rk4"'),
     ):
         with pytest.raises(UsageError, match=words):
@@ -371,10 +376,11 @@ def test_the_last_plan_is_followed_until_its_end(module: ModuleType) -> None:
         u = controller.inputs(k * controller.step, q, unknown)
         np.testing.assert_allclose(u, planned[min(k - 1, controller.nodes - 1)], rtol=1e-9)
         assert not controller.log[-1].solved
-    with pytest.raises(NoPlanError, match=r"no plan for 0.4 s"):
+    with pytest.raises(NoPlanError, match=r"no plan for 20 instants, 0.4 s"):
         controller.inputs(0.4, q, unknown)
     controller.reset()
-    assert np.isfinite(controller.inputs(0.0, q, v)).all()
+    controller.inputs(0.0, q, v)
+    assert controller.log[-1].solved
 
 
 def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None:
@@ -396,3 +402,20 @@ def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
     assert (flight.law, flight.stopped) == ("predictive", "")
     off = flight.q - flight.q_desired
     assert np.abs(off[:, Vehicle(module).layout.q.position]).max() < 5e-3
+
+
+def test_flights_side_by_side_are_sampled_too(module: ModuleType) -> None:
+    changes = {"duration": 0.2, "control.law": "predictive", "start": {"offset": [0.05, 0.0, 0.0]}}
+    integration = {"integration": {"method": "rk4", "step": 0.002}}
+    scenario = read_scenario("hover", changes | integration)
+    alone = simulate(module, scenario)
+    for flight in simulate_many(module, [scenario] * 2):
+        np.testing.assert_array_equal(flight.q, alone.q)
+
+
+def test_a_plan_is_found_after_a_measurement_that_is_no_number(module: ModuleType) -> None:
+    controller = circling(module)
+    q, v = controller.hover.q, np.zeros(len(module.VELOCITIES))
+    controller.inputs(0.0, np.full_like(q, np.nan), v)
+    controller.inputs(controller.step, q, v)
+    assert [instant.solved for instant in controller.log] == [False, True]
