@@ -580,6 +580,10 @@ class _Rest(NamedTuple):
 _RATE = 50.0
 
 
+# A posture that goes with the path is to be kept: with looser joints an elbow may turn over.
+_OF_SCENARIOS = Tolerances(joints=0.05, attitude=0.1)
+
+
 def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) -> Predictive:
     """The predictive law of a scenario: it leads the tip, if that has a path, and else the base.
 
@@ -620,6 +624,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
         feedforward=table(forward, 1.0),
         parameters=scenario.parameters,
         step=step,
+        tolerances=_OF_SCENARIOS,
         delay=control.delay,
         actuators=actuators,
     )
