@@ -594,7 +594,8 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     step = 1.0 / (control.rate or _RATE)
     # Between instants too, where commands are late.
     spacing = step / 8.0
-    times = np.arange(reference.begin, reference.end, spacing)
+    count = max(3, int((reference.end - reference.begin) / spacing))
+    times = np.asarray(reference.begin + spacing * np.arange(count), np.float64)
     q = vehicle.kinematics.normalised(reference(times)[0])
     still = np.zeros((len(times), vehicle.layout.v.size))
     forward = law.commanded(times, q, still, still[:, :0], {})[0]
@@ -602,14 +603,16 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     rest = np.linalg.pinv(vehicle.input_matrix(q[0])) @ force
 
     def table(rows: Array, farthest: float = np.inf) -> Path:
-        """Rows at any times; after the last they go on as they went, as far as they may."""
+        """Rows at any times; after the last they go on with its rate and bend, if they may."""
 
         def found(at: Array) -> Array:
             place = np.maximum((at - times[0]) / spacing, 0.0)
             first = np.minimum(place.astype(int), len(times) - 2)
             share = np.minimum(place - first, farthest)[:, np.newaxis]
             between: Array = (1.0 - share) * rows[first] + share * rows[first + 1]
-            return between
+            beyond = np.maximum(share - 1.0, 0.0) * (first == len(times) - 2)[:, np.newaxis]
+            bend = rows[-1] - 2.0 * rows[-2] + rows[-3]
+            return between + 0.5 * beyond * (beyond + 1.0) * bend
 
         return found
 
