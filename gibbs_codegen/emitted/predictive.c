@@ -22,7 +22,12 @@ static Room *room_of(Controller *own)
 }
 
 /* Rows of nodes, from one on, side by side; the last one fills up. */
-static INLINE void gather(const real *rows, const int first, const int count, const int size, number *to)
+static INLINE void gather(
+    const real *rows,
+    const int first,
+    const int count,
+    const int size,
+    number *to)
 {
     for (int lane = 0; lane < LANES; ++lane) {
         const int k = first + lane < count ? first + lane : count - 1;
@@ -32,7 +37,12 @@ static INLINE void gather(const real *rows, const int first, const int count, co
     }
 }
 
-static INLINE void scatter(const number *from, const int first, const int count, const int size, real *rows)
+static INLINE void scatter(
+    const number *from,
+    const int first,
+    const int count,
+    const int size,
+    real *rows)
 {
     for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
         for (int i = 0; i < size; ++i) {
@@ -54,7 +64,8 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
         gather(own->x[1], first, NODES, SIZE, x_next);
         gather(own->h, first, NODES, 1, &h);
         gather(own->reference[0], first, NODES, REFERENCE, reference);
-        NODE(u, x, x_next, h, reference, own->weights, own->lag_times, gap, slope, hessian, gradient, &cost);
+        NODE(u, x, x_next, h, reference, own->weights, own->lag_times, gap, slope, hessian,
+            gradient, &cost);
         for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
             Node *node = &plan->node[first + lane];
             for (int i = 0; i < STATES; ++i) {
@@ -120,7 +131,12 @@ static void limit(const Controller *own, Plan *plan)
 }
 
 /* Displacements from states to others, of all nodes. */
-WIDE static void displacements(const Constants *constants, const real *from, const real *to, const int count, real *away)
+WIDE static void displacements(
+    const Constants *constants,
+    const real *from,
+    const real *to,
+    const int count,
+    real *away)
 {
     for (int first = 0; first < count; first += LANES) {
         number x[SIZE], x_next[SIZE], found[STATES];
@@ -132,7 +148,12 @@ WIDE static void displacements(const Constants *constants, const real *from, con
 }
 
 /* States of all nodes after displacements. */
-WIDE static void move(const Constants *constants, const real *from, const real *away, const int count, real *to)
+WIDE static void move(
+    const Constants *constants,
+    const real *from,
+    const real *away,
+    const int count,
+    real *to)
 {
     for (int first = 0; first < count; first += LANES) {
         number x[SIZE], step[STATES], found[SIZE];
