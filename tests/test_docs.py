@@ -144,7 +144,7 @@ def test_files_in_toml_are_accepted() -> None:
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
     rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
-    assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (3, (0, 1), 1)
+    assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (4, (0, 1), 1)
     scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]

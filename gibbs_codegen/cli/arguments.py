@@ -238,9 +238,12 @@ def argument_parser() -> Parser:
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
     parser.flag(
         "--placed",
-        "place rotors and joints by positions and axes; without it the base has rods with a rotor "
-        "at the end of each, and links have Denavit-Hartenberg parameters, as in the paper",
+        "place rotors by radius, azimuth and tilt, and joints by positions and axes; without it "
+        "the base has rods with a rotor at the end of each, and links have Denavit-Hartenberg "
+        "parameters, as in the paper",
     )
+    meaning = "number of rotors (default: 4 with --placed, else 6)"
+    parser.add("--rotors", "N", meaning, type=int)
 
     parser = command("import", "write a robot file from a robot in URDF, xacro or MJCF")
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"

@@ -17,10 +17,11 @@ def run(options: argparse.Namespace) -> int:
     """Write the robot file, and print how to go on."""
     path = Path(options.file)
     name = name_from(path.stem)
+    rotors = (4 if options.placed else 6) if options.rotors is None else options.rotors
     if options.placed:
-        text = placed_robot_text(name)
+        text = placed_robot_text(name, rotors)
     else:
-        text = robot_text(paper_family(6, 3), name, to_start_from=True)
+        text = robot_text(paper_family(rotors, 3), name, to_start_from=True)
     write_new_file(path, text)
     # What begins with a minus sign would be taken for an option.
     words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]

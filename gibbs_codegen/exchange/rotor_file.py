@@ -17,7 +17,7 @@ from gibbs_codegen.exchange.tree import near
 from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.table import Table, Tables, file_table, key
 from gibbs_codegen.files.toml import checked
-from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.robot.model import BASE, MAX_ROTORS
 from gibbs_codegen.robot.placement import turn_of_quaternion
 from gibbs_codegen.robot.tables import RotorTable
 
@@ -54,7 +54,7 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
             Rotor(
                 rotor.name or f"rotor_{number}",
                 # "base" is the root, unless there is a link of that name.
-                source.root if rotor.on == "base" and rotor.on not in source.links else rotor.on,
+                source.root if on == "base" and on not in source.links else on,
                 rotor.position,
                 rotor.direction,
                 rotor.drag,
@@ -62,7 +62,9 @@ def read_rotors(path: Path, source: Source) -> tuple[Rotor, ...]:
                 rotor.time_constant,
                 found_by=path.name,
             )
-            for number, rotor in enumerate(table.rotor, start=1)
+            for number, (on, rotor) in enumerate(
+                ((found.on, found.rotor(BASE)) for found in table.rotor), start=1
+            )
         )
     faults = [
         Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, source.links)}")

@@ -20,13 +20,31 @@ def turn(axis: int, angle: float) -> Array:
 
 def turn_by_degrees(axis: int, angle: Fraction) -> Array:
     """Rotation matrix (3, 3) about axis 0, 1 or 2 by degrees, exact for multiples of 90°."""
+    return _turn(axis, *_cos_sin(angle)) + 0.0
+
+
+def _cos_sin(angle: Fraction) -> tuple[float, float]:
+    """Cosine and sine of degrees; equal numbers are equal for multiples of 30° and 45°."""
     turns = round(angle / 90)
     rest = angle - 90 * turns
     c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
-    s = 0.5 if rest == 30 else -0.5 if rest == -30 else s
+    if abs(rest) in (30, 45):
+        s = math.copysign(0.5 if abs(rest) == 30 else c, rest)
     for _ in range(turns % 4):
         c, s = -s, c
-    return _turn(axis, c, s) + 0.0
+    return c, s
+
+
+def polar_point(radius: float, azimuth_deg: Fraction, height: float) -> Vector3:
+    """The point at a distance from the z axis, an angle about it from x, and along it, m."""
+    c, s = _cos_sin(azimuth_deg)
+    return (radius * c + 0.0, radius * s + 0.0, height)
+
+
+def leaning_direction(azimuth_deg: Fraction, tilt_deg: Fraction, cant_deg: Fraction) -> Vector3:
+    """R_z(azimuth)·R_x(cant)·R_y(tilt)·z: z leant away from the z axis, then about the radius."""
+    (c, s), (ct, st), (cc, sc) = map(_cos_sin, (azimuth_deg, tilt_deg, cant_deg))
+    return (c * st + s * sc * ct + 0.0, s * st - c * sc * ct + 0.0, cc * ct + 0.0)
 
 
 def _turn(axis: int, c: float, s: float) -> Array:

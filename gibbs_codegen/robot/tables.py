@@ -51,6 +51,7 @@ from gibbs_codegen.files.table import (
 )
 from gibbs_codegen.robot import model
 from gibbs_codegen.robot.names import LONGEST_LABEL, NAME_PATTERN, name_fault
+from gibbs_codegen.robot.placement import leaning_direction, polar_point
 from gibbs_codegen.robot.references import body_numbers, reference_faults
 from gibbs_codegen.robot.rigid_body import body_fault, size_fault
 
@@ -354,16 +355,47 @@ class PoseTable(Table):
         return model.Pose(self.xyz or _ORIGIN, self.rpy_deg or model.Pose.rpy_deg)
 
 
+# The keys that place a rotor around an axis instead of `position`, and those that direct its thrust
+# instead of `direction`.
+POLAR_KEYS = ("radius", "azimuth_deg", "height")
+LEAN_KEYS = ("tilt_deg", "cant_deg")
+
+
 @file_table
 class RotorTable(Table):
     """A rotor on the base or on a link."""
 
+    conditions: ClassVar[JsonDict] = {
+        "dependentRequired": {
+            key: ["azimuth_deg"] for key in (*POLAR_KEYS, *LEAN_KEYS) if key != "azimuth_deg"
+        },
+        "dependentSchemas": {
+            "position": {"properties": dict.fromkeys(POLAR_KEYS, False)},
+            "direction": {"properties": dict.fromkeys(LEAN_KEYS, False)},
+        },
+    }
+
     name: Label | None = optional("name of the rotor, any text; without it its number counts")
     on: Label = optional(_ON, "base")
     position: Sizes3 = optional("place in the frame of what carries it, m", _ORIGIN)
+    radius: NotNegative = optional("instead of position: distance from the z axis there, m", 0.0)
+    azimuth_deg: Angle | None = optional(
+        "instead of position: angle about the z axis there, from x towards y, degrees"
+    )
+    height: Size = optional("instead of position: distance along the z axis there, m", 0.0)
     direction: Annotated[Direction, Field(json_schema_extra={"default": "z"})] = optional(
         'direction of its thrust in that frame: an axis such as "x" or "-y", or [x, y, z]',
         model.AXES["z"],
+    )
+    tilt_deg: Angle = optional(
+        "instead of direction: how far the thrust leans from z outwards, along the azimuth, "
+        "degrees",
+        _NO_ANGLE,
+    )
+    cant_deg: Angle = optional(
+        "instead of direction: how far the thrust leans sideways, turned about the outward "
+        "radius by the right-hand rule, which is clockwise seen from above, degrees",
+        _NO_ANGLE,
     )
     drag: Size = optional(
         "reaction torque about its direction per unit of thrust, m: negative for a "
@@ -388,7 +420,13 @@ class RotorTable(Table):
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of a rotor of which the angular momentum is not known."""
+        """Faults of two forms of a placement at once, and of half an angular momentum."""
+        for whole, parts in (("position", POLAR_KEYS), ("direction", LEAN_KEYS)):
+            given = [each for each in parts if each in values]
+            if given and whole in values:
+                yield given[0], f"excludes {whole}: give {whole}, or {', '.join(parts)}"
+            elif given and "azimuth_deg" not in values:
+                yield given[0], "needs azimuth_deg beside it, the angle of the radius about z"
         for each, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
             if each in values and other not in values:
                 yield each, f"needs {other} beside it: give both or none"
@@ -397,7 +435,13 @@ class RotorTable(Table):
 
     def rotor(self, on: int) -> model.Rotor:
         """The rotor that the table describes, on the body of that number."""
-        return model.Rotor(**vars(self) | {"on": on})
+        position, direction = self.position, self.direction
+        if self.azimuth_deg is not None:
+            position = polar_point(self.radius, self.azimuth_deg, self.height)
+            if self.tilt_deg or self.cant_deg:
+                direction = leaning_direction(self.azimuth_deg, self.tilt_deg, self.cant_deg)
+        values = vars(self) | {"on": on, "position": position, "direction": direction}
+        return model.Rotor(**{each: values[each] for each in vars(model.Rotor())})
 
 
 @file_table

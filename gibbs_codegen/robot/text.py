@@ -7,10 +7,12 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 from fractions import Fraction
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.model import (
     AXES,
     BASE,
+    MAX_ROTORS,
     PASSIVE_UNITS,
     Body,
     Link,
@@ -218,9 +220,28 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     return render("robot.toml.jinja", context)
 
 
-def placed_robot_text(name: str) -> str:
-    """A commented robot file to start from: a quadrotor with an arm, whose parts have positions."""
-    return render("placed_robot.toml.jinja", {"name": name})
+_CORNERS = ("front_left", "rear_left", "rear_right", "front_right")
+
+
+def placed_robot_text(name: str, rotors: int = 4) -> str:
+    """A commented robot file to start from: a drone with an arm, its rotors evenly around it.
+
+    Raises `UsageError` if there are not as many rotors as hold a level drone and its heading.
+    """
+    if not len(_CORNERS) <= rotors <= MAX_ROTORS:
+        raise UsageError(
+            f"--rotors must be from {len(_CORNERS)} to {MAX_ROTORS} with --placed, not {rotors}: "
+            "fewer upright rotors do not hold a drone level and its heading"
+        )
+    around = [
+        {
+            "name": quoted(_CORNERS[k] if rotors == len(_CORNERS) else f"rotor_{k + 1}"),
+            "azimuth": degrees(Fraction(180 + 360 * k, rotors)),
+            "drag": -0.016 if k % 2 else 0.016,
+        }
+        for k in range(rotors)
+    ]
+    return render("placed_robot.toml.jinja", {"name": name, "rotors": around})
 
 
 def _list_text(entries: list[str]) -> str:

@@ -19,7 +19,7 @@ from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import RefusedFileError
 from gibbs_codegen.flight.scenario.file import parse_scenario, shipped_scenarios
 from gibbs_codegen.robot.file import parse_robot, shipped_robots
-from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.robot.text import placed_robot_text, robot_text
 
 READERS = {"robot": parse_robot, "scenario": parse_scenario}
 
@@ -43,6 +43,7 @@ TEXTS = {
         (Path(__file__).parents[1] / "robots" / "everything.toml").read_text(encoding="utf-8"),
         *(robot_text(random_robot(seed, 2 + seed % 4, seed % 4)) for seed in range(10)),
         *(robot_text(random_tree(seed)) for seed in range(10)),
+        placed_robot_text("placed", 5),
     ],
     "scenario": [
         *(shipped("scenario", name) for name in shipped_scenarios()),
