@@ -6,6 +6,7 @@ Nothing here takes time to import, so that `--help` and wrong usage are answered
 from __future__ import annotations
 
 import argparse
+import math
 from typing import Any, NoReturn
 
 from gibbs_codegen.errors import printable
@@ -33,7 +34,9 @@ class Parser(argparse.ArgumentParser):
         """Print the usage and the message, and exit with 2."""
         super().error(printable(message, 400))
 
-    def add(self, name: str, metavar: str | None, meaning: str, **settings: Any) -> None:
+    def add(
+        self, name: str, metavar: str | tuple[str, ...] | None, meaning: str, **settings: Any
+    ) -> None:
         """Add an argument that has a value; a default of one word or number is told."""
         if isinstance(default := settings.get("default"), str | int):
             meaning = f"{meaning} (default: {default})"
@@ -114,6 +117,32 @@ def _port(text: str) -> int:
     if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
         raise argparse.ArgumentTypeError(f"{printable(text)}: a port is a number from 1 to 65535")
     return int(text)
+
+
+def _number(text: str) -> float:
+    try:
+        if math.isfinite(value := float(text)):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"must be a finite number, not {printable(text, 40)}")
+
+
+class _OfAttachment(argparse.Action):
+    """Gathers --attach, and each option that follows, in a dictionary of that arm."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        if self.dest == "attach":
+            namespace.attach = [*(namespace.attach or ()), {}]
+        elif not namespace.attach:
+            parser.error(f"{option_string} says something of an arm: give --attach ARM before it")
+        namespace.attach[-1][self.dest] = values
 
 
 def argument_parser() -> Parser:
@@ -245,9 +274,25 @@ def argument_parser() -> Parser:
     meaning = "number of rotors (default: 4 with --placed, else 6)"
     parser.add("--rotors", "N", meaning, type=int)
 
-    parser = command("import", "write a robot file from a robot in URDF, xacro or MJCF")
+    meaning = "write a robot file from a robot in URDF, xacro or MJCF, or join arms to a drone"
+    parser = command("import", meaning)
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
-    parser.add("file", "FILE", f"a .urdf, .xacro or .xml file; {extras}")
+    also = "with --attach also a robot file, or the name of a robot that ships"
+    parser.add("file", "FILE", f"a .urdf, .xacro or .xml file; {extras}; {also}")
+    parser.add(
+        *("--attach", "ARM"),
+        "file of an arm, as FILE may be, that is joined to the robot: its root becomes part of "
+        "what carries it; may be repeated, each with --on, --xyz, --rpy_deg and --prefix after it",
+        action=_OfAttachment,
+    )
+    meaning = "link or frame that carries the arm (default: the base)"
+    parser.add("--on", "LINK", meaning, action=_OfAttachment)
+    meaning = "place of the arm's root in the frame of LINK, m (default: 0 0 0)"
+    parser.add("--xyz", ("X", "Y", "Z"), meaning, action=_OfAttachment, nargs=3, type=_number)
+    meaning = "roll, pitch and yaw of the arm's root there, as in URDF, degrees (default: 0 0 0)"
+    parser.add("--rpy_deg", ("R", "P", "Y"), meaning, action=_OfAttachment, nargs=3, type=_number)
+    meaning = "what comes before the names of the arm's links, joints and frames, such as left_"
+    parser.add("--prefix", "NAME_", meaning, action=_OfAttachment)
     parser.add(
         *("--rotors", "ROTORS"),
         "file that says where the rotors are, in place of those found: [[rotor]] tables in TOML as "

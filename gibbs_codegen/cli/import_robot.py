@@ -1,4 +1,4 @@
-"""`import`: a robot file from a robot in URDF, xacro or MJCF."""
+"""`import`: a robot file from a robot in URDF, xacro or MJCF, also with arms joined to it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ import argparse
 import itertools
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from gibbs_codegen.cli.terminal import plain_table, width
 from gibbs_codegen.errors import Fault, RobotFileError, UsageError, printable
-from gibbs_codegen.exchange.importing import ImportOptions, import_robot, in_order, opening_comment
+from gibbs_codegen.exchange.attaching import Attachment, is_robot_file, joined
+from gibbs_codegen.exchange.importing import ImportOptions, in_order, opening_comment
+from gibbs_codegen.exchange.placement import Placement, vector
 from gibbs_codegen.exchange.sources import Finding, SourceFileError
 from gibbs_codegen.files.module_writer import write_new_file
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.model import ATTITUDES, Robot
+from gibbs_codegen.robot.names import link_label
 from gibbs_codegen.robot.text import robot_text
 
 # Lines of one kind, more than a person will read at a time.
@@ -45,10 +50,13 @@ def run(options: argparse.Namespace) -> int:
             raise UsageError(
                 f"--lock {printable(word, 80)}: give JOINT or JOINT=VALUE, VALUE in rad or m"
             )
-    robot, findings = import_robot(
-        path, ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
-    )
-    text = opening_comment(path.name, findings) + robot_text(robot)
+    wanted = ImportOptions(attitude, rotors, locks, options.base, not options.no_snap)
+    arms = [_attachment(each) for each in options.attach or ()]
+    if is_robot_file(path):
+        _check_robot_file(path, options)
+    robot, findings = joined(path, wanted, arms)
+    files = " and ".join([path.name, *(arm.file.name for arm in arms)])
+    text = opening_comment(files, findings) + robot_text(robot)
     _check(text, robot, findings, options)
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
@@ -67,6 +75,23 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def _attachment(options: dict[str, Any]) -> Attachment:
+    """The arm that --attach and the options after it describe."""
+    turns = [Fraction(repr(angle)) for angle in options.get("rpy_deg", (0.0, 0.0, 0.0))]
+    pose = Placement(vector(options.get("xyz", (0.0, 0.0, 0.0))), (turns[0], turns[1], turns[2]))
+    seat = options.get("on", "base")
+    return Attachment(Path(options["attach"]), seat, pose, options.get("prefix", ""))
+
+
+def _check_robot_file(path: Path, options: argparse.Namespace) -> None:
+    """Refuse what is of other formats: a robot file has its attitude, base and rotors."""
+    if not options.attach:
+        raise UsageError(f"{printable(path)}: is a robot file already; --attach joins arms to it")
+    for name in ("rotors", "attitude", "lock", "base"):
+        if getattr(options, name):
+            raise UsageError(f"--{name}: change {printable(path)} itself, which is a robot file")
+
+
 def _check(
     text: str, robot: Robot, findings: Sequence[Finding], options: argparse.Namespace
 ) -> None:
@@ -79,12 +104,16 @@ def _check(
     except RobotFileError as error:  # Keys and lines of a text that nobody sees help nobody.
         root = next(line.subject for line in findings if line.kind == "base")
         named = {"base": f"link {printable(root, 60)}: "}
-        named |= {f"link[{i}]": f"link {link.name}: " for i, link in enumerate(robot.links)}
+        links = range(len(robot.links))
+        named |= {f"link[{i}]": f"link {link_label(robot, i + 1)}: " for i in links}
         file = "" if options.rotors is None else f" of {printable(options.rotors)}"
         named |= {f"rotor[{k}]": f"rotor {r.name}{file}: " for k, r in enumerate(robot.thrusters)}
         named |= {f"frame[{k}]": f"frame {f.name}: " for k, f in enumerate(robot.frames)}
-        faults = []
+        faults: list[Fault] = []
         for fault in error.faults:
             table, dot, key = fault.path.partition(".")
-            faults.append(Fault(named.get(table, table + dot) + key, fault.message))
+            words = fault.message
+            if options.attach and not faults and key in ("name", "coordinate"):
+                words += "; --prefix NAME_ after --attach comes before all names of an arm"
+            faults.append(Fault(named.get(table, table + dot) + key, words))
         raise SourceFileError(options.file, faults) from None

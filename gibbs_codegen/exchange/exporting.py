@@ -107,7 +107,7 @@ def source_of(robot: Robot) -> sources.Source:
     names, body = [ROOT], robot.base.body
     names += [link.name or default_prefix("link", i) for i, link in enumerate(robot.links, start=1)]
     rods = sources.Names(names)
-    links = {ROOT: sources.Link(ROOT, _inertial(body, centre) if body else sources.Inertial())}
+    links = {ROOT: sources.Link(ROOT, inertial_of(body, centre) if body else sources.Inertial())}
     joints: list[sources.Joint] = []
     rotors: list[sources.Rotor] = []
     for k in range(1, robot.base.rotors + 1):
@@ -119,10 +119,10 @@ def source_of(robot: Robot) -> sources.Source:
         seat = (0.0 if seen_from_motor else arm.length, 0.0, 0.0)
         thrust, drag = robot.base.thrust[k - 1], robot.base.drag[k - 1]
         rotors.append(sources.Rotor(f"rotor{k}", rod, seat, thrust, drag))
-        links[rod] = sources.Link(rod, _inertial(arm, HERE))
+        links[rod] = sources.Link(rod, inertial_of(arm, HERE))
         joints.append(sources.Joint(f"{rod}_mount", "fixed", ROOT, rod, centre @ mount))
     for i, link in enumerate(robot.links, start=1):
-        links[names[i]] = sources.Link(names[i], _inertial(link.body, HERE))
+        links[names[i]] = sources.Link(names[i], inertial_of(link.body, HERE))
         joints.append(_joint(robot, i, names, centre))
     rotors += [
         sources.Rotor(
@@ -152,10 +152,22 @@ def source_of(robot: Robot) -> sources.Source:
     )
 
 
-def _inertial(body: Body, frame: Placement) -> sources.Inertial:
+def inertial_of(body: Body, frame: Placement) -> sources.Inertial:
+    """Mass and inertia of a body, in the axes of its own frame, which is level in another."""
     rigid = as_rigid_body(body)
     place = Placement(vector(frame.point(rigid.com)))
     return sources.Inertial(rigid.mass, place, inertia_matrix(rigid.inertia))
+
+
+def joint_placement(robot: Robot, i: int) -> Placement:
+    """The pose of the joint of link `i`, from 1, at zero, in the frame of what carries it."""
+    link, parent = robot.links[i - 1], robot.parents[i - 1]
+    if link.pose is not None:
+        return Placement(link.pose.xyz, link.pose.rpy_deg)
+    before = robot.links[parent - 1].body.length if parent != BASE else 0.0
+    start = (before if link.a is None else link.a, 0.0, 0.0)
+    step = Placement(start, (link.alpha_deg, *HERE.rpy_deg[1:]))
+    return step @ Placement((0.0, 0.0, link.d), (*HERE.rpy_deg[:2], link.theta_deg))
 
 
 def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> sources.Joint:
@@ -165,13 +177,7 @@ def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> sources
     """
     link, parent = robot.links[i - 1], robot.parents[i - 1]
     name = link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
-    if link.pose is not None:
-        pose = Placement(link.pose.xyz, link.pose.rpy_deg)
-    else:
-        before = robot.links[parent - 1].body.length if parent != BASE else 0.0
-        start = (before if link.a is None else link.a, 0.0, 0.0)
-        step = Placement(start, (link.alpha_deg, *HERE.rpy_deg[1:]))
-        pose = step @ Placement((0.0, 0.0, link.d), (*HERE.rpy_deg[:2], link.theta_deg))
+    pose = joint_placement(robot, i)
     return sources.Joint(
         name,
         link.joint,

@@ -95,6 +95,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
 # In the order of a report, with what they mean.
 KINDS: dict[Kind, str] = {
     "base": "the flying base",
+    "attached": "an arm that it carries",
     "welded": "part of what carries it",
     "locked": "a joint held fast",
     "snapped": "made exact",

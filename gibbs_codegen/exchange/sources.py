@@ -29,7 +29,7 @@ JointKind = Literal["revolute", "prismatic", "fixed", "floating", "planar"]
 # Gazebo give ±1e16 where URDF has the type continuous.
 _MANY_TURNS = 20.0 * math.pi
 NO_PASSIVE, NO_LIMITS = Passive(), JointLimits()
-Kind = Literal["base", "locked", "welded", "snapped", "rotor", "left out", "note"]
+Kind = Literal["base", "attached", "locked", "welded", "snapped", "rotor", "left out", "note"]
 
 
 def endless(limits: JointLimits) -> bool:

@@ -56,7 +56,7 @@ def welded(
             f"{model.MAX_LINKS} and {model.MAX_ROTORS} are possible. --lock holds joints fast"
         )
     namer = Namer()
-    rigid = [_rigid(body.parts, snap) for body in bodies]
+    rigid = [composite(body.parts, snap) for body in bodies]
     links = []
     for body, own in zip(bodies[1:], rigid[1:], strict=True):
         joint = body.joint
@@ -65,7 +65,7 @@ def welded(
             own,
             joint="prismatic" if joint.kind == "prismatic" else "revolute",
             parent=None if body.parent == body.number - 1 else body.parent,
-            pose=_placed(body.pose, snap).pose,
+            pose=quiet_placement(body.pose, snap).pose,
             axis=joint.axis,
             name=namer.free(body.name, "link"),
             coordinate=namer.free(joint.name, "joint"),
@@ -84,7 +84,7 @@ def welded(
         if (seat := places.get(frame.on)) is not None:
             found.append((frame.name, _Place(seat.body, seat.frame @ frame.pose)))
     frames = tuple(
-        model.Frame(namer.free(name, "frame"), place.body, _placed(place.frame, snap).pose)
+        model.Frame(namer.free(name, "frame"), place.body, quiet_placement(place.frame, snap).pose)
         for name, place in found[: model.MAX_FRAMES]
     )
     robot = model.Robot(
@@ -99,7 +99,7 @@ def welded(
     findings += [
         Finding("snapped", body.name, "rounding in its centre of mass or inertia set to 0")
         for body, own in zip(bodies, rigid, strict=True)
-        if snap and own != _rigid(body.parts, False)
+        if snap and own != composite(body.parts, False)
     ]
     findings += [
         Finding("left out", name, "one frame too many") for name, _ in found[model.MAX_FRAMES :]
@@ -136,7 +136,7 @@ def _bodies(source: Source) -> tuple[list[_Body], dict[str, _Place], list[Findin
     return bodies, places, findings
 
 
-def _rigid(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.RigidBody:
+def composite(parts: Sequence[tuple[Inertial, Placement]], snap: bool) -> model.RigidBody:
     """The composite of parts, in the axes of their body."""
     placed = [(part, frame @ part.pose) for part, frame in parts if part.weighs]
     mass = float(sum(part.mass for part, _ in placed))
@@ -187,7 +187,8 @@ def _rotors(
     return tuple(rotors)
 
 
-def _placed(pose: Placement, snap: bool) -> Placement:
+def quiet_placement(pose: Placement, snap: bool) -> Placement:
+    """The placement, with noise in its origin set to zero if so asked."""
     return Placement(quiet(pose.xyz), pose.rpy_deg) if snap else pose
 
 

@@ -1,0 +1,170 @@
+"""An arm joined to a drone, each a robot of its own before, whatever its file was.
+
+What the arm has as its base becomes part of the body that carries it. A name that both have is told
+when the file that is made of them is read; a prefix to the arm's names tells them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange.exporting import inertial_of, joint_placement
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.exchange.placement import HERE, Placement, vector
+from gibbs_codegen.exchange.sources import Finding
+from gibbs_codegen.exchange.tree import near
+from gibbs_codegen.exchange.welding import composite, quiet_placement
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.layout import frames_of
+from gibbs_codegen.robot.model import BASE, Body, Frame, Link, RigidBody, Robot
+from gibbs_codegen.robot.names import default_prefix, name_from
+from gibbs_codegen.robot.references import body_numbers
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """The file of an arm, and where it goes: `pose` of its root in the frame of a link or frame.
+
+    `prefix` comes before the names of all that it brings.
+    """
+
+    file: Path
+    on: str = "base"
+    pose: Placement = HERE
+    prefix: str = ""
+
+
+def is_robot_file(path: Path) -> bool:
+    """Whether a path is that of a robot file, or the name of a robot that ships."""
+    return path.suffix.lower() == ".toml" or (not path.exists() and str(path) in shipped_robots())
+
+
+def joined(
+    path: Path, options: ImportOptions, attachments: Sequence[Attachment]
+) -> tuple[Robot, list[Finding]]:
+    """A drone with arms, each of a robot file or of what `import_robot` reads, and what was done.
+
+    `options` are of the drone where it is imported, those that say nothing of names hold for arms.
+    Raises `RobotFileError`, `SourceFileError` or `UsageError` as readers do, and the last for what
+    carries an arm and is not there.
+    """
+    robot, findings = _read(path, options)
+    if attachments and robot.links:  # With another arm the end of its own may be no tip any more.
+        robot = replace(robot, frames=frames_of(robot)[1:])
+    for each in attachments:
+        arm, found = _read(each.file, ImportOptions(options.attitude, snap=options.snap))
+        root = next(line.subject for line in found if line.kind == "base")
+        base = next(line.subject for line in findings if line.kind == "base")
+        carrier, seat = _seat(robot, base, each.on)
+        robot = _with_arm(robot, arm, carrier, seat @ each.pose, each.prefix, root, options.snap)
+        words = f"root {root} of {each.file.name} on {each.on}"
+        findings.append(Finding("attached", arm.name, words))
+        # The arm does not fly, and needs no rotors.
+        own = ("base", root), ("note", "rotors")
+        findings += [line for line in found if (line.kind, line.subject) not in own]
+    return robot, findings
+
+
+def _read(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
+    if not is_robot_file(path):
+        return import_robot(path, options)
+    robot, _ = read_robot(str(path))
+    return robot, [Finding("base", robot.name, "the base of a robot file")]
+
+
+def _seat(drone: Robot, root: str, on: str) -> tuple[int, Placement]:
+    """The number of the body, and the frame in its own, that a name of a link or frame stands for.
+
+    Of a link and a frame of one name it is the frame, as which imported robots keep frames of links
+    that are not at their joints. `root` is another name of the base.
+    """
+    for frame in drone.frames:
+        if frame.name == on:
+            return frame.on, Placement(frame.pose.xyz, frame.pose.rpy_deg)
+    numbers = {root: BASE} | body_numbers([link.name for link in drone.links])
+    if on not in numbers:
+        known = [*numbers, *(frame.name for frame in drone.frames)]
+        raise UsageError(f"--on {printable(on, 60)}: no such link or frame{near(on, known)}")
+    return numbers[on], HERE
+
+
+def _with_arm(
+    drone: Robot, arm: Robot, carrier: int, pose: Placement, prefix: str, root: str, snap: bool
+) -> Robot:
+    """The drone with an arm whose base is at a pose in the frame of body `carrier`."""
+    if arm.base.rotors:
+        raise UsageError(
+            f"--attach: {arm.name} has a base of rods with motors; an arm needs one without: give "
+            "[base] mass, com and inertia"
+        )
+    count = len(drone.links)
+
+    def on(body: int) -> int:
+        return carrier if body == BASE else count + body
+
+    def seated(inner: Placement, body: int) -> Placement:
+        """In the frame of what carries it now, where it was in that of a body of the arm."""
+        found = pose @ inner if body == BASE else inner
+        return quiet_placement(found, snap)
+
+    def link(i: int) -> Link:
+        own, parent = arm.links[i - 1], arm.parents[i - 1]
+        label = own.name or (default_prefix("link", i) if prefix else "")
+        own = replace(
+            own,
+            parent=on(parent),
+            name=prefix + label or None,
+            coordinate=own.coordinate and prefix + own.coordinate,
+        )
+        if parent != BASE:
+            return own
+        plain = Link(own.body)
+        place = seated(joint_placement(arm, i), BASE).pose
+        dh = {key: getattr(plain, key) for key in ("alpha_deg", "a", "d", "theta_deg")}
+        return replace(own, pose=place, **dh)
+
+    frames = [*drone.frames, Frame(prefix + root, carrier, seated(HERE, BASE).pose)]
+    for f in frames_of(arm)[1:]:
+        place = seated(Placement(f.pose.xyz, f.pose.rpy_deg), f.on)
+        frames.append(Frame(prefix + f.name, on(f.on), place.pose))
+    rotors = [
+        replace(
+            rotor,
+            on=on(rotor.on),
+            name=rotor.name and prefix + rotor.name,
+            position=seated(Placement(rotor.position), rotor.on).xyz,
+            direction=vector(pose.matrix @ np.array(rotor.direction))
+            if rotor.on == BASE
+            else rotor.direction,
+        )
+        for rotor in arm.thrusters
+    ]
+    links = [*drone.links, *(link(i) for i in range(1, len(arm.links) + 1))]
+    base = drone.base
+    if (root_body := arm.base.body) is not None:
+        if carrier == BASE:
+            base = replace(base, body=_welded(base.body, root_body, pose, snap))
+        else:
+            body = _welded(links[carrier - 1].body, root_body, pose, snap)
+            links[carrier - 1] = replace(links[carrier - 1], body=body)
+    return replace(
+        drone,
+        name=name_from(f"{drone.name}_{arm.name}"),
+        base=base,
+        links=tuple(links),
+        thrusters=(*drone.thrusters, *rotors),
+        frames=tuple(frames),
+        allow_impossible_inertia=drone.allow_impossible_inertia or arm.allow_impossible_inertia,
+    )
+
+
+def _welded(body: Body | None, added: RigidBody, pose: Placement, snap: bool) -> RigidBody:
+    """A body with another welded to it at a pose in its frame."""
+    own = [] if body is None else [(inertial_of(body, HERE), HERE)]
+    whole = composite([*own, (inertial_of(added, HERE), pose)], snap)
+    return whole if body is None else replace(whole, length=body.length)
