@@ -142,9 +142,10 @@ def test_files_in_toml_are_accepted() -> None:
     files = ["reference/robot-file", "reference/scenario-file"]
     pages = ["howto/import", "howto/several-arms", *files, "start/first-robot"]
     assert pages_with("toml") == ["README.md", *(f"docs/{page}.md" for page in pages)]
-    rods, placed = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
+    rods, placed, driven = map(parse_robot, blocks("docs/reference/robot-file.md", "toml"))
     assert (rods.base.rotors, len(rods.links)) == (6, 1)
     assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (4, (0, 1), 1)
+    assert [drive.command for drive in driven.drives] == ["throttle", "speed"]
     scenario, *others = map(parse_scenario, blocks("docs/reference/scenario-file.md", "toml"))
     assert scenario.arm.tip is not None
     assert [other.name for other in others] == ["via", "quick"]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import sympy as sp
+
 from gibbs_codegen.derivation import (
+    actuators,
     forces,
     forward_kinematics,
     hybrid,
@@ -13,6 +16,8 @@ from gibbs_codegen.derivation import (
     wrenches,
 )
 from gibbs_codegen.graph.differentiate import Matrix
+from gibbs_codegen.interface.actuators import ACTUATORS
+from gibbs_codegen.interface.rows import Row
 
 
 def _block(s: systems.Systems, rows: str, columns: str) -> Matrix:
@@ -25,6 +30,28 @@ def _block(s: systems.Systems, rows: str, columns: str) -> Matrix:
 def _by_q(s: systems.Systems) -> Matrix:
     """Rows by q of the second derivatives of the inputs' forces."""
     return s.input_hessian[: len(s.symbolic.v)]
+
+
+_ACTUATORS: dict[str, Callable[[systems.Systems], list[sp.Expr]]] = {
+    "thrusts_of": lambda s: actuators.Actuators(s.symbolic).thrusts_of_commands(),
+    "command_of": lambda s: actuators.Actuators(s.symbolic).commands(),
+    "inputs_of": lambda s: actuators.Actuators(s.symbolic).inputs(),
+    "actuator_rates": lambda s: actuators.Actuators(s.symbolic).rates(),
+    "actuator_state_of": lambda s: actuators.Actuators(s.symbolic).kept(),
+    "rotor_speeds": lambda s: actuators.Actuators(s.symbolic).speeds(),
+}
+
+
+def _of_actuators(row: Row) -> dict[str, Callable[[systems.Systems], systems.Array]]:
+    """What derives the derivatives of a function of the actuators, by all of its arguments."""
+    value = _ACTUATORS[row.name]
+
+    def by(argument: str) -> Callable[[systems.Systems], systems.Array]:
+        return lambda s: s.jacobian(value(s), argument)
+
+    found = {f"{row.name}_d{argument}": by(argument) for argument in row.arguments}
+    found[f"{row.name}_dp"] = lambda s: systems.parameter_jacobian(s, value(s))
+    return found
 
 
 DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
@@ -86,7 +113,7 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "coriolis_matrix": lambda s: inverse_dynamics.coriolis_matrix(s.symbolic),
     "regressor": systems.regressor,
     "base_parameters": systems.base_parameters,
-    "inverse_dynamics_dp": systems.parameter_jacobian,
+    "inverse_dynamics_dp": lambda s: systems.parameter_jacobian(s, s.inverse_dynamics),
     "forward_dynamics_p_bar": lambda s: systems.parameter_gradient(s, s.dynamics[1]),
     "frame_poses_dq": lambda s: s.jacobian(forward_kinematics.frame_poses(s.symbolic), "q"),
     "frame_velocities_dq": (
@@ -126,4 +153,7 @@ DERIVATIONS: dict[str, Callable[[systems.Systems], systems.Array]] = {
     "forward_dynamics_with_wrenches_p_bar": (
         lambda s: systems.parameter_gradient(s, s.loaded_dynamics)
     ),
+    **_ACTUATORS,
 }
+for row in ACTUATORS:
+    DERIVATIONS |= _of_actuators(row)

@@ -52,6 +52,18 @@ class LinkSymbols:
     passive: PassiveSymbols
 
 
+@dataclass(frozen=True)
+class ServoSymbols:
+    """A position servo, as `robot.model.Servo` has it; None is no limit."""
+
+    stiffness: sp.Expr
+    damping: sp.Expr
+    torque: sp.Expr | None
+    rate: sp.Expr | None
+    delay: sp.Expr
+    backlash: sp.Expr
+
+
 NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
 
 
@@ -62,6 +74,10 @@ class Parameters:
     `arms`, with the `drags` of their motors (m), `links` and placed `rotors`, with position (m) and
     drag (m), are by number, from 1, `frames` by name: positions in the frame of the body that they
     are on (m). `central_body` is its inertia about the base centre, None where there is none.
+
+    Where a robot has actuators, `curves`, `times` and, where they are known, `speeds` of its rotors
+    are by number, `servos` and `frictions` by link; `battery` by the names of its keys, and its
+    `voltages` from empty to full.
     """
 
     def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
@@ -89,6 +105,79 @@ class Parameters:
             frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
             for frame in robot.frames
         }
+        self.curves: dict[int, Vector] = {}
+        self.times: dict[int, tuple[sp.Expr, sp.Expr]] = {}
+        self.speeds: dict[int, sp.Expr] = {}
+        self.servos: dict[int, ServoSymbols] = {}
+        self.frictions: dict[int, Vector] = {}
+        self.battery: dict[str, sp.Expr] = {}
+        self.voltages: list[sp.Expr] = []
+        if robot.has_actuators:
+            self._actuators()
+
+    def _actuators(self) -> None:
+        """Symbols of the numbers of rotors' drives, servos, friction and the battery."""
+        robot = self.robot
+        for k, drive in enumerate(robot.drives, start=1):
+            prefix = rotor_prefix(robot, k) if robot.thrusters else f"motor{k}"
+            self.curves[k] = (sp.S.Zero, sp.S.One, sp.S.Zero)
+            if drive.command != "thrust":
+                per = "N/(rad/s)" if drive.command == "speed" else "N"
+                of_curve = "N", per, f"{per}^2" if drive.command == "speed" else per
+                self.curves[k] = tuple(
+                    self._value(f"{prefix}_thrust_{n}", value, unit)
+                    for n, (value, unit) in enumerate(zip(drive.curve, of_curve, strict=True))
+                )
+            if drive.full_speed is not None:
+                self.speeds[k] = self._value(f"{prefix}_full_speed", drive.full_speed, "rad/s")
+            elif drive.command == "thrust" and robot.thrusters:
+                known = robot.thrusters[k - 1].speed_per_sqrt_thrust or 0.0
+                name = f"{prefix}_speed_per_sqrt_thrust"
+                self.speeds[k] = self._value(name, known, "rad/s/N^0.5")
+            if drive.lags:
+                ends = ("up", "down") if drive.up != drive.down else ("constant",) * 2
+                up, down = (
+                    self._value(f"{prefix}_time_{end}", value, "s")
+                    for end, value in zip(ends, (drive.up, drive.down), strict=True)
+                )
+                self.times[k] = up, down
+        for i in robot.moving:
+            self._drive_of_joint(i)
+        if robot.battery is not None:
+            own = robot.battery
+            units = {
+                "nominal": "V",
+                "resistance": "ohm",
+                "capacity": "A h",
+                "efficiency": "1",
+                "auxiliary": "W",
+            }
+            self.battery = {
+                name: self._value(f"battery_{name}", getattr(own, name), unit)
+                for name, unit in units.items()
+            }
+            numbered = [str(n) for n in range(1, len(own.voltages) + 1)]
+            self.voltages = [*self._values("battery_voltage", numbered, own.voltages, "V")]
+
+    def _drive_of_joint(self, i: int) -> None:
+        """Symbols of the servo and of the friction of link i's joint."""
+        link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
+        slides = link.joint == "prismatic"
+        length, force = ("m", "N") if slides else ("rad", "N m")
+        if link.servo is not None:
+            units = (f"{force}/{length}", f"{force} s/{length}", force, f"{length}/s", "s", length)
+            own = zip(asdict(link.servo).items(), units, strict=True)
+            self.servos[i] = ServoSymbols(
+                *(
+                    None if value is None else self._value(f"{prefix}_servo_{name}", value, unit)
+                    for (name, value), unit in own
+                )
+            )
+        if link.friction is not None:
+            dry, names = link.friction, ("coulomb", "static")
+            forces = self._values(f"{prefix}_friction", names, (dry.coulomb, dry.static), force)
+            velocity = self._value(f"{prefix}_friction_velocity", dry.velocity, f"{length}/s")
+            self.frictions[i] = (*forces, velocity)
 
     def _value(self, name: str, default: float, unit: str) -> sp.Expr:
         """The symbol of a parameter, its default and unit noted, or zero where it is structural."""

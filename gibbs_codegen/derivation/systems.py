@@ -240,13 +240,13 @@ class Systems:
         return self.hessian(self.inverse_dynamics, "qv")
 
 
-def parameter_jacobian(systems: Systems) -> Matrix:
-    """Derivatives of inverse dynamics by the parameters: a row for each force."""
+def parameter_jacobian(systems: Systems, outputs: Values) -> Matrix:
+    """Derivatives of outputs by the parameters: a row for each."""
     imported = systems.imported
-    graph, forces = imported.graph, systems.refs(systems.inverse_dynamics)
-    constants = _constants(graph, forces)
+    graph, found = imported.graph, systems.refs(outputs)
+    constants = _constants(graph, found)
     with imported.group("derivatives by the constants, column by column"):
-        rows = jacobian(graph, forces, [{ref >> 1: graph.one} for ref in constants])
+        rows = jacobian(graph, found, [{ref >> 1: graph.one} for ref in constants])
     return _by_parameters(systems, constants, rows)
 
 

@@ -36,7 +36,7 @@ KINEMATICS = (
         "forward kinematics",
         "It is the frame of that name of the robot file. If the file has none, it is at the end of "
         "the last link with that link's axes; without links, at the base centre with the base's.",
-        frame="tip",
+        needs=("tip",),
         group="tip",
         on_request=True,
     ),
@@ -47,7 +47,7 @@ KINEMATICS = (
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "It takes v to the velocity of the tip in m/s and rad/s.",
-        frame="tip",
+        needs=("tip",),
         group="tip",
         on_request=True,
     ),
@@ -59,7 +59,7 @@ KINEMATICS = (
         "forward kinematics",
         "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
         "linear entries first, then angular.",
-        frame="tip",
+        needs=("tip",),
         group="tip",
         on_request=True,
     ),

@@ -76,11 +76,12 @@ def sizes(shape: str, lengths: Mapping[str, int]) -> tuple[int, ...]:
 class Row:
     """A row of the table; `source` is the equation that the function implements.
 
-    In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
-    the `frame`, if one is named, have the function. A module has one that is generated `on_request`
-    only where it was asked for; one that `is_long`, whose text grows with the cube of the number of
-    joints, only where it was asked for by name. One that is `composed` has no derivation: it calls
-    the functions named there so many times. `derivative_of` is the function of which it gives
+    In `details`, {singularity} stands for what is to be said of the attitude. Only robots whose
+    module lists something under each name of `needs`, or has the frame of that name, have the
+    function. A module has one that is generated `on_request` only where it was asked for; one that
+    `is_long`, whose text grows with the cube of the number of joints, only where it was asked for
+    by name. One that is `composed` has no derivation: it calls the functions named there so many
+    times. `derivative_of` is the function of which it gives
     derivatives, of some `kind`. Functions of a `group` can be asked for by its name; those that are
     not on request are compiled together.
     """
@@ -91,7 +92,7 @@ class Row:
     summary: str
     source: str
     details: str = ""
-    frame: str = ""
+    needs: tuple[str, ...] = ()
     on_request: bool = False
     is_long: bool = False
     composed: Mapping[str, int] = field(default_factory=dict)

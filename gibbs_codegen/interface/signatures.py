@@ -73,5 +73,6 @@ def signatures(
             tuple(output.sizes(lengths) for output in row.outputs),
         )
         for row in FUNCTIONS.values()
-        if row.name in chosen and (not row.frame or row.frame in lists["FRAMES"])
+        if row.name in chosen
+        and all(need in lists["FRAMES"] or lists.get(need) for need in row.needs)
     ]

@@ -7,11 +7,16 @@ add a row here and, for an array that nothing derives yet, an entry to `derivati
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
 inputs, k the points, f the frames, b the bodies, p the parameters, n the base parameters; c the
 constrained joints, s the velocities twice, for a displacement of a state, and x the same and the
-inputs; digits stand for themselves.
+inputs; r the rotors, m the commands, z the states of the actuators; digits stand for themselves.
 """
 
 from __future__ import annotations
 
+from gibbs_codegen.interface.actuators import (
+    ACTUATOR_DERIVATIVES,
+    ACTUATOR_PARAMETERS,
+    ACTUATORS,
+)
 from gibbs_codegen.interface.derivatives import DERIVATIVES, PARAMETERS, STEPS
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import (
@@ -59,7 +64,17 @@ DESCRIPTION = (
     "POSTURE",
 )
 # The same, and constants of those modules that have functions which need them.
-DATA_ON_REQUEST = (*DESCRIPTION, "BASE_PARAMETERS", "PATTERNS")
+DATA_ON_REQUEST = (
+    *DESCRIPTION,
+    "ROTORS",
+    "COMMANDS",
+    "COMMAND_UNITS",
+    "COMMAND_LIMITS",
+    "ACTUATOR_STATES",
+    "ACTUATOR_TIMES",
+    "BASE_PARAMETERS",
+    "PATTERNS",
+)
 # Letters of shapes, and the constants that list what they count.
 LISTS = {
     "q": "COORDINATES",
@@ -71,6 +86,9 @@ LISTS = {
     "b": "BODIES",
     "p": "PARAMETERS",
     "n": "BASE_PARAMETERS",
+    "r": "ROTORS",
+    "m": "COMMANDS",
+    "z": "ACTUATOR_STATES",
 }
 
 ARGUMENTS = {
@@ -90,6 +108,8 @@ ARGUMENTS = {
     "w_input_matrix": Argument("vu", "weights of the entries of B", unit="1"),
     "w_jacobian": Argument("3v", "weights of the entries of the Jacobian", unit="1"),
     "h": Argument("", "length of the step", "time_step", unit="s"),
+    "x": Argument("z", "state of the actuators", "x_"),
+    "command": Argument("m", "what motors and servos are commanded"),
 }
 
 _LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"
@@ -265,10 +285,19 @@ _ROWS = (
     ),
 )
 # Groups of functions, those on request after the others.
-GROUPS = ("dynamics", "hybrid", "kinematics", "energies", "loads", "tip")
+GROUPS = ("dynamics", "hybrid", "kinematics", "energies", "actuators", "loads", "tip")
 # Groups whose functions are derivatives of others, or compose or fit them.
 DERIVATIVE_GROUPS = ("derivatives", "parameters", "steps")
-_EVERY = (*_ROWS, *KINEMATICS, *DERIVATIVES, *PARAMETERS, *STEPS)
+_EVERY = (
+    *_ROWS,
+    *KINEMATICS,
+    *ACTUATORS,
+    *DERIVATIVES,
+    *ACTUATOR_DERIVATIVES,
+    *PARAMETERS,
+    *ACTUATOR_PARAMETERS,
+    *STEPS,
+)
 FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}
 _DERIVATIVES = {(row.derivative_of, row.kind): row.name for row in _EVERY if row.derivative_of}
 

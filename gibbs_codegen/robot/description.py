@@ -21,7 +21,7 @@ from typing import Any
 
 from gibbs_codegen.interface import FUNCTIONS, LISTS
 from gibbs_codegen.robot.layout import Entries, Layout, frames_of, joint_terms, layout_of
-from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, LinkKind, Robot
+from gibbs_codegen.robot.model import AXIS_PAIRS, BASE, Drive, Link, LinkKind, Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
     default_prefix,
@@ -44,6 +44,8 @@ PARENTS_NUMBERS: dict[LinkKind, tuple[str, ...]] = {
     "revolute": ("mass", "moment_z", "second_zz"),
     "prismatic": tuple(name for name in NUMBERS if name.startswith("second")),
 }
+# What a state of an actuator belongs to: "rotor" or "link" with its number, or ("charge", 0).
+ActuatorKey = tuple[str, int]
 # Components of a wrench.
 WRENCH_PARTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 _ORIGINS = {"motor1": "motor 1 (O1)", "centre": "the base centre (O2)", "base": "the base's frame"}
@@ -149,6 +151,56 @@ class Description:
         return tuple(found)
 
     @cached_property
+    def commands(self) -> tuple[Coordinate, ...]:
+        """What motors and servos are commanded, in the order of u; none without actuators."""
+        robot, found = self.robot, []
+        if not robot.has_actuators:
+            return ()
+        for entry, drive in zip(self.inputs, robot.drives, strict=False):
+            label = entry.name.removeprefix("F_")
+            unit, what = {"speed": ("rad/s", "speed"), "throttle": ("1", "throttle")}.get(
+                drive.command, ("N", "thrust")
+            )
+            name = entry.name if unit == "N" else f"{what}_{label}"
+            found.append(Coordinate(name, unit, f"{what} of motor {label}"))
+        for entry, i in zip(self.inputs[robot.rotors :], robot.moving, strict=True):
+            if robot.links[i - 1].servo is None:
+                found.append(entry)
+                continue
+            what = joint_label(robot, i)
+            unit = joint_terms(robot, i).unit
+            name = f"{coordinate_of(robot, i)}_position"
+            found.append(Coordinate(name, unit, f"position of {what}"))
+        return tuple(found)
+
+    @cached_property
+    def actuator_keys(self) -> tuple[ActuatorKey, ...]:
+        """What the states of the actuators belong to: rotors, from 1, links, the battery."""
+        robot = self.robot
+        if not robot.has_actuators:
+            return ()
+        rotors = [("rotor", k) for k, drive in enumerate(robot.drives, start=1) if drive.lags]
+        servos = [(i, robot.links[i - 1].servo) for i in robot.moving]
+        links = [("link", i) for i, servo in servos if servo and servo.delay > 0.0]
+        return (*rotors, *links, *([("charge", 0)] if robot.battery else []))
+
+    @cached_property
+    def actuator_states(self) -> tuple[Coordinate, ...]:
+        """The state of the actuators: levels of rotors, references of servos, charge."""
+        found = []
+        for kind, i in self.actuator_keys:
+            if kind == "charge":
+                found.append(Coordinate("charge", "1", "charge of the battery, 1 when full"))
+            elif kind == "rotor":
+                found.append(self.commands[i - 1])
+            else:
+                place = self.robot.rotors + self.robot.moving.index(i)
+                own, label = self.commands[place], joint_label(self.robot, i)
+                name = f"{coordinate_of(self.robot, i)}_reference"
+                found.append(Coordinate(name, own.unit, f"reference of {label}"))
+        return tuple(found)
+
+    @cached_property
     def points(self) -> tuple[str, ...]:
         """Names of points, in the order of `positions`.
 
@@ -218,6 +270,10 @@ class Description:
             "FRAMES": self.frames,
             "BODIES": self.bodies,
         }
+        if self.robot.has_actuators:
+            lists["ROTORS"] = lists["INPUTS"][: self.robot.rotors]
+            lists["COMMANDS"] = tuple(c.name for c in self.commands)
+            lists["ACTUATOR_STATES"] = tuple(c.name for c in self.actuator_states)
         outputs = [output for name in functions for output in FUNCTIONS[name].outputs]
         if any(LISTS.get(letter) == "BASE_PARAMETERS" for o in outputs for letter in o.shape):
             lists["BASE_PARAMETERS"] = tuple(entry.name for entry in self.base_parameters)
@@ -248,6 +304,9 @@ class Description:
         )
         names["u_dot"] = tuple(f"{name}_dot" for name in names["u"])
         names["h"] = ("time_step",)
+        # Endings that no parameter has, and no coordinate.
+        names["x"] = tuple(f"{entry.name}_state" for entry in self.actuator_states)
+        names["command"] = tuple(f"{entry.name}_command" for entry in self.commands)
         names["W"] = tuple(f"W_{frame}_{part}" for frame in self.frames for part in WRENCH_PARTS)
         names["W_dot"] = tuple(f"{name}_dot" for name in names["W"])
         velocities, inputs = layout.v.names, [entry.name for entry in self.inputs]
@@ -267,8 +326,10 @@ class Description:
         limits = {name: robot.links[i - 1].limits for name, i in joints.items()}
         inputs = [entry.name for entry in self.inputs]
         rotors = dict(zip(inputs, robot.thrusters, strict=False))
-        thrusts = {name: rotor.limits for name, rotor in rotors.items() if rotor.limits}
-        efforts = zip(inputs[robot.rotors :], limits.values(), strict=True)
+        drives = dict(zip(inputs, robot.drives, strict=False))
+        most = zip(inputs[robot.rotors :], joints.values(), strict=True)
+        bounds = {name: _thrusts(drive) for name, drive in drives.items()}
+        bounds |= {name: _either_way(_effort(robot.links[i - 1])) for name, i in most}
         rods = len(self.bodies) - len(robot.links)
         names = ("base", *self.bodies[rods:])
         return {
@@ -283,9 +344,7 @@ class Description:
             "VELOCITY_LIMITS": _bounded(
                 {name: _either_way(each.velocity) for name, each in limits.items()}
             ),
-            "INPUT_LIMITS": _bounded(
-                {**thrusts, **{name: _either_way(each.effort) for name, each in efforts}}
-            ),
+            "INPUT_LIMITS": _bounded(bounds),
             "TIME_CONSTANTS": {n: r.time_constant for n, r in rotors.items() if r.time_constant},
             # A rotor spins against the torque that its drag does to the robot.
             "SPINS": {
@@ -294,6 +353,28 @@ class Description:
                 if rotor.spin_inertia and rotor.speed_per_sqrt_thrust
             },
             "POSTURE": tuple(default_posture(robot).tolist()),
+            **(self._of_actuators() if robot.has_actuators else {}),
+        }
+
+    def _of_actuators(self) -> dict[str, Any]:
+        """Units and limits of commands, and times in which actuators follow them."""
+        robot = self.robot
+        names = [entry.name for entry in self.commands]
+        joints = [robot.links[i - 1] for i in robot.moving]
+        drives = dict(zip(names, robot.drives, strict=False))
+        limits: dict[str, Bounds] = {n: d.limits for n, d in drives.items() if d.limits}
+        times = {name: (drive.up, drive.down) for name, drive in drives.items() if drive.lags}
+        for name, link in zip(names[robot.rotors :], joints, strict=True):
+            if link.servo is None:
+                limits[name] = _either_way(link.limits.effort)
+                continue
+            limits[name] = link.limits.low, link.limits.high
+            if link.servo.delay > 0.0:
+                times[name] = link.servo.delay, link.servo.delay
+        return {
+            "COMMAND_UNITS": tuple(entry.unit for entry in self.commands),
+            "COMMAND_LIMITS": _bounded(limits),
+            "ACTUATOR_TIMES": times,
         }
 
     def _carriers(self) -> tuple[str, ...]:
@@ -326,6 +407,19 @@ def _places(entries: Entries) -> dict[str, slice]:
 
 
 Bounds = tuple[float | None, float | None]
+
+
+def _thrusts(drive: Drive) -> Bounds:
+    """Least and greatest thrust, N, of a rotor, by the limits of its command."""
+    if drive.limits is None:
+        return None, None
+    low, high = map(drive.thrust, drive.limits)
+    return low, high
+
+
+def _effort(link: Link) -> float | None:
+    """The greatest torque or force of a joint."""
+    return link.servo.torque if link.servo else link.limits.effort
 
 
 def _either_way(most: float | None) -> Bounds:

@@ -10,6 +10,7 @@ numbers.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -18,6 +19,7 @@ from typing import Literal, get_args
 Vector3 = tuple[float, float, float]
 Angles3 = tuple[Fraction, Fraction, Fraction]
 JointKind = Literal["revolute", "prismatic"]
+Command = Literal["thrust", "speed", "throttle"]
 LinkKind = Literal["revolute", "prismatic", "fixed"]
 Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
@@ -27,12 +29,14 @@ ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
 SEQUENCES = ATTITUDES[:-1]
 # Those of a base that has rods.
 ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
+COMMANDS: tuple[Command, ...] = get_args(Command)
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 BASE = 0
 MAX_ROTORS = 256
 MAX_LINKS = 64
 MAX_FRAMES = 256
+MAX_VOLTAGES = 64
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -132,6 +136,36 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
+class Servo:
+    """What holds a joint where it is commanded to be.
+
+    Its torque is stiffness·(reference − coordinate) − damping·rate, at most `torque`; within
+    `backlash` (the whole play) it pushes neither way. The reference follows the command with the
+    time constant `delay`, s, at most at `rate`. Units as of `Passive`, `torque` in N m or N, `rate`
+    in rad/s or m/s, `backlash` in rad or m; None is no limit.
+    """
+
+    stiffness: float
+    damping: float = 0.0
+    torque: float | None = None
+    rate: float | None = None
+    delay: float = 0.0
+    backlash: float = 0.0
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction of a joint: `coulomb` at speed, `static` about rest, both N m or N.
+
+    Between the two it falls with (rate/`velocity`)², rad/s or m/s, as Stribeck's curve does.
+    """
+
+    coulomb: float
+    static: float
+    velocity: float
+
+
+@dataclass(frozen=True)
 class Link:
     """A link with the joint that carries it.
 
@@ -160,11 +194,93 @@ class Link:
     coordinate: str | None = None
     passive: Passive = Passive()
     limits: JointLimits = JointLimits()
+    servo: Servo | None = None
+    friction: Friction | None = None
 
     @property
     def moves(self) -> bool:
         """Whether its joint has a coordinate."""
         return self.joint != "fixed"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a rotor makes of its command.
+
+    The command is a thrust, N, a speed, rad/s, or a throttle, 1, and so is its level, which follows
+    the command with the time constants `up` and `down`, s; 0 is at once. The thrust is `curve`, a
+    polynomial of second degree in the level, constant term first. `limits` are those of the
+    command, `full_speed` in rad/s is the speed of a throttle of 1.
+    """
+
+    command: Command = "thrust"
+    curve: Vector3 = (0.0, 1.0, 0.0)
+    limits: tuple[float, float] | None = None
+    up: float = 0.0
+    down: float = 0.0
+    full_speed: float | None = None
+
+    @property
+    def speed_per_sqrt_thrust(self) -> float:
+        """Speed by the square root of the thrust, (rad/s)/√N, at the greatest command."""
+        level = self.limits[1] if self.limits else 1e3
+        speed = level if self.command == "speed" else level * (self.full_speed or 0.0)
+        return speed / math.sqrt(max(self.thrust(level), 1e-12))
+
+    @property
+    def lags(self) -> bool:
+        """Whether its level follows the command with a lag."""
+        return self.up > 0.0
+
+    def thrust(self, level: float) -> float:
+        """Thrust, N, at a level."""
+        constant, slope, square = self.curve
+        return constant + level * (slope + level * square)
+
+    def level(self, thrust: float) -> float:
+        """Level at a thrust, N, on the rising side of the curve."""
+        constant, slope, square = self.curve
+        rest = thrust - constant
+        if square == 0.0:
+            return rest / slope
+        root = math.sqrt(max(slope * slope + 4.0 * square * rest, 0.0))
+        return (root - slope) / (2.0 * square)
+
+
+@dataclass(frozen=True)
+class RotorAir:
+    """What the air does to a rotor besides its thrust in still air, of an air speed v at its hub.
+
+    With the speed Ω, rad/s, and the thrust's direction n: `drag`, kg, −Ω·drag·v across n; `inflow`,
+    kg, −Ω·inflow·v along n; `lift`, kg/m, lift·v² across n, along n. `radius`, m, is that of the
+    disc, by which the ground raises the thrust (Cheeseman and Bennett, 1955) where there is ground
+    effect. `advance` has pairs of the advance ratio, v along n by Ω·radius, and a factor of the
+    thrust.
+    """
+
+    drag: float = 0.0
+    inflow: float = 0.0
+    lift: float = 0.0
+    radius: float = 0.0
+    ground_effect: bool = False
+    advance: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Battery:
+    """The battery, which all rotors share; full speed is that at the `nominal` voltage, V.
+
+    `voltages`, V, are those without load at equal steps of charge, from empty to full. `resistance`
+    is in ohm, `capacity` in A h, `auxiliary` the power of all else, W; of the power of motors
+    `efficiency` is the share that rotors get.
+    """
+
+    voltages: tuple[float, ...]
+    nominal: float
+    resistance: float
+    capacity: float
+    efficiency: float
+    auxiliary: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -174,7 +290,8 @@ class Rotor:
     `drag` is the reaction torque about the direction per unit of thrust, in m: negative for a rotor
     that spins counter-clockwise, seen from the tip of its thrust. `limits` of the thrust in N and
     `time_constant` in s are for simulators and controllers. So are `spin_inertia` in kg m² of what
-    turns with the rotor, and its `speed_per_sqrt_thrust` in (rad/s)/√N, both or none.
+    turns with the rotor, and its `speed_per_sqrt_thrust` in (rad/s)/√N, both or none. Without a
+    `drive` its input is its thrust.
     """
 
     position: Vector3 = (0.0, 0.0, 0.0)
@@ -186,6 +303,8 @@ class Rotor:
     time_constant: float | None = None
     spin_inertia: float | None = None
     speed_per_sqrt_thrust: float | None = None
+    drive: Drive | None = None
+    air: RotorAir | None = None
 
 
 @dataclass(frozen=True)
@@ -250,6 +369,23 @@ class Robot:
     thrusters: tuple[Rotor, ...] = ()
     frames: tuple[Frame, ...] = ()
     allow_impossible_inertia: bool = False
+    battery: Battery | None = None
+
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """What each rotor makes of its command; without a word for it that is its thrust."""
+        plain = [Drive() for _ in range(self.base.rotors)]
+        return (*plain, *map(drive_of, self.thrusters))
+
+    @property
+    def has_actuators(self) -> bool:
+        """Whether any command is not the thrust, torque or force itself, with one lag or none."""
+        moved = [self.links[i - 1] for i in self.moving]
+        return (
+            self.battery is not None
+            or any(rotor.drive or rotor.air for rotor in self.thrusters)
+            or any(link.servo or link.friction for link in moved)
+        )
 
     @property
     def rotors(self) -> int:
@@ -284,6 +420,14 @@ class Robot:
         arms = sum(self.base.arm(k).total_mass for k in range(1, self.base.rotors + 1))
         body = self.base.body.total_mass if self.base.body else 0.0
         return arms + body + sum(link.body.total_mass for link in self.links)
+
+
+def drive_of(rotor: Rotor) -> Drive:
+    """What a placed rotor makes of its command."""
+    if rotor.drive is not None:
+        return rotor.drive
+    lag = rotor.time_constant or 0.0
+    return Drive(limits=rotor.limits, up=lag, down=lag)
 
 
 def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:

@@ -7,10 +7,9 @@ frames and links, and of the top table, in this order. What names refer to is in
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Self
 
@@ -104,6 +103,11 @@ def _exact(source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
 _IN_ORDER = told(_order_fault)
 Size = Annotated[Real, told(size_fault)]
 NotNegative = Annotated[Size, Bounds(0.0)]
+Positive = Annotated[
+    Size,
+    Bounds(0.0),
+    told(lambda value: None if value > 0.0 else "must be above 0"),
+]
 Angle = Annotated[Fraction, GetPydanticSchema(_exact)]
 Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
 _ENTRIES = "numbers, xx, yy, zz, xy, xz, yz"
@@ -415,33 +419,170 @@ class RotorTable(Table):
     speed_per_sqrt_thrust: NotNegative | None = optional(
         "its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); default: none"
     )
+    command: model.Command = optional(
+        "what the rotor is commanded: a thrust, N, a speed, rad/s, or a throttle, 0 to 1", "thrust"
+    )
+    thrust_curve: Sizes3 | None = optional(
+        "thrust by speed or throttle: [k0, k1, k2] of k0 + k1 x + k2 x², N"
+    )
+    thrust_constant: Positive | None = optional(
+        "thrust by the square of the speed, N/(rad/s)²; instead of a thrust_curve"
+    )
+    max_thrust: Positive | None = optional(
+        "thrust at a throttle of 1, N; instead of a thrust_curve"
+    )
+    thrust_model_factor: Annotated[Real, Bounds(0.0, 1.0)] | None = optional(
+        "share of max_thrust that grows with the square of the throttle, the rest linearly, as "
+        "PX4's THR_MDL_FAC; default: 1"
+    )
+    command_limits: Range | None = optional(
+        "least and greatest speed or throttle; default: none for speeds, [0, 1] for throttles"
+    )
+    full_speed: Positive | None = optional("speed at a throttle of 1, rad/s; default: unknown")
+    time_constants: Annotated[tuple[Positive, Positive], listed(2)] | None = optional(
+        "time constants with which it speeds up and slows down, s; instead of time_constant"
+    )
+    hub_drag: NotNegative = optional(
+        "drag against the motion of its hub across its direction, by speed and air speed, kg", 0.0
+    )
+    inflow: NotNegative = optional(
+        "loss of thrust with the air speed along its direction, by speed and air speed, kg", 0.0
+    )
+    translational_lift: NotNegative = optional(
+        "gain of thrust by the square of the air speed across its direction, kg/m", 0.0
+    )
+    disc_radius: Positive | None = optional("radius of the rotor disc, m; default: unknown")
+    ground_effect: Flag = optional(
+        "whether thrust grows near the ground, as by Cheeseman and Bennett; needs disc_radius",
+        False,
+    )
+    thrust_by_advance: list[Annotated[tuple[Real, Real], listed(2)]] | None = optional(
+        "pairs of an advance ratio (air speed along its direction by that of the blades' tips), "
+        "rising, and the factor of the thrust there, linear between; default: none"
+    )
 
-    synonyms: ClassVar[Mapping[str, str]] = {"xyz": "position"}
+    synonyms: ClassVar[Mapping[str, str]] = {
+        "xyz": "position",
+        "motorConstant": "thrust_constant",
+        "maxRotVelocity": "full_speed",
+        "rotorDragCoefficient": "hub_drag",
+    }
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Faults of two forms of a placement at once, and of half an angular momentum."""
+        """Faults of two forms of a placement, and of a rotor of which too little is known."""
         for whole, parts in (("position", POLAR_KEYS), ("direction", LEAN_KEYS)):
             given = [each for each in parts if each in values]
             if given and whole in values:
                 yield given[0], f"excludes {whole}: give {whole}, or {', '.join(parts)}"
             elif given and "azimuth_deg" not in values:
                 yield given[0], "needs azimuth_deg beside it, the angle of the radius about z"
-        for each, other in itertools.permutations(("spin_inertia", "speed_per_sqrt_thrust")):
-            if each in values and other not in values:
-                yield each, f"needs {other} beside it: give both or none"
+        yield from _drive_faults(values)
+        if "spin_inertia" in values and not _speed_known(values):
+            yield "spin_inertia", "needs speed_per_sqrt_thrust beside it: give both or none"
+        uses = ("spin_inertia", *_BY_SPEED)
+        if "speed_per_sqrt_thrust" in values and not any(key in values for key in uses):
+            yield "speed_per_sqrt_thrust", "needs spin_inertia beside it: give both or none"
         if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
             yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
+        for each in _BY_SPEED:
+            if each in values and not _speed_known(values):
+                yield each, "needs the rotor's speed: give full_speed, or speed_per_sqrt_thrust"
+        for each in ("ground_effect", "thrust_by_advance"):
+            if values.get(each) and "disc_radius" not in values:
+                yield each, "needs disc_radius beside it, in m"
+        ratios = [pair[0] for pair in values.get("thrust_by_advance") or []]
+        if ratios and (len(ratios) < 2 or ratios != sorted({*ratios})):
+            yield "thrust_by_advance", "must have two pairs or more, with rising ratios"
 
     def rotor(self, on: int) -> model.Rotor:
         """The rotor that the table describes, on the body of that number."""
-        position, direction = self.position, self.direction
+        given = vars(self)
+        own = {name: given[name] for name in vars(model.Rotor()) if name in given}
         if self.azimuth_deg is not None:
-            position = polar_point(self.radius, self.azimuth_deg, self.height)
+            own["position"] = polar_point(self.radius, self.azimuth_deg, self.height)
             if self.tilt_deg or self.cant_deg:
-                direction = leaning_direction(self.azimuth_deg, self.tilt_deg, self.cant_deg)
-        values = vars(self) | {"on": on, "position": position, "direction": direction}
-        return model.Rotor(**{each: values[each] for each in vars(model.Rotor())})
+                lean = self.azimuth_deg, self.tilt_deg, self.cant_deg
+                own["direction"] = leaning_direction(*lean)
+        drive, air = self._drive(), self._air()
+        if drive is not None and self.spin_inertia and not self.speed_per_sqrt_thrust:
+            own["speed_per_sqrt_thrust"] = drive.speed_per_sqrt_thrust
+        return model.Rotor(**own | {"on": on, "drive": drive, "air": air})
+
+    def _drive(self) -> model.Drive | None:
+        """What it makes of its command, None where that is its thrust with one lag or none."""
+        if self.command == "thrust" and self.time_constants is None:
+            return None
+        lag = self.time_constant or 0.0
+        up, down = self.time_constants or (lag, lag)
+        if self.command == "thrust":
+            return model.Drive(limits=self.limits, up=up, down=down)
+        square = self.thrust_constant or 0.0
+        if self.command == "throttle" and self.full_speed is not None:
+            square *= self.full_speed**2
+        share = 1.0 if self.thrust_model_factor is None else self.thrust_model_factor
+        most = self.max_thrust or 0.0
+        curve = self.thrust_curve or (0.0, (1.0 - share) * most, square or share * most)
+        limits = self.command_limits or ((0.0, 1.0) if self.command == "throttle" else None)
+        return model.Drive(self.command, curve, limits, up, down, self.full_speed)
+
+    def _air(self) -> model.RotorAir | None:
+        """What the air does to it beside its thrust, None if nothing."""
+        found = model.RotorAir(
+            self.hub_drag,
+            self.inflow,
+            self.translational_lift,
+            self.disc_radius or 0.0,
+            self.ground_effect,
+            tuple(self.thrust_by_advance or ()),
+        )
+        return None if found == model.RotorAir(radius=found.radius) else found
+
+
+# Keys that need the speed of the rotor.
+_BY_SPEED = ("hub_drag", "inflow", "thrust_by_advance")
+
+
+def _speed_known(values: Mapping[str, Any]) -> bool:
+    """Whether the keys of a rotor tell its speed."""
+    command = values.get("command", "thrust")
+    known = {"speed": True, "throttle": "full_speed" in values}
+    return known.get(command, False) or "speed_per_sqrt_thrust" in values
+
+
+def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Faults of what a rotor makes of its command."""
+    command = values.get("command", "thrust")
+    curves = [key for key in ("thrust_curve", "thrust_constant", "max_thrust") if key in values]
+    if command == "thrust":
+        for key in (*curves, "thrust_model_factor", "command_limits", "full_speed"):
+            if key in values:
+                yield key, 'belongs to a command by "speed" or "throttle": give command = …'
+    elif "limits" in values:
+        yield "limits", f"are those of thrusts; give command_limits, of the {command}"
+    if command != "thrust" and len(curves) != 1:
+        what = " and ".join(curves) + " say the same" if curves else "no thrust is known"
+        yield (
+            (curves or ["command"])[-1],
+            f"{what}: give one of thrust_curve, thrust_constant"
+            + (" (with full_speed) and max_thrust" if command == "throttle" else ""),
+        )
+    if command == "throttle" and "thrust_constant" in values and "full_speed" not in values:
+        yield "thrust_constant", "needs full_speed beside it, the speed at a throttle of 1, rad/s"
+    if command == "speed":
+        for key in ("max_thrust", "full_speed"):
+            if key in values:
+                yield (
+                    key,
+                    'belongs to a command by "throttle"; give thrust_constant or thrust_curve',
+                )
+    if "thrust_model_factor" in values and "max_thrust" not in values:
+        yield "thrust_model_factor", "needs max_thrust beside it, N"
+    if "time_constants" in values and "time_constant" in values:
+        yield "time_constants", "and time_constant say the same: give one of them"
+    curve = values.get("thrust_curve")
+    if curve is not None and (curve[2] < 0.0 or (curve[2] == 0.0 and curve[1] <= 0.0)):
+        yield "thrust_curve", "must rise: give a k2 above 0, or of 0 a k1 above 0"
 
 
 @file_table
@@ -460,6 +601,42 @@ DH_KEYS = ("alpha_deg", "a", "d", "theta_deg")
 POSE_KEYS = ("xyz", "rpy_deg")
 PASSIVE_KEYS = ("damping", "armature", "stiffness", "rest")
 LIMIT_KEYS = ("limits", "limits_deg", "effort", "velocity")
+DRIVE_KEYS = ("servo", "friction")
+
+
+@file_table
+class ServoTable(Table):
+    """What holds a joint where it is commanded to be: its input is then a position."""
+
+    stiffness: Annotated[Positive, key("torque or force by distance, N m/rad or N/m")]
+    damping: NotNegative = optional("torque or force against its rate, N m s/rad or N s/m", 0.0)
+    torque: Positive | None = optional(
+        "greatest torque or force, N m or N; default: the joint's effort"
+    )
+    rate: Positive | None = optional("greatest rate of its reference, rad/s or m/s; default: none")
+    delay: NotNegative = optional(
+        "time constant with which its reference follows the command, s", 0.0
+    )
+    backlash: NotNegative = optional("play within which it does not push, rad or m", 0.0)
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of a rate that nothing delays."""
+        if "rate" in values and values.get("delay", 0.0) == 0.0:
+            yield "rate", "needs delay beside it, s: the time in which the reference comes to rest"
+
+
+@file_table
+class FrictionTable(Table):
+    """Dry friction of a joint, smooth about rest."""
+
+    coulomb: Annotated[NotNegative, key("friction at speed, N m or N")]
+    static: NotNegative | None = optional("friction about rest, N m or N; default: coulomb")
+    velocity: Positive = optional(
+        "rate at which it has come down half the way from static to coulomb, rad/s or m/s; a tenth "
+        "of it is where it is smooth about rest",
+        0.1,
+    )
 
 
 def _not_continuous(kind: object) -> object:
@@ -520,6 +697,11 @@ class JointTable(PoseTable):
     velocity: NotNegative | None = optional(
         "greatest rate of the joint, rad/s or m/s; default: none"
     )
+    servo: ServoTable | None = optional(
+        "a position servo that drives the joint; default: none, and it is commanded torques or "
+        "forces"
+    )
+    friction: FrictionTable | None = optional("dry friction of the joint; default: none")
 
 
 @file_table
@@ -557,7 +739,7 @@ class LinkTable(BodyTable, JointTable):
             )
         kind, constrained = values.get("joint", "revolute"), values.get("constrained") is True
         if kind == "fixed":
-            for key in (*PASSIVE_KEYS, *LIMIT_KEYS):
+            for key in (*PASSIVE_KEYS, *LIMIT_KEYS, *DRIVE_KEYS):
                 if key in values:
                     yield key, "must be left out, since a fixed joint does not move"
             if "coordinate" in values and not constrained:
@@ -593,6 +775,57 @@ class LinkTable(BodyTable, JointTable):
                 self.effort,
                 self.velocity,
             ),
+            self._servo(),
+            self._friction(),
+        )
+
+    def _servo(self) -> model.Servo | None:
+        if self.servo is None:
+            return None
+        found = model.Servo(**vars(self.servo))
+        return found if found.torque is not None else replace(found, torque=self.effort)
+
+    def _friction(self) -> model.Friction | None:
+        own = self.friction
+        if own is None:
+            return None
+        static = own.coulomb if own.static is None else own.static
+        return model.Friction(own.coulomb, static, own.velocity)
+
+
+@file_table
+class BatteryTable(Table):
+    """The battery that all rotors share; a throttle then gives what its voltage allows."""
+
+    voltage: Annotated[
+        list[Positive], key("voltages without load at equal steps of charge, from empty to full, V")
+    ]
+    resistance: Annotated[NotNegative, key("internal resistance, with wires, ohm")]
+    capacity: Annotated[Positive, key("charge from full to empty, A h")]
+    nominal: Positive | None = optional(
+        "voltage at which thrusts of throttles are given, V; default: that without load when full"
+    )
+    efficiency: Annotated[Positive, Bounds(0.0, 1.0)] = optional(
+        "share of the electric power of motors and their controllers that rotors get", 0.75
+    )
+    auxiliary: NotNegative = optional("power of all else, W", 0.0)
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Faults of a single voltage."""
+        given = values.get("voltage")
+        if isinstance(given, list) and not 2 <= len(given) <= model.MAX_VOLTAGES:
+            yield "voltage", f"must be 2 to {model.MAX_VOLTAGES} voltages, from empty to full"
+
+    def built(self) -> model.Battery:
+        """The battery that the table describes."""
+        return model.Battery(
+            tuple(self.voltage),
+            self.nominal or self.voltage[-1],
+            self.resistance,
+            self.capacity,
+            self.efficiency,
+            self.auxiliary,
         )
 
 
@@ -615,6 +848,7 @@ class RobotTable(Table):
         False,
     )
     base: Annotated[BaseTable, key("the flying base, [base]")]
+    battery: BatteryTable | None = optional("the battery, [battery]; default: none")
     rotor: Annotated[
         list[RotorTable],
         Tables("rotor", model.MAX_ROTORS, "rotors"),
@@ -647,6 +881,13 @@ class RobotTable(Table):
                 f"belongs to a base without arms, but base.{rods[0]} gives them motors: give "
                 "[[rotor]] tables, or base.rotors and base.arm",
             )
+        if values.get("battery") is not None:
+            for i, rotor in enumerate(values.get("rotor") or []):
+                if isinstance(rotor, dict) and rotor.get("command") == "throttle":
+                    for name in ("full_speed", "time_constant"):
+                        if name not in rotor and f"{name}s" not in rotor:
+                            words = f"missing: a throttle needs its {name} where there is a battery"
+                            yield ("rotor", i, name), words
         yield from reference_faults(values)
 
     @model_validator(mode="after")
@@ -671,4 +912,5 @@ class RobotTable(Table):
             tuple(rotor.rotor(numbers.get(rotor.on, model.BASE)) for rotor in self.rotor),
             tuple(frame.frame(numbers.get(frame.on, model.BASE)) for frame in self.frame),
             self.allow_impossible_inertia,
+            self.battery.built() if self.battery else None,
         )

@@ -142,8 +142,13 @@ def argument_text(description: Description, argument: str) -> str:
     prefix = "" if own_names else row.prefix
     if not shape:
         return f"{prefix} [{row.unit}]"
-    entries = {"q": description.coordinates, "v": description.velocities, "u": description.inputs}
-    listed = entries[shape]
+    listed = {
+        "q": description.coordinates,
+        "v": description.velocities,
+        "u": description.inputs,
+        "m": description.commands,
+        "z": description.actuator_states,
+    }[shape]
     units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
@@ -169,6 +174,12 @@ def _entry_lists(description: Description) -> dict[str, str]:
         "frames": ", ".join(description.frames),
         "bodies": ", ".join(description.bodies),
         "base_parameters": _units(description.base_parameters),
+        "inputs": _units(description.inputs),
+        "rotors": _units(description.inputs[: description.robot.rotors]),
+        "rotor_names": _names(description.inputs[: description.robot.rotors]),
+        "commands": _units(description.commands),
+        "actuator_states": _units(description.actuator_states),
+        "actuator_rates": _units(description.actuator_states, "/s"),
     }
 
 
@@ -177,7 +188,7 @@ def _names(listed: tuple[Coordinate, ...]) -> str:
 
 
 def _units(listed: tuple[Coordinate, ...], per_time: str = "") -> str:
-    return ", ".join(f"{c.name} [{c.unit}{per_time}]" for c in listed)
+    return ", ".join(f"{c.name} [{c.unit}{per_time}]".replace("/s/s", "/s^2") for c in listed)
 
 
 _FORCE_UNITS = {"rad": "N m", "m": "N", "rad/s": "N m", "m/s": "N", "N m": "rad/s^2"}

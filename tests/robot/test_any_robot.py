@@ -253,7 +253,7 @@ LINK = '[[link]]\nname = "a"\nmass = 1\n'
         ("[[frame]]\nname = 'f'\nposition = [0, 0, 0]", "unknown key; did you mean xyz?"),
         ("position = [0, 0, 0]", "link 1: position: unknown key; did you mean xyz?"),
         ("joint = 'continuous'", 'link 1: joint: must be "revolute", without limits, for what'),
-        ("[[rotor]]\nthrust = 'z'", "9: rotor 1: thrust: unknown key; known keys: name, on, "),
+        ("[[rotor]]\nthrust = 'z'", "9: rotor 1: thrust: unknown key; did you mean max_thrust?"),
         ("[rotor]\n", "rotor: must be an array of tables, [[rotor]], not a table"),
         ("[rotor]\n[rotor]", "each rotor is [[rotor]], in two brackets"),
         ("[[frame]]\n", "8: frame 1: name: missing: name of the frame"),

@@ -218,7 +218,7 @@ def _check(module: ModuleType) -> None:
             f"the module with backend={known}"
         )
     # A robot with several arms has no tip.
-    always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
+    always = (r.name for r in FUNCTIONS.values() if not r.needs and not r.on_request)
     wanted = (*DATA, *always)
     if missing := [name for name in wanted if not hasattr(module, name)]:
         raise UsageError(

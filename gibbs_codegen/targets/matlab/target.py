@@ -60,6 +60,9 @@ LISTS = {
     "FRAMES": ("frame_names", "frames, also of rows in W"),
     "BODIES": ("body_names", "bodies"),
     "BASE_PARAMETERS": ("base_parameter_names", "base parameters"),
+    "ROTORS": ("rotor_names", "rotors, by their thrusts in u"),
+    "COMMANDS": ("command_names", "commands"),
+    "ACTUATOR_STATES": ("actuator_state_names", "states x of the actuators"),
 }
 # The package's functions that return what other languages have as constants.
 _NAMED = {constant: name for constant, (name, _) in LISTS.items()}
@@ -203,6 +206,8 @@ def list_texts(
         "HYBRID_COORDINATES": description.hybrid_coordinates,
         "INPUTS": description.inputs,
         "BASE_PARAMETERS": description.base_parameters,
+        "COMMANDS": description.commands,
+        "ACTUATOR_STATES": description.actuator_states,
     }
     texts = {}
     for constant, names in description.lists(functions).items():

@@ -89,6 +89,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
                 ],
             }
             for name, kind in _TABLES.items()
+            if name in constants
         ],
         "patterns": found,
         "parameters": documentation.parameter_texts(model, printer),
@@ -129,6 +130,8 @@ _TABLES = {
     "INPUT_LIMITS": "tuple[float | None, float | None]",
     "TIME_CONSTANTS": "float",
     "SPINS": "float",
+    "COMMAND_LIMITS": "tuple[float | None, float | None]",
+    "ACTUATOR_TIMES": "tuple[float, float]",
 }
 
 

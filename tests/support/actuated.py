@@ -1,0 +1,102 @@
+"""A robot with every kind of actuator, and one of each unit."""
+
+from __future__ import annotations
+
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import Robot
+
+TEXT = """
+name = "actuated"
+
+[base]
+attitude = "quaternion"
+mass     = 1.5
+com      = [0, 0, -0.01]
+inertia  = [0.0145, 0.0145, 0.0262, 0, 0, 0]
+
+[battery]
+voltage    = [13.2, 14.8, 15.2, 16.8]
+resistance = 0.02
+capacity   = 5.0
+auxiliary  = 4.0
+
+[[rotor]]  # by throttle, with the factor of PX4, and air
+name                = "front_left"
+position            = [0.2, 0.2, 0.02]
+drag                = 0.016
+command             = "throttle"
+full_speed          = 900
+max_thrust          = 9
+thrust_model_factor = 0.7
+time_constants      = [0.03, 0.05]
+hub_drag            = 1e-4
+inflow              = 2e-4
+disc_radius         = 0.12
+ground_effect       = true
+
+[[rotor]]  # by speed, with a curve that falls first
+name           = "rear_left"
+position       = [-0.2, 0.2, 0.02]
+drag           = -0.016
+command        = "speed"
+thrust_curve   = [0.01, -2e-4, 1.2e-5]
+command_limits = [100, 900]
+time_constant  = 0.03
+
+[[rotor]]  # by speed, at once
+name            = "rear_right"
+position        = [-0.2, -0.2, 0.02]
+drag            = 0.016
+command         = "speed"
+thrust_constant = 1e-5
+command_limits  = [0, 950]
+
+[[rotor]]  # by thrust
+name          = "front_right"
+position      = [0.2, -0.2, 0.02]
+drag          = -0.016
+limits        = [0, 9]
+time_constant = 0.02
+
+[[link]]
+name       = "upper"
+xyz        = [0, 0, -0.06]
+axis       = "-y"
+mass       = 0.2
+com        = [0, 0, -0.09]
+inertia    = [8e-4, 8e-4, 6e-5, 0, 0, 0]
+effort     = 4
+limits_deg = [-100, 100]
+servo      = { stiffness = 30, damping = 0.4, rate = 6, delay = 0.02, backlash = 0.01 }
+friction   = { coulomb = 0.02, static = 0.03 }
+
+[[link]]
+name    = "slider"
+xyz     = [0, 0, -0.18]
+axis    = "z"
+joint   = "prismatic"
+mass    = 0.1
+com     = [0, 0, -0.04]
+inertia = [1e-4, 1e-4, 4e-5, 0, 0, 0]
+servo   = { stiffness = 400, damping = 8, torque = 20, delay = 0.03 }
+
+[[link]]
+name     = "wrist"
+xyz      = [0, 0, -0.08]
+axis     = "y"
+mass     = 0.05
+com      = [0, 0, -0.03]
+inertia  = [4e-5, 4e-5, 2e-5, 0, 0, 0]
+effort   = 1
+friction = { coulomb = 0.005, velocity = 0.2 }
+
+[[frame]]
+name = "tip"
+on   = "wrist"
+xyz  = [0, 0, -0.06]
+"""
+
+
+def actuated() -> Robot:
+    """The robot."""
+    return parse_robot(TEXT)
