@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
     from gibbs_codegen.pipeline import generate as generate
+    from gibbs_codegen.robot.builder import RobotFile as RobotFile
     from gibbs_codegen.robot.family import paper_family as paper_family
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
@@ -114,6 +115,7 @@ _MODULES = {
     "flight.sweeps.sweep": ("sweep",),
     "flight.viewer.view": ("view", "view_html"),
     "pipeline": ("generate",),
+    "robot.builder": ("RobotFile",),
     "robot.family": ("paper_family",),
     "robot.file": ("parse_robot", "read_robot"),
     "runtime.load": ("load",),

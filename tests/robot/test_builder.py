@@ -1,0 +1,60 @@
+"""Robot files made in Python read back as what was given, and are refused by key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from gibbs_codegen import OutputError, RobotFile, RobotFileError, parse_robot
+from gibbs_codegen.robot.file import shipped_robots
+
+FILES = [ROOT / "gibbs_codegen" / "robots" / f"{name}.toml" for name in shipped_robots()]
+FILES.append(ROOT / "tests" / "robots" / "everything.toml")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_file_can_be_made_key_by_key(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    document = tomllib.loads(text)
+    tables = {kind: document.pop(kind, []) for kind in ("rotor", "link", "frame")}
+    file = RobotFile(**{key: value for key, value in document.items() if key != "base"})
+    file = file.base(**document["base"])
+    for kind, entries in tables.items():
+        for entry in entries:
+            file = getattr(file, kind)(**entry)
+    assert file.robot() == parse_robot(file.text()) == parse_robot(text)
+
+
+HULL = RobotFile("uav").base(mass=np.float64(2), inertia=np.array([1, 1, 1, 0, 0, 0]))
+
+
+def test_files_are_not_changed_by_their_methods(tmp_path: Path) -> None:
+    with_arm = HULL.link(
+        mass=1, inertia=(1, 1, 1, 0, 0, 0), limits=(-np.inf, 1), coordinate=None, name="arm"
+    )
+    heavy = with_arm.base(mass=3)
+    assert (HULL.robot().total_mass, with_arm.robot().total_mass) == (2, 3)
+    assert heavy.robot().total_mass == 4
+    path = heavy.write(tmp_path / "designs" / "uav.toml")
+    assert path == HULL.write(path)
+    assert path.read_text() == HULL.text()
+    with pytest.raises(OutputError, match="cannot be written"):
+        HULL.write(path / "uav.toml")
+
+
+def test_every_fault_names_its_key() -> None:
+    with pytest.raises(RobotFileError) as refused:
+        HULL.rotor(raduis=1).link(mass="x", name="a").link(colour=object(), parent="b").text()
+    for words in (
+        "uav: rotor 1: raduis: unknown key; did you mean radius?",
+        "uav: link 1: mass: must be a number, not a string",
+        "uav: link 2: colour: unknown key",
+        'uav: link 2: parent: must be "base" or the name of a link given earlier',
+    ):
+        assert words in str(refused.value)
+    with pytest.raises(RobotFileError, match="base: missing"):
+        RobotFile("uav", gravity=1.6).text()
