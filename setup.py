@@ -21,6 +21,7 @@ if not left_out:
     caller = Extension(
         "gibbs_codegen.runtime._caller",
         ["gibbs_codegen/runtime/native/caller.c"],
+        depends=["gibbs_codegen/runtime/native/arrays.h"],
         include_dirs=[np.get_include()],
         define_macros=[("Py_LIMITED_API", "0x030C0000")] if STABLE else [],
         # Debugging information names the folder of the build.

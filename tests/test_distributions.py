@@ -46,7 +46,7 @@ DATA = """
     emitted/support.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
     emitted/matlab/product.m emitted/matlab/states.m
-    runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
+    runtime/native/arrays.h runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml

@@ -26,6 +26,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
+from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.runtime.cache import cached_library
 
@@ -166,6 +167,15 @@ NATIVE = Path(__file__).parent / "native"
 _ROWS = "_rows.c"
 
 
+def native_source(name: str) -> str:
+    """A C file of `native`, with what it includes of that folder or of `emitted` in its place."""
+    text = (NATIVE / name).read_text(encoding="utf-8")
+    for file in re.findall(r'(?m)^#include "(\w+\.[ch])"\n', text):
+        included = native_source(file) if file.endswith(".h") else c_source(file)
+        text = text.replace(f'#include "{file}"\n', included)
+    return text
+
+
 # The name that a unit of compilation has, and whether it takes constants of each state.
 Unit = tuple[str, bool]
 # The end of the names in C of functions for blocks of states, and for such as have constants each.
@@ -205,7 +215,7 @@ class ModuleLibrary:
         """
         if self._is_whole:
             return compiled_library(self._folder, self._name, self._compiler)
-        rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
+        rows = {_ROWS: native_source("rows.c").encode()}
         files = c_files(self._name)
         return compiled_files(self._folder, self._name, files, self._compiler, (), rows, (), ())
 
@@ -266,7 +276,7 @@ def compiled_library(
 
     `extra` flags come after the compiler's.
     """
-    rows = {_ROWS: (NATIVE / "rows.c").read_bytes()}
+    rows = {_ROWS: native_source("rows.c").encode()}
     return compiled_files(folder, name, c_files(name), compiler, extra, rows)
 
 

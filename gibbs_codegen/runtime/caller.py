@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.runtime.c_library import NATIVE, Compiler, CompilerError
+from gibbs_codegen.runtime.c_library import NATIVE, Compiler, CompilerError, native_source
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 
 _log = logging.getLogger("gibbs_codegen")
@@ -72,6 +72,6 @@ def _library(compiler: Compiler, include: str) -> Path:
         sys.version,
         include,
         numpy_abi[0] if numpy_abi else np.__version__,
-        source.read_text(encoding="utf-8"),
+        native_source("caller.c"),
     ]
     return cached_library("\n".join(key), make)

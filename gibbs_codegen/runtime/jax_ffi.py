@@ -148,7 +148,7 @@ def _caller() -> ctypes.CDLL:
     source = c_library.NATIVE / "jax_call.c"
     include = Path(jax.ffi.include_dir())
     header = include / "xla" / "ffi" / "api" / "c_api.h"
-    texts = [path.read_text(encoding="utf-8") for path in (source, header)]
+    texts = [c_library.native_source("jax_call.c"), header.read_text(encoding="utf-8")]
 
     def make(output: Path) -> None:
         compiler.library([source], output, [f"-I{include}"])

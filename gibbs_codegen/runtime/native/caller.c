@@ -21,9 +21,10 @@
 #define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
 #include <numpy/arrayobject.h>
 
+#include "arrays.h"
+
 #define MAX_INPUTS 8
 #define MAX_OUTPUTS 5
-#define MAX_ARRAYS 9
 #define MAX_DIMENSIONS 4
 
 typedef struct {
@@ -34,7 +35,7 @@ typedef struct {
 typedef struct {
     PyObject_HEAD
     vectorcallfunc vectorcall;
-    void *function;
+    void (*function)(void);
     int inputs;
     int outputs;
     Shape taken[MAX_INPUTS];
@@ -47,52 +48,6 @@ typedef struct {
     PyObject *doc;
     PyObject *weak_references;
 } Caller;
-
-/* A function of a number of arrays. */
-#define R double *
-typedef void One(const void *, R);
-typedef void Two(const void *, R, R);
-typedef void Three(const void *, R, R, R);
-typedef void Four(const void *, R, R, R, R);
-typedef void Five(const void *, R, R, R, R, R);
-typedef void Six(const void *, R, R, R, R, R, R);
-typedef void Seven(const void *, R, R, R, R, R, R, R);
-typedef void Eight(const void *, R, R, R, R, R, R, R, R);
-typedef void Nine(const void *, R, R, R, R, R, R, R, R, R);
-#undef R
-
-static void call(void *function, const void *k, int number, double **p)
-{
-    switch (number) {
-    case 1:
-        ((One *)function)(k, p[0]);
-        break;
-    case 2:
-        ((Two *)function)(k, p[0], p[1]);
-        break;
-    case 3:
-        ((Three *)function)(k, p[0], p[1], p[2]);
-        break;
-    case 4:
-        ((Four *)function)(k, p[0], p[1], p[2], p[3]);
-        break;
-    case 5:
-        ((Five *)function)(k, p[0], p[1], p[2], p[3], p[4]);
-        break;
-    case 6:
-        ((Six *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5]);
-        break;
-    case 7:
-        ((Seven *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6]);
-        break;
-    case 8:
-        ((Eight *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
-        break;
-    default:
-        ((Nine *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]);
-        break;
-    }
-}
 
 /* The numbers of a plain array of one state, or NULL; those of a float are put into `number`. */
 static double *plain_data(PyObject *object, const Shape *shape, double *number)
@@ -279,8 +234,8 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
         self->inputs = read_shapes(taken, 0, MAX_INPUTS, self->taken);
         self->outputs = self->inputs < 0 ? -1 : read_shapes(made, 1, MAX_OUTPUTS, self->made);
     }
-    if (self->doc && self->inputs + self->outputs > MAX_ARRAYS) {
-        PyErr_Format(PyExc_ValueError, "at most %d arrays in all", MAX_ARRAYS);
+    if (self->doc && self->inputs + self->outputs >= MAX_ARRAYS) {
+        PyErr_Format(PyExc_ValueError, "at most %d arrays in all", MAX_ARRAYS - 1);
         self->outputs = -1;
     }
     if (!self->doc || self->outputs < 0) {
@@ -340,7 +295,7 @@ static PyObject *Caller_copy(PyObject *object, PyObject *unused)
 /* The address of the function, once it is compiled. */
 static PyObject *Caller_bind(PyObject *object, PyObject *address)
 {
-    void *function = PyLong_AsVoidPtr(address);
+    void (*function)(void) = (void (*)(void))PyLong_AsVoidPtr(address);
     if (PyErr_Occurred()) {
         return NULL;
     }

@@ -9,25 +9,12 @@
  */
 
 #include <stdatomic.h>
-#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "xla/ffi/api/c_api.h"
 
-#define LANES 8
-/* As many as `rows.c` takes, and the constants. */
-#define MAX_ARRAYS 10
-
-typedef int Rows(
-    void (*batch)(void),
-    const void *constants,
-    size_t count,
-    int inputs,
-    int outputs,
-    const size_t *widths,
-    double *const *arrays,
-    double *scratch);
+#include "arrays.h"
 
 typedef void Batch(void);
 
@@ -37,7 +24,7 @@ typedef void Batch(void);
  */
 typedef struct Function {
     struct Function *next;
-    Rows *rows;
+    BatchCall *rows;
     Batch *batch;
     _Atomic(Batch *) batch_each;
     const double *constants;
@@ -50,7 +37,7 @@ static _Atomic(Function *) functions;
 
 int gibbs_codegen_jax_add(
     const char *name,
-    Rows *rows,
+    BatchCall *rows,
     void (*batch)(void),
     const double *constants,
     int inputs,
@@ -63,7 +50,7 @@ XLA_FFI_Error *gibbs_codegen_jax_call(XLA_FFI_CallFrame *frame);
  * Python's lock lets one thread at a time in. Returns 0, or -1 where it cannot be added. */
 int gibbs_codegen_jax_add(
     const char *name,
-    Rows *rows,
+    BatchCall *rows,
     void (*batch)(void),
     const double *constants,
     int inputs,
